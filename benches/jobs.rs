@@ -110,7 +110,9 @@ fn a_thousand_decisions(bencher: Bencher<'_, '_>, probabilities: &str) {
         policy.act(&lanes, &mut choices, &mut actions, None);
         lanes.step(&actions, &mut vec![0.0; 1000], &mut streams);
     }
-    bencher.bench_local(|| policy.act(&lanes, &mut choices, &mut actions, Some(&mut chances)));
+    bencher.bench_local(|| {
+        policy.act(&lanes, &mut choices, &mut actions, Some(chances.as_flattened_mut()))
+    });
 }
 
 /// Sizes of PPO: lanes, steps per rollout, minibatches and epochs. The network has two layers of 64.

@@ -140,7 +140,7 @@ fn noisy_step(bencher: Bencher<'_, '_>, name: &str) {
     let mut simulation = PhysicalActivity::new(&version(name), &scenario, LANES);
     simulation.reset(LaneSet::All, &mut streams);
     let mut choices = Stream::new(1, Purpose::Exploration);
-    let actions: Vec<Action> = (0..LANES).map(|_| Action::from_low_bits(choices.bits())).collect();
+    let actions: Vec<Action> = (0..LANES).map(|_| Action::uniform(choices.bits(), 4)).collect();
     let (mut rewards, mut ended) = (vec![0.0; LANES], vec![false; LANES]);
     bencher.counter(ItemsCount::new(LANES)).bench_local(|| {
         simulation.step(&actions, &mut rewards, &mut streams);

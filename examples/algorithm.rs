@@ -1,7 +1,6 @@
 //! An algorithm of your own on Burn: REINFORCE with an entropy bonus, registered and run.
 use burn::tensor::Tensor;
 use jitai::algorithm::*;
-use jitai::environment::Action;
 use jitai::experiment::{self, Options, Store};
 use jitai::policy::{Choice, NetworkPolicy};
 use jitai::results::{Parts, Reader, summarise_arms};
@@ -15,8 +14,8 @@ jitai::keys! {
     }
 }
 impl PolicyGradient for EntropyBonus {
-    fn shapes(&self, inputs: usize) -> Vec<[usize; 2]> {
-        vec![[inputs, 16], [16, Action::COUNT]]
+    fn shapes(&self, Shape { inputs, actions }: Shape) -> Vec<[usize; 2]> {
+        vec![[inputs, 16], [16, actions]]
     }
     fn logits(&self, weights: &[Tensor<2>], observations: Tensor<2>) -> Tensor<2> {
         observations.matmul(weights[0].clone()).tanh().matmul(weights[1].clone())
@@ -32,13 +31,13 @@ impl AlgorithmParameters for EntropyBonus {
         self.episodes
     }
     fn start(&self, at: &Task) -> Result<Start, StartError> {
-        let policy = AutodiffPolicy::new(self.clone(), at.observations().inputs(), 0.01, at.seed);
+        let policy = AutodiffPolicy::new(self.clone(), at.shape(), 0.01, at.seed);
         let reinforce = Reinforce::default();
         let learner = ReinforceLearner::new(policy, &reinforce, at.simulation(1), at.seed);
         Ok(Start::Learner(Box::new(learner)))
     }
-    fn network(&self, inputs: usize, weights: &Weights) -> Result<NetworkPolicy, WeightsError> {
-        let network = Box::new(AutodiffPolicy::trained(self.clone(), inputs, weights)?);
+    fn network(&self, shape: Shape, weights: &Weights) -> Result<NetworkPolicy, WeightsError> {
+        let network = Box::new(AutodiffPolicy::trained(self.clone(), shape, weights)?);
         Ok(NetworkPolicy { network, choice: Choice::Softmax, architecture: None })
     }
 }

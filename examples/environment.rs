@@ -6,7 +6,7 @@ const GOAL: u32 = 4;
 struct Walk(Vec<u32>, Vec<EpisodeStatus>);
 impl VectorEnvironment for Walk {
     fn action_spec(&self) -> ActionSpec {
-        ActionSpec { count: Action::COUNT, lowest_reward: 0.0, highest_reward: 1.0 }
+        ActionSpec { count: 4, lowest_reward: 0.0, highest_reward: 1.0 }
     }
     fn observation_spec(&self) -> ObservationSpec {
         ObservationSpec::of([("place", 0.0, 1.0)])

@@ -156,10 +156,10 @@ pub mod results {
 pub mod environment {
     pub use crate::env::contract::{Clause, Violation, check};
     pub use crate::env::{
-        Action, ActionProbabilities, ActionSpec, ContextDraw, EpisodeStatus, Feature, FeatureSpec,
-        FirstContext, LaneSet, LaneStreams, ObservationSpec, Observations, ParticipantSampler,
-        PhysicalActivity, Population, PopulationPhases, Scenario, ScenarioError, StepCount,
-        TimeIndicator, VectorEnvironment,
+        Action, ActionSpec, ContextDraw, EpisodeStatus, Feature, FeatureSpec, FirstContext,
+        Interface, LaneSet, LaneStreams, OPTIONS, ObservationSpec, Observations,
+        ParticipantSampler, PhysicalActivity, Population, PopulationPhases, Scenario,
+        ScenarioError, StepCount, TimeIndicator, VectorEnvironment,
     };
     pub use crate::key::{Column, Distribution, NumberRange, Rows};
     pub use crate::rng::{Purpose, Stream};
@@ -184,11 +184,11 @@ pub mod algorithm {
         BanditFeatures, BanditPosterior, BanditUpdate, Diverged, DuelingDqn, Engine, Learner,
         LearnerError, LinearThompson, LinearThompsonLearner, Losses, Minibatch, OutOfMemory,
         PolicyGradient, Ppo, PpoEngine, PpoLearner, Recurrent, RegistrationError, Reinforce,
-        ReinforceEngine, ReinforceLearner, Span, Start, StartError, Task, TerminalTarget, Trained,
-        TrainedEpisode, Trajectories, Trunk, Unavailable, WeightTensor, Weights, WeightsError,
-        Work, action_tensor, dueling_dqn_learner, inference_device, linear_thompson_learner,
-        observation_tensor, ppo_learner, register_algorithm, reinforce_learner,
-        trained_linear_thompson, training_device,
+        ReinforceEngine, ReinforceLearner, Shape, Span, Start, StartError, Task, TerminalTarget,
+        Trained, TrainedEpisode, Trajectories, Trunk, Unavailable, WeightTensor, Weights,
+        WeightsError, Work, action_tensor, dueling_dqn_learner, inference_device,
+        linear_thompson_learner, observation_tensor, ppo_learner, register_algorithm,
+        reinforce_learner, trained_linear_thompson, training_device,
     };
     pub use crate::kernel::Isa;
     pub use crate::key::{

@@ -50,6 +50,17 @@ pub trait Number: Copy + Default {
 
 macro_rules! numbers {
     ($($number:ty),*) => {$(
+        impl Resumable for $number {
+            fn save(&self, out: &mut StateWriter<'_>) -> io::Result<()> {
+                out.one(*self)
+            }
+
+            fn restore(&mut self, from: &mut StateReader<'_>) -> Result<(), StateError> {
+                *self = from.one()?;
+                Ok(())
+            }
+        }
+
         impl Number for $number {
             fn put(self, bytes: &mut [u8]) {
                 bytes.copy_from_slice(&self.to_le_bytes());
@@ -65,6 +76,101 @@ macro_rules! numbers {
 }
 
 numbers!(u8, u16, u32, u64, f32, f64);
+
+impl Resumable for bool {
+    fn save(&self, out: &mut StateWriter<'_>) -> io::Result<()> {
+        out.one(u8::from(*self))
+    }
+
+    fn restore(&mut self, from: &mut StateReader<'_>) -> Result<(), StateError> {
+        *self = from.one::<u8>()? != 0;
+        Ok(())
+    }
+}
+
+impl Resumable for usize {
+    fn save(&self, out: &mut StateWriter<'_>) -> io::Result<()> {
+        out.one(*self as u64)
+    }
+
+    fn restore(&mut self, from: &mut StateReader<'_>) -> Result<(), StateError> {
+        let misfit = |_| StateError::Misfit("counts");
+        *self = usize::try_from(from.one::<u64>()?).map_err(misfit)?;
+        Ok(())
+    }
+}
+
+/// Any number of values; restoring replaces them.
+impl<T: Resumable + Default> Resumable for Vec<T> {
+    fn save(&self, out: &mut StateWriter<'_>) -> io::Result<()> {
+        out.each(self.iter(), |out, value| value.save(out))
+    }
+
+    fn restore(&mut self, from: &mut StateReader<'_>) -> Result<(), StateError> {
+        *self = from.each(usize::MAX, "values", |from| {
+            let mut value = T::default();
+            value.restore(from)?;
+            Ok(value)
+        })?;
+        Ok(())
+    }
+}
+
+impl<T: Resumable + Default> Resumable for Option<T> {
+    fn save(&self, out: &mut StateWriter<'_>) -> io::Result<()> {
+        self.is_some().save(out)?;
+        self.iter().try_for_each(|value| value.save(out))
+    }
+
+    fn restore(&mut self, from: &mut StateReader<'_>) -> Result<(), StateError> {
+        let mut is_some = false;
+        is_some.restore(from)?;
+        *self = is_some.then(T::default);
+        self.iter_mut().try_for_each(|value| value.restore(from))
+    }
+}
+
+/// Implements [`Resumable`] for a type by a list of its fields, which are saved and restored in this order.
+///
+/// Fields stand in up to three groups: fields that are [`Resumable`] themselves; after `fixed`, arrays of numbers
+/// whose lengths the parameters determine; after `grown`, vectors of numbers of any length. The method after `then`
+/// completes a restored value, and returns an error if its parts do not fit each other.
+///
+/// ```text
+/// resumable!([E: Engine] Agent<E> { engine, updates; fixed totals; grown rewards; then fit });
+/// ```
+macro_rules! resumable {
+    (
+        [$($generics:tt)*] $type:ty {
+            $($($field:tt).+),+
+            $(; fixed $($($fixed:tt).+),+)?
+            $(; grown $($($grown:tt).+),+)?
+            $(; then $then:ident)?
+        }
+    ) => {
+        impl<$($generics)*> $crate::state::Resumable for $type {
+            fn save(&self, out: &mut $crate::state::StateWriter<'_>) -> std::io::Result<()> {
+                $($crate::state::Resumable::save(&self.$($field).+, out)?;)+
+                $($(out.many(&self.$($fixed).+)?;)+)?
+                $($(out.many(&self.$($grown).+)?;)+)?
+                Ok(())
+            }
+
+            fn restore(
+                &mut self,
+                from: &mut $crate::state::StateReader<'_>,
+            ) -> Result<(), $crate::state::StateError> {
+                $($crate::state::Resumable::restore(&mut self.$($field).+, from)?;)+
+                $($(from.fill(&mut self.$($fixed).+, stringify!($($fixed).+))?;)+)?
+                $($(self.$($grown).+ = from.many(usize::MAX, stringify!($($grown).+))?;)+)?
+                $(self.$then()?;)?
+                Ok(())
+            }
+        }
+    };
+}
+
+pub(crate) use resumable;
 
 /// Writes a state.
 pub struct StateWriter<'a>(&'a mut dyn Write);

@@ -1,6 +1,6 @@
 //! The true state of lanes, as the dictionaries that Gymnasium calls `info`.
 
-use jitai::environment::{Action, ParticipantSampler, PhysicalActivity};
+use jitai::environment::{Action, OPTIONS, ParticipantSampler, PhysicalActivity};
 use numpy::{PyArray1, PyArrayMethods};
 use pyo3::intern;
 use pyo3::prelude::*;
@@ -16,7 +16,7 @@ pub(crate) struct Parts {
 }
 
 /// 1 for the actions that have a distinct effect in a lane, 0 for the others.
-pub(crate) fn mask(lanes: &PhysicalActivity, lane: usize) -> [i8; Action::COUNT] {
+pub(crate) fn mask(lanes: &PhysicalActivity, lane: usize) -> [i8; OPTIONS] {
     std::array::from_fn(|index| {
         let action = Action::from_index(index).unwrap_or(Action::NONE);
         i8::from(lanes.taken(lane, action) == action)
@@ -96,7 +96,7 @@ pub(crate) fn of_lanes<'py>(
     if parts.masks {
         let shown = |lane: usize| if columns.has(lane) { mask(lanes, lane) } else { [0; 4] };
         let masks: Vec<i8> = (0..columns.count).flat_map(shown).collect();
-        let masks = PyArray1::from_vec(py, masks).reshape([columns.count, Action::COUNT])?;
+        let masks = PyArray1::from_vec(py, masks).reshape([columns.count, OPTIONS])?;
         columns.info.set_item(intern!(py, "action_mask"), masks)?;
         columns.add_mask("action_mask")?;
     }

@@ -3,7 +3,7 @@
 use std::io;
 
 use jitai::environment::{
-    Action, EpisodeStatus, LaneSet, LaneStreams, Observations, PhysicalActivity, Purpose,
+    Action, EpisodeStatus, LaneSet, LaneStreams, OPTIONS, Observations, PhysicalActivity, Purpose,
     Resumable, StateReader, StateWriter, Stream, VectorEnvironment,
 };
 use numpy::PyArray1;
@@ -109,7 +109,7 @@ impl Lane {
         self.streams.save(&mut out)?;
         out.one(self.total)?;
         let (action, steps) = self.last.unwrap_or((Action::NONE, 0.0));
-        out.one(if self.last.is_some() { action.index() as u8 } else { Action::COUNT as u8 })?;
+        out.one(if self.last.is_some() { action.index() as u8 } else { OPTIONS as u8 })?;
         out.one(steps)?;
         Ok(bytes)
     }
@@ -190,7 +190,7 @@ impl Lane {
     }
 
     /// \[actions\]: whether each action has an effect of its own at the current step.
-    fn action_masks(slf: &Bound<'_, Self>) -> PyResult<[bool; Action::COUNT]> {
+    fn action_masks(slf: &Bound<'_, Self>) -> PyResult<[bool; OPTIONS]> {
         let lane = looked_at(slf)?;
         match lane.seed {
             None => Err(reset_needed(slf.py(), "call reset() before action_masks()")),
@@ -251,7 +251,8 @@ impl Lane {
         lane.total = from.one().map_err(unreadable_state)?;
         let action: u8 = from.one().map_err(unreadable_state)?;
         let steps = from.one().map_err(unreadable_state)?;
-        lane.last = Action::from_index(action.into()).map(|action| (action, steps));
+        let action = Action::from_index(action.into()).filter(|action| action.index() < OPTIONS);
+        lane.last = action.map(|action| (action, steps));
         Ok(lane)
     }
 }
@@ -262,7 +263,8 @@ fn action_of(action: &Bound<'_, PyAny>) -> PyResult<Action> {
         Ok(index) => index,
         Err(_) => whole(action)?,
     };
-    let action = usize::try_from(index).ok().and_then(Action::from_index);
+    let action = usize::try_from(index).ok().filter(|index| *index < OPTIONS);
+    let action = action.and_then(Action::from_index);
     action.ok_or_else(|| Python::attach(|py| invalid_action(py, index.to_string())))
 }
 

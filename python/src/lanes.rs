@@ -3,7 +3,7 @@
 use std::io;
 
 use jitai::environment::{
-    Action, EpisodeStatus, LaneSet, LaneStreams, Observations, PhysicalActivity, Purpose,
+    Action, EpisodeStatus, LaneSet, LaneStreams, OPTIONS, Observations, PhysicalActivity, Purpose,
     Resumable, StateReader, StateWriter, Stream, VectorEnvironment,
 };
 use numpy::{PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray1, PyUntypedArrayMethods};
@@ -97,7 +97,7 @@ impl Lanes {
                 given.len()
             )));
         }
-        let is_action = |index: &i64| (*index as u64) < Action::COUNT as u64;
+        let is_action = |index: &i64| (*index as u64) < OPTIONS as u64;
         if !given.iter().all(is_action) {
             let lane = given.iter().position(|index| !is_action(index)).unwrap_or_default();
             let message =
@@ -105,7 +105,7 @@ impl Lanes {
             return Err(gymnasium(py, "InvalidAction", message));
         }
         let pairs = self.actions.iter_mut().zip(given);
-        pairs.for_each(|(action, index)| *action = Action::from_low_bits(*index as u64));
+        pairs.for_each(|(action, index)| *action = Action::uniform(*index as u64, OPTIONS));
         Ok(())
     }
 

@@ -6,8 +6,9 @@ use std::sync::{Mutex, MutexGuard, PoisonError};
 
 use jitai::algorithm::Weights;
 use jitai::environment::{
-    Action, ActionSpec, EpisodeStatus, LaneSet, LaneStreams, ObservationSpec, Observations,
-    Purpose, Resumable, StateError, StateReader, StateWriter, Stream, VectorEnvironment,
+    Action, ActionSpec, EpisodeStatus, Interface, LaneSet, LaneStreams, ObservationSpec,
+    Observations, Purpose, Resumable, StateError, StateReader, StateWriter, Stream,
+    VectorEnvironment,
 };
 use jitai::policy::{ActionNetwork, Actions, Actor, Choice, NetworkPolicy, network_of, portable};
 use jitai::results::{Reader, StoredWeights};
@@ -21,7 +22,7 @@ use crate::store::{dictionary, store_error};
 
 /// An environment that shows given observations and whose steps do nothing.
 struct Given {
-    spec: ObservationSpec,
+    interface: Interface,
     rows: Observations,
     statuses: Vec<EpisodeStatus>,
 }
@@ -38,11 +39,11 @@ impl Resumable for Given {
 
 impl VectorEnvironment for Given {
     fn action_spec(&self) -> ActionSpec {
-        ActionSpec { count: Action::COUNT, lowest_reward: 0.0, highest_reward: 0.0 }
+        ActionSpec { count: self.interface.actions, lowest_reward: 0.0, highest_reward: 0.0 }
     }
 
     fn observation_spec(&self) -> ObservationSpec {
-        self.spec.clone()
+        self.interface.observations.clone()
     }
 
     fn reset(&mut self, _: LaneSet<'_>, _: &mut LaneStreams) {}
@@ -93,6 +94,10 @@ impl TrainedPolicy {
         self.stored.job.task().observations()
     }
 
+    fn actions(&self) -> usize {
+        self.stored.job.task().interface().actions
+    }
+
     /// Computes with all rows, a part of them at a time, between which Ctrl-C ends the call.
     fn in_parts<T: Send>(
         &self,
@@ -117,7 +122,8 @@ impl TrainedPolicy {
     }
 
     fn of_stored(stored: StoredWeights) -> PyResult<Self> {
-        let spec = stored.job.task().observations();
+        let interface = stored.job.task().interface();
+        let spec = interface.observations.clone();
         let (weights, NetworkPolicy { network, choice, .. }) =
             network_of(&stored).map_err(no_policy)?;
         let actor = |actions| -> PyResult<Box<dyn Actor<Given>>> {
@@ -128,7 +134,7 @@ impl TrainedPolicy {
             as_trained: actor(Actions::AsTrained)?,
             greedy: actor(Actions::Greedy)?,
             network,
-            given: Given { rows: spec.observations(), spec: spec.clone(), statuses: Vec::new() },
+            given: Given { rows: spec.observations(), interface, statuses: Vec::new() },
             stream: Stream::new(stored.job.seed, Purpose::TestActions),
             actions: Vec::new(),
             numbers: Vec::new(),
@@ -200,7 +206,7 @@ impl TrainedPolicy {
             acting.network.evaluate(&part, &mut acting.numbers);
             acting.numbers.clone()
         })?;
-        PyArray1::from_vec(py, values).reshape([count, Action::COUNT])
+        PyArray1::from_vec(py, values).reshape([count, self.actions()])
     }
 
     /// The probabilities of the actions, \[rows, actions\].
@@ -210,9 +216,10 @@ impl TrainedPolicy {
         observations: PyReadonlyArray2<'py, f32>,
     ) -> PyResult<Bound<'py, PyArray2<f64>>> {
         let values = self.values(py, observations)?.to_vec()?;
-        let rows = values.len() / Action::COUNT;
-        let probabilities = py.detach(|| self.choice.probabilities(&values));
-        PyArray1::from_vec(py, probabilities).reshape([rows, Action::COUNT])
+        let actions = self.actions();
+        let rows = values.len() / actions;
+        let probabilities = py.detach(|| self.choice.probabilities(&values, actions));
+        PyArray1::from_vec(py, probabilities).reshape([rows, actions])
     }
 
     /// The weights by name.

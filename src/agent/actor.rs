@@ -1,7 +1,7 @@
 //! The contracts of actors, which choose the actions of episodes, and of observers, which see every
 //! step.
 
-use crate::env::{Action, ActionProbabilities, LaneSet, PhysicalActivity, VectorEnvironment};
+use crate::env::{Action, LaneSet, PhysicalActivity, VectorEnvironment};
 use crate::rng::Stream;
 use crate::state::Resumable;
 
@@ -22,14 +22,14 @@ pub trait Actor<Env: VectorEnvironment + ?Sized = PhysicalActivity>: Resumable +
     /// Chooses an action for every lane, ended lanes included. If `probabilities` are requested,
     /// they receive the probabilities from which the actions were drawn.
     ///
-    /// **Shapes**: `actions` and `probabilities` are \[lanes\]. Draws from the stream at most once
-    /// per lane, and not at all if nothing is random.
+    /// **Shapes**: `actions` is \[lanes\], `probabilities` is \[lanes, actions\], row by row. Draws from
+    /// the stream at most once per lane, and not at all if nothing is random.
     fn act(
         &mut self,
         environment: &Env,
         stream: &mut Stream,
         actions: &mut [Action],
-        probabilities: Option<&mut [ActionProbabilities]>,
+        probabilities: Option<&mut [f64]>,
     );
 
     /// Sees the rewards of the step, \[lanes\], and the environment after the step with the status
@@ -52,15 +52,10 @@ pub(super) fn reborrowed<'a, Env: ?Sized>(
 /// Sees every step of episodes. Lanes that have ended are still shown; their statuses say so.
 pub trait StepObserver<Env: ?Sized> {
     /// Sees the state before a step, the actions, and the probabilities from which they were
-    /// drawn.
+    /// drawn. Where only the chosen action's probability is known, the others are NaN.
     ///
-    /// **Shapes**: `actions` and `probabilities` are \[lanes\].
-    fn chosen(
-        &mut self,
-        environment: &Env,
-        actions: &[Action],
-        probabilities: &[ActionProbabilities],
-    );
+    /// **Shapes**: `actions` is \[lanes\], `probabilities` is \[lanes, actions\], row by row.
+    fn chosen(&mut self, environment: &Env, actions: &[Action], probabilities: &[f64]);
 
     /// Sees the state after the step and the rewards, \[lanes\]; lanes that had ended have reward
     /// 0.

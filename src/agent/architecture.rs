@@ -62,20 +62,22 @@ mod tests {
     use super::*;
     use crate::agent::registry::AlgorithmParameters;
     use crate::agent::{
-        Agent, DuelingDqn, LinearThompson, Ppo, Recurrent, Reinforce, Start, StartError, Task,
-        Trunk, WeightsError, layers, orthogonal,
+        Agent, DuelingDqn, LinearThompson, Ppo, Recurrent, Reinforce, Shape, Start, StartError,
+        Task, Trunk, WeightsError, layers, orthogonal,
     };
 
     /// The policy of an agent with the initial weights of these layers.
     fn policy(agent: &Agent, layers: &[layers::Layer]) -> NetworkPolicy {
         let mut weights = orthogonal::initial(layers, 1, 1).unwrap();
         weights.numbers.insert("epsilon".to_owned(), 0.1);
-        agent.network(1, &weights).unwrap()
+        agent.network(Shape::of_four(1), &weights).unwrap()
     }
 
     #[test]
     fn layers_are_named_as_their_weights() {
-        let of_dqn = |dqn: DuelingDqn| policy(&Agent::of(&dqn), &layers::dueling_layers(&dqn, 1));
+        let of_dqn = |dqn: DuelingDqn| {
+            policy(&Agent::of(&dqn), &layers::dueling_layers(&dqn, Shape::of_four(1)))
+        };
         let dqn = DuelingDqn { layers: vec![4, 4], ..DuelingDqn::default() };
         let shared = of_dqn(dqn.clone());
         assert_eq!(shared.choice, Choice::EpsilonGreedy { epsilon: 0.1 });
@@ -86,7 +88,7 @@ mod tests {
         let stacks = separate.architecture.unwrap().stacks;
         assert_eq!(stacks[1].hidden, ["advantage_trunk.0", "advantage_trunk.1"]);
         let ppo = Ppo { layers: vec![4], ..Ppo::default() };
-        let actor = policy(&Agent::of(&ppo), &layers::ppo(&ppo, 1));
+        let actor = policy(&Agent::of(&ppo), &layers::ppo(&ppo, Shape::of_four(1)));
         assert_eq!(actor.choice, Choice::Softmax);
         let stacks = actor.architecture.unwrap().stacks;
         assert_eq!(stacks.len(), 1, "the critic chooses no action");
@@ -102,12 +104,13 @@ mod tests {
         let ppo = Ppo { recurrent, ..Ppo::default() };
         let dqn = DuelingDqn { recurrent, ..DuelingDqn::default() };
         for policy in [
-            policy(&Agent::of(&ppo), &layers::ppo(&ppo, 1)),
-            policy(&Agent::of(&dqn), &layers::dueling_layers(&dqn, 1)),
+            policy(&Agent::of(&ppo), &layers::ppo(&ppo, Shape::of_four(1))),
+            policy(&Agent::of(&dqn), &layers::dueling_layers(&dqn, Shape::of_four(1))),
         ] {
             assert_eq!((policy.network.memory(), policy.architecture), (64, None));
         }
-        let refused = Agent::of(&LinearThompson::default()).network(1, &Weights::default());
+        let refused =
+            Agent::of(&LinearThompson::default()).network(Shape::of_four(1), &Weights::default());
         assert!(matches!(refused, Err(WeightsError::NoNetwork)));
     }
 
@@ -130,14 +133,14 @@ mod tests {
             Reinforce::default().start(task)
         }
 
-        fn network(&self, inputs: usize, weights: &Weights) -> Result<NetworkPolicy, WeightsError> {
-            Reinforce::default().network(inputs, weights)
+        fn network(&self, shape: Shape, weights: &Weights) -> Result<NetworkPolicy, WeightsError> {
+            Reinforce::default().network(shape, weights)
         }
     }
 
     #[test]
     fn an_algorithm_of_a_user_has_a_network_without_being_registered() {
-        let stack = layers::policy(&Reinforce::default(), 1);
+        let stack = layers::policy(&Reinforce::default(), Shape::of_four(1));
         let layers: Vec<layers::Layer> = stack.hidden.into_iter().chain(stack.heads).collect();
         let agent = Agent::of(&Own { episodes: 10 });
         let architecture = policy(&agent, &layers).architecture.unwrap();

@@ -3,6 +3,7 @@
 
 use crate::agent::burn::device;
 use crate::agent::dueling_dqn::DuelingDqnEngine;
+use crate::agent::layers::Shape;
 use crate::agent::reference_tests::{assert_weights_close, gradients, sampled_by};
 use crate::agent::reinforce::{ReinforceEngine, Trajectories};
 use crate::agent::replay::Batch;
@@ -22,8 +23,14 @@ struct Case {
     trunk: Trunk,
     width: usize,
     one_hot: usize,
+    actions: usize,
     rows: usize,
     stream: Stream,
+}
+
+/// Number of actions of case `i`: four, and other numbers for the cases from `others` on.
+pub(super) fn actions(i: usize, others: usize) -> usize {
+    if i < others { 4 } else { [2, 3, 7, 20][i % 4] }
 }
 
 impl Case {
@@ -31,20 +38,23 @@ impl Case {
         let sizes: [&[u32]; 7] =
             [&[128, 128], &[128], &[1], &[17, 5, 33], &[64, 200], &[3, 3], &[16]];
         let rows = [64, 1, 7, 65, 130, 16, 50];
-        (0..28).map(move |i| Case {
+        (0..34).map(move |i| Case {
             layers: sizes[i % 7].to_vec(),
             activation: if i % 2 == 0 { Activation::Relu } else { Activation::Tanh },
             trunk: if i % 4 < 2 { Trunk::Shared } else { Trunk::Separate },
             width: 2 + i % 3,
             one_hot: if i % 3 == 0 { 9 } else { 0 },
+            actions: actions(i, 28),
             rows: rows[(i / 7 + i) % 7],
             stream: Stream::new(i as u64, Purpose::Replay),
         })
     }
 
     fn name(&self) -> String {
-        let Case { layers, activation, trunk, width, one_hot, rows, .. } = self;
-        format!("{layers:?} {activation:?} {trunk:?}, {width} + {one_hot} inputs, {rows} rows")
+        let Case { layers, activation, trunk, width, one_hot, actions, rows, .. } = self;
+        format!(
+            "{layers:?} {activation:?} {trunk:?}, {width} + {one_hot} inputs, {actions} actions, {rows} rows"
+        )
     }
 
     fn uniform(&mut self) -> f32 {
@@ -62,7 +72,7 @@ impl Case {
     }
 
     fn actions(&mut self) -> Vec<Action> {
-        (0..self.rows).map(|_| Action::from_low_bits(self.stream.bits())).collect()
+        (0..self.rows).map(|_| Action::uniform(self.stream.bits(), self.actions)).collect()
     }
 
     /// Random values of the magnitude of returns.
@@ -98,8 +108,8 @@ impl Case {
         }
     }
 
-    fn inputs(&self) -> usize {
-        self.width + self.one_hot
+    fn shape(&self) -> Shape {
+        Shape { inputs: self.width + self.one_hot, actions: self.actions }
     }
 }
 
@@ -120,15 +130,14 @@ fn assert_arrays_close(ours: &Weights, theirs: &Weights, what: &str) {
 #[test]
 fn fused_dueling_dqns_learn_as_burns_do() {
     for mut case in Case::all() {
-        let (parameters, inputs) = (case.dueling_dqn(), case.inputs());
-        let weights = layers::draw(&layers::dueling(&parameters, inputs), &mut case.stream);
+        let (parameters, shape) = (case.dueling_dqn(), case.shape());
+        let weights = layers::draw(&layers::dueling(&parameters, shape), &mut case.stream);
         let batch = case.batch();
         let device = device::training();
-        let network =
-            DuelingQNetwork::from_weights(&parameters, inputs, &weights, &device).unwrap();
+        let network = DuelingQNetwork::from_weights(&parameters, shape, &weights, &device).unwrap();
         let expected = gradients(&network, BurnDuelingDqn::loss(&network, &batch)).weights();
-        let mut burn = BurnDuelingDqn::new(&parameters, inputs, &weights).unwrap();
-        let mut fused = FusedDuelingDqn::new(&parameters, inputs, &weights, Isa::chosen()).unwrap();
+        let mut burn = BurnDuelingDqn::new(&parameters, shape, &weights).unwrap();
+        let mut fused = FusedDuelingDqn::new(&parameters, shape, &weights, Isa::chosen()).unwrap();
         assert_weights_close(&fused.gradient(&batch), &expected, 1e-5, &case.name());
         let batches: Vec<Batch> = (0..10).map(|_| case.batch()).collect();
         (0..100).for_each(|i| assert!(burn.update(&batches[i % 10]).is_finite()));
@@ -140,15 +149,15 @@ fn fused_dueling_dqns_learn_as_burns_do() {
 #[test]
 fn fused_policies_learn_as_burns_do() {
     for mut case in Case::all() {
-        let (parameters, inputs) = (case.reinforce(), case.inputs());
-        let weights = layers::draw(&[layers::policy(&parameters, inputs)], &mut case.stream);
+        let (parameters, shape) = (case.reinforce(), case.shape());
+        let weights = layers::draw(&[layers::policy(&parameters, shape)], &mut case.stream);
         let trajectories = case.trajectories();
         let device = device::training();
-        let network = PolicyNetwork::from_weights(&parameters, inputs, &weights, &device).unwrap();
+        let network = PolicyNetwork::from_weights(&parameters, shape, &weights, &device).unwrap();
         let loss = BurnReinforce::loss(&network, &trajectories, parameters.loss_divisor);
         let expected = gradients(&network, loss).weights();
-        let mut burn = BurnReinforce::new(&parameters, inputs, &weights).unwrap();
-        let mut fused = FusedReinforce::new(&parameters, inputs, &weights, Isa::chosen()).unwrap();
+        let mut burn = BurnReinforce::new(&parameters, shape, &weights).unwrap();
+        let mut fused = FusedReinforce::new(&parameters, shape, &weights, Isa::chosen()).unwrap();
         let sampled = sampled_by(&mut fused, &trajectories);
         assert_weights_close(&fused.gradient(&sampled), &expected, 1e-5, &case.name());
         let samples: Vec<Trajectories> = (0..10).map(|_| case.trajectories()).collect();
@@ -164,13 +173,13 @@ fn fused_policies_learn_as_burns_do() {
 #[test]
 fn every_instruction_set_learns_the_same_bits() {
     for mut case in Case::all() {
-        let (dqn, reinforce, inputs) = (case.dueling_dqn(), case.reinforce(), case.inputs());
-        let q_weights = layers::draw(&layers::dueling(&dqn, inputs), &mut case.stream);
-        let p_weights = layers::draw(&[layers::policy(&reinforce, inputs)], &mut case.stream);
+        let (dqn, reinforce, shape) = (case.dueling_dqn(), case.reinforce(), case.shape());
+        let q_weights = layers::draw(&layers::dueling(&dqn, shape), &mut case.stream);
+        let p_weights = layers::draw(&[layers::policy(&reinforce, shape)], &mut case.stream);
         let (batch, trajectories) = (case.batch(), case.trajectories());
         let mut learned = Isa::available().into_iter().map(|isa| {
-            let mut q = FusedDuelingDqn::new(&dqn, inputs, &q_weights, isa).unwrap();
-            let mut p = FusedReinforce::new(&reinforce, inputs, &p_weights, isa).unwrap();
+            let mut q = FusedDuelingDqn::new(&dqn, shape, &q_weights, isa).unwrap();
+            let mut p = FusedReinforce::new(&reinforce, shape, &p_weights, isa).unwrap();
             let losses: Vec<u32> = (0..3)
                 .flat_map(|_| {
                     let sampled = sampled_by(&mut p, &trajectories);

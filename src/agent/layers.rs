@@ -5,10 +5,33 @@ use crate::agent::constraint::{batch_size, network_size};
 use crate::agent::memory::{self, OutOfMemory};
 use crate::agent::weights::{Tensor, Weights};
 use crate::agent::{Activation, DuelingDqn, Ppo, Recurrent as Memory, Reinforce, Trunk};
-use crate::env::Action;
+use crate::env::Interface;
 use crate::kernel::GATES;
 use crate::key::Size;
 use crate::rng::{Purpose, Stream};
+
+/// The sizes between which a network lies.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Shape {
+    /// Entries of an observation.
+    pub inputs: usize,
+    /// Number of actions.
+    pub actions: usize,
+}
+
+impl From<&Interface> for Shape {
+    fn from(interface: &Interface) -> Self {
+        Shape { inputs: interface.observations.inputs(), actions: interface.actions }
+    }
+}
+
+#[cfg(test)]
+impl Shape {
+    /// The sizes for observations of this many entries, and four actions.
+    pub(super) fn of_four(inputs: usize) -> Self {
+        Shape { inputs, actions: 4 }
+    }
+}
 
 /// Name and size of a linear layer.
 #[derive(Clone, Debug)]
@@ -68,9 +91,9 @@ impl Stack {
 
 /// The stacks of a dueling network: one stack with both heads, or one stack per head, the value's
 /// first.
-pub(super) fn dueling(parameters: &DuelingDqn, inputs: usize) -> Vec<Stack> {
-    let (value, advantage) = (("value", 1), ("advantage", Action::COUNT));
-    let stack = |name, heads: &[_]| Stack::new(name, inputs, &parameters.layers, heads);
+pub(super) fn dueling(parameters: &DuelingDqn, shape: Shape) -> Vec<Stack> {
+    let (value, advantage) = (("value", 1), ("advantage", shape.actions));
+    let stack = |name, heads: &[_]| Stack::new(name, shape.inputs, &parameters.layers, heads);
     match parameters.trunk {
         Trunk::Shared => vec![stack("trunk", &[value, advantage])],
         Trunk::Separate => {
@@ -80,14 +103,14 @@ pub(super) fn dueling(parameters: &DuelingDqn, inputs: usize) -> Vec<Stack> {
 }
 
 /// The stack of a policy network.
-pub(super) fn policy(parameters: &Reinforce, inputs: usize) -> Stack {
-    Stack::new("trunk", inputs, &parameters.layers, &[("logits", Action::COUNT)])
+pub(super) fn policy(parameters: &Reinforce, shape: Shape) -> Stack {
+    Stack::new("trunk", shape.inputs, &parameters.layers, &[("logits", shape.actions)])
 }
 
 /// The stacks of actor and critic, which share no layers; the actor's first.
-pub(super) fn actor_critic(parameters: &Ppo, inputs: usize) -> [Stack; 2] {
-    let stack = |name, head| Stack::new(name, inputs, &parameters.layers, &[head]);
-    [stack("policy_trunk", ("logits", Action::COUNT)), stack("value_trunk", ("value", 1))]
+pub(super) fn actor_critic(parameters: &Ppo, shape: Shape) -> [Stack; 2] {
+    let stack = |name, head| Stack::new(name, shape.inputs, &parameters.layers, &[head]);
+    [stack("policy_trunk", ("logits", shape.actions)), stack("value_trunk", ("value", 1))]
 }
 
 /// The name of the linear layer of a GRU on its state.
@@ -112,23 +135,23 @@ struct Around<'p>(&'p [u32], u32, u32);
 
 impl Recurrent {
     /// The layers of an actor-critic with a GRU.
-    pub(super) fn actor_critic(parameters: &Ppo, inputs: usize) -> Self {
+    pub(super) fn actor_critic(parameters: &Ppo, shape: Shape) -> Self {
         let Ppo { layers, layers_before_gru, units, .. } = parameters;
-        Recurrent::new(Around(layers, *layers_before_gru, *units), inputs, "logits")
+        Recurrent::new(Around(layers, *layers_before_gru, *units), shape, "logits")
     }
 
     /// The layers of a dueling network with a GRU.
-    pub(super) fn dueling(parameters: &DuelingDqn, inputs: usize) -> Self {
+    pub(super) fn dueling(parameters: &DuelingDqn, shape: Shape) -> Self {
         let DuelingDqn { layers, layers_before_gru, units, .. } = parameters;
-        Recurrent::new(Around(layers, *layers_before_gru, *units), inputs, "advantage")
+        Recurrent::new(Around(layers, *layers_before_gru, *units), shape, "advantage")
     }
 
-    fn new(Around(layers, before, units): Around<'_>, inputs: usize, of_actions: &str) -> Self {
+    fn new(Around(layers, before, units): Around<'_>, shape: Shape, of_actions: &str) -> Self {
         let (before, after) = layers.split_at(layers.len().min(before as usize));
         let units = units as usize;
-        let before = Stack::new("trunk", inputs, before, &[]).hidden;
-        let last = before.last().map_or(inputs, |layer| layer.outputs);
-        let heads = [(of_actions, Action::COUNT), ("value", 1)];
+        let before = Stack::new("trunk", shape.inputs, before, &[]).hidden;
+        let last = before.last().map_or(shape.inputs, |layer| layer.outputs);
+        let heads = [(of_actions, shape.actions), ("value", 1)];
         let after = Stack::new("trunk_after", units, after, &heads);
         let gate =
             |name: &str, inputs| Layer { name: name.to_owned(), inputs, outputs: GATES * units };
@@ -147,18 +170,18 @@ impl Recurrent {
 }
 
 /// All layers of PPO's networks, in the order in which their weights are drawn.
-pub(super) fn ppo(parameters: &Ppo, inputs: usize) -> Vec<Layer> {
+pub(super) fn ppo(parameters: &Ppo, shape: Shape) -> Vec<Layer> {
     match parameters.recurrent {
-        Memory::None => listed(&actor_critic(parameters, inputs)),
-        Memory::Gru => Recurrent::actor_critic(parameters, inputs).layers().cloned().collect(),
+        Memory::None => listed(&actor_critic(parameters, shape)),
+        Memory::Gru => Recurrent::actor_critic(parameters, shape).layers().cloned().collect(),
     }
 }
 
 /// All layers of a dueling network, in the order in which their weights are drawn.
-pub(super) fn dueling_layers(parameters: &DuelingDqn, inputs: usize) -> Vec<Layer> {
+pub(super) fn dueling_layers(parameters: &DuelingDqn, shape: Shape) -> Vec<Layer> {
     match parameters.recurrent {
-        Memory::None => listed(&dueling(parameters, inputs)),
-        Memory::Gru => Recurrent::dueling(parameters, inputs).layers().cloned().collect(),
+        Memory::None => listed(&dueling(parameters, shape)),
+        Memory::Gru => Recurrent::dueling(parameters, shape).layers().cloned().collect(),
     }
 }
 
@@ -246,7 +269,7 @@ mod tests {
     fn initial_weights_are_uniform_as_in_pytorch() {
         let parameters = Reinforce { layers: vec![400], ..Reinforce::default() };
         let mut stream = Stream::new(4, Purpose::InitialWeights);
-        let weights = draw(&[policy(&parameters, 16)], &mut stream);
+        let weights = draw(&[policy(&parameters, Shape::of_four(16))], &mut stream);
         for (name, bound) in
             [("trunk.0.weight", 0.25), ("trunk.0.bias", 0.25), ("logits.weight", 0.05)]
         {
@@ -264,8 +287,9 @@ mod tests {
     #[test]
     fn sizes_are_counted_by_hand() {
         let dqn = DuelingDqn { layers: vec![128, 64], ..DuelingDqn::default() };
-        let parameters =
-            |dqn: &DuelingDqn| sizes(&dueling_layers(dqn, 56), 2).map(|size| size.size);
+        let parameters = |dqn: &DuelingDqn| {
+            sizes(&dueling_layers(dqn, Shape::of_four(56)), 2).map(|size| size.size)
+        };
         let [network, batch] = parameters(&dqn);
         assert_eq!(network, 57 * 128 + 129 * 64 + 65 * 5);
         assert_eq!(batch, 2 * (56 + 128 + 64 + 5));
@@ -285,7 +309,7 @@ mod tests {
             layers.map(|layer| (layer.name.clone(), layer.inputs, layer.outputs)).collect()
         };
         assert_eq!(
-            sizes(dueling(&parameters, 3)),
+            sizes(dueling(&parameters, Shape::of_four(3))),
             [
                 ("trunk.0".to_owned(), 3, 5),
                 ("trunk.1".to_owned(), 5, 7),
@@ -294,6 +318,6 @@ mod tests {
             ]
         );
         let separate = DuelingDqn { trunk: Trunk::Separate, ..parameters };
-        assert_eq!(sizes(dueling(&separate, 3)).len(), 6);
+        assert_eq!(sizes(dueling(&separate, Shape::of_four(3))).len(), 6);
     }
 }

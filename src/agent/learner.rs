@@ -1,12 +1,10 @@
 //! Agents in training.
 
-use std::io;
-
 use crate::agent::actor::{Actor, StepObserver};
 use crate::agent::memory::OutOfMemory;
 use crate::agent::weights::Weights;
 use crate::env::{PhysicalActivity, VectorEnvironment};
-use crate::state::{Resumable, StateError, StateReader, StateWriter};
+use crate::state::{Resumable, resumable};
 
 /// A training episode that has just ended.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -29,30 +27,7 @@ pub struct TrainedEpisode {
     pub epsilon: Option<f64>,
 }
 
-impl Resumable for TrainedEpisode {
-    fn save(&self, out: &mut StateWriter<'_>) -> io::Result<()> {
-        out.many(self.number.as_slice())?;
-        out.one(self.total_reward)?;
-        out.one(self.length)?;
-        out.one(u8::from(self.terminated))?;
-        out.one(self.loss_sum)?;
-        out.one(self.updates)?;
-        out.many(self.epsilon.as_slice())
-    }
-
-    fn restore(&mut self, from: &mut StateReader<'_>) -> Result<(), StateError> {
-        *self = TrainedEpisode {
-            number: from.many(1, "numbers of an episode")?.first().copied(),
-            total_reward: from.one()?,
-            length: from.one()?,
-            terminated: from.one::<u8>()? != 0,
-            loss_sum: from.one()?,
-            updates: from.one()?,
-            epsilon: from.many(1, "exploration rates")?.first().copied(),
-        };
-        Ok(())
-    }
-}
+resumable!([] TrainedEpisode { number, total_reward, length, terminated, loss_sum, updates, epsilon });
 
 /// A loss that became infinite or NaN.
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]

@@ -29,6 +29,7 @@ pub use policy::LinearThompsonPolicy;
 
 pub(super) use features::Design;
 pub(super) use posterior::Posterior;
+pub(super) use sampler::Sampler;
 
 keys! {
     /// Hyper-parameters of linear Thompson sampling, with the defaults of BOTS.

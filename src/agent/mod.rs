@@ -12,6 +12,8 @@
 //! Burn's own random generator is global to the process, so nothing here may draw from it. Weights
 //! are drawn from the job's stream and then set.
 
+#[cfg(test)]
+mod actions_tests;
 mod actor;
 mod architecture;
 mod burn;
@@ -64,6 +66,7 @@ pub use fused::{
     FusedActorCritic, FusedDuelingDqn, FusedDuelingNetwork, FusedPolicyNetwork, FusedPpo,
     FusedRecurrentActorCritic, FusedRecurrentDqn, FusedRecurrentDuelingNetwork, FusedReinforce,
 };
+pub use layers::Shape;
 pub use learner::{Actions, Diverged, Learner, LearnerError, Span, TrainedEpisode};
 pub use linear_thompson::{
     BanditDraw, BanditFeatures, BanditPosterior, BanditUpdate, LinearThompson,

@@ -112,6 +112,7 @@ fn normal(stream: &mut Stream) -> f64 {
 mod tests {
     use super::*;
     use crate::agent::Ppo;
+    use crate::agent::Shape;
 
     fn stream() -> Stream {
         Stream::new(3, Purpose::InitialWeights)
@@ -164,7 +165,10 @@ mod tests {
 
     #[test]
     fn layers_have_their_gains_and_no_bias() {
-        let layers = layers::ppo(&Ppo { layers: vec![8, 6], ..Ppo::default() }, 3);
+        let layers = layers::ppo(
+            &Ppo { layers: vec![8, 6], ..Ppo::default() },
+            Shape { inputs: 3, actions: 4 },
+        );
         let weights = initial(&layers, 1, 5).unwrap();
         let lengths = [
             ("policy_trunk.0", 3.0 * 2.0),

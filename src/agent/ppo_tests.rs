@@ -4,6 +4,8 @@
 use serde_json::Value;
 
 use crate::agent::burn::device;
+use crate::agent::engine_tests::actions;
+use crate::agent::layers::Shape;
 use crate::agent::policy::ActionNetwork;
 use crate::agent::ppo::{Losses, Minibatch, Ppo, PpoEngine, advantages};
 use crate::agent::reference_tests::{
@@ -18,6 +20,7 @@ use crate::kernel::Isa;
 use crate::rng::{Purpose, Stream};
 
 pub(super) const WIDTH: usize = 3;
+pub(super) const SHAPE: Shape = Shape { inputs: WIDTH, actions: 4 };
 
 pub(super) fn cases(name: &str) -> Vec<Value> {
     let reference: Value =
@@ -25,8 +28,8 @@ pub(super) fn cases(name: &str) -> Vec<Value> {
     reference[name].as_array().unwrap().clone()
 }
 
-fn burn(parameters: &Ppo, inputs: usize, weights: &Weights) -> BurnPpo<ActorCritic> {
-    let network = ActorCritic::from_weights(parameters, inputs, weights, &device::training());
+fn burn(parameters: &Ppo, shape: Shape, weights: &Weights) -> BurnPpo<ActorCritic> {
+    let network = ActorCritic::from_weights(parameters, shape, weights, &device::training());
     BurnPpo::new(parameters, network.unwrap())
 }
 
@@ -98,7 +101,7 @@ impl Case {
     }
 
     fn network(&self, weights: &Weights) -> ActorCritic {
-        ActorCritic::from_weights(&self.parameters, WIDTH, weights, &device::training()).unwrap()
+        ActorCritic::from_weights(&self.parameters, SHAPE, weights, &device::training()).unwrap()
     }
 
     pub(super) fn start(&self) -> Weights {
@@ -127,10 +130,10 @@ impl Case {
 #[test]
 fn both_engines_compute_ppo_as_pytorch_does() {
     for case in Case::all() {
-        case.check(burn(&case.parameters, WIDTH, &case.start()));
+        case.check(burn(&case.parameters, SHAPE, &case.start()));
         for isa in Isa::available() {
             case.check(
-                FusedPpo::<FusedActorCritic>::new(&case.parameters, WIDTH, &case.start(), isa)
+                FusedPpo::<FusedActorCritic>::new(&case.parameters, SHAPE, &case.start(), isa)
                     .unwrap(),
             );
         }
@@ -146,7 +149,7 @@ fn gradients_of_ppo_are_those_of_pytorch() {
         assert_weights_close(&gradients(&network, loss).weights(), &expected, 1e-5, &case.name);
         for isa in Isa::available() {
             let mut engine =
-                FusedPpo::<FusedActorCritic>::new(&case.parameters, WIDTH, &case.start(), isa)
+                FusedPpo::<FusedActorCritic>::new(&case.parameters, SHAPE, &case.start(), isa)
                     .unwrap();
             let ours = engine.gradient(&case.minibatch);
             assert_weights_close(&ours, &expected, 1e-5, &case.name);
@@ -162,12 +165,12 @@ fn gradients_of_ppo_are_finite_differences() {
         let mut parameters = case.parameters.clone();
         (parameters.clip, parameters.clip_value_loss) = (10.0, false);
         let mut engine =
-            FusedPpo::<FusedActorCritic>::new(&parameters, WIDTH, &case.start(), Isa::chosen())
+            FusedPpo::<FusedActorCritic>::new(&parameters, SHAPE, &case.start(), Isa::chosen())
                 .unwrap();
         let gradients = engine.gradient(&case.minibatch);
         assert_finite_differences(&case.start(), &gradients, &case.name, |weights| {
             let engine =
-                FusedPpo::<FusedActorCritic>::new(&parameters, WIDTH, weights, Isa::chosen());
+                FusedPpo::<FusedActorCritic>::new(&parameters, SHAPE, weights, Isa::chosen());
             engine.unwrap().update(&case.minibatch, 0.0).loss
         });
     }
@@ -178,6 +181,7 @@ struct Drawn {
     parameters: Ppo,
     width: usize,
     one_hot: usize,
+    actions: usize,
     rows: usize,
     stream: Stream,
 }
@@ -186,7 +190,7 @@ impl Drawn {
     fn all() -> impl Iterator<Item = Drawn> {
         let sizes: [&[u32]; 6] = [&[64, 64], &[1], &[17, 5, 33], &[128], &[3, 3], &[16]];
         let rows = [64, 1, 7, 65, 130, 50];
-        (0..24).map(move |i| Drawn {
+        (0..30).map(move |i| Drawn {
             parameters: Ppo {
                 layers: sizes[i % 6].to_vec(),
                 activation: if i % 2 == 0 { Activation::Tanh } else { Activation::Relu },
@@ -195,6 +199,7 @@ impl Drawn {
             },
             width: 2 + i % 3,
             one_hot: if i % 4 == 0 { 9 } else { 0 },
+            actions: actions(i, 24),
             rows: rows[(i / 6 + i) % 6],
             stream: Stream::new(i as u64, Purpose::Replay),
         })
@@ -202,15 +207,18 @@ impl Drawn {
 
     fn name(&self) -> String {
         let Ppo { layers, activation, .. } = &self.parameters;
-        format!("{layers:?} {activation:?}, {} + {} inputs", self.width, self.one_hot)
+        format!(
+            "{layers:?} {activation:?}, {} + {} inputs, {} actions",
+            self.width, self.one_hot, self.actions
+        )
     }
 
-    fn inputs(&self) -> usize {
-        self.width + self.one_hot
+    fn shape(&self) -> Shape {
+        Shape { inputs: self.width + self.one_hot, actions: self.actions }
     }
 
     fn weights(&self) -> Weights {
-        let layers = layers::ppo(&self.parameters, self.inputs());
+        let layers = layers::ppo(&self.parameters, self.shape());
         orthogonal::initial(&layers, 1, self.rows as u64).unwrap()
     }
 
@@ -228,7 +236,9 @@ impl Drawn {
         }
         Minibatch {
             observations,
-            actions: (0..self.rows).map(|_| Action::from_low_bits(self.stream.bits())).collect(),
+            actions: (0..self.rows)
+                .map(|_| Action::uniform(self.stream.bits(), self.actions))
+                .collect(),
             chosen: (0..self.rows).map(|_| self.stream.below(4) > 0).collect(),
             log_probabilities: self.many(-2.0, -1.0),
             values: self.many(-1.0, 1.0),
@@ -242,15 +252,15 @@ impl Drawn {
 #[test]
 fn fused_ppo_learns_as_burns_does() {
     for mut case in Drawn::all() {
-        let (weights, inputs, name) = (case.weights(), case.inputs(), case.name());
-        let mut burn = burn(&case.parameters, inputs, &weights);
+        let (weights, shape, name) = (case.weights(), case.shape(), case.name());
+        let mut burn = burn(&case.parameters, shape, &weights);
         let mut fused =
-            FusedPpo::<FusedActorCritic>::new(&case.parameters, inputs, &weights, Isa::chosen())
+            FusedPpo::<FusedActorCritic>::new(&case.parameters, shape, &weights, Isa::chosen())
                 .unwrap();
         let minibatch = case.minibatch();
         let device = device::training();
         let network =
-            ActorCritic::from_weights(&case.parameters, inputs, &weights, &device).unwrap();
+            ActorCritic::from_weights(&case.parameters, shape, &weights, &device).unwrap();
         let loss = BurnPpo::loss(&network, &minibatch, &case.parameters).loss;
         let expected = gradients(&network, loss).weights();
         assert_weights_close(&fused.gradient(&minibatch), &expected, 1e-5, &name);
@@ -267,11 +277,11 @@ fn fused_ppo_learns_as_burns_does() {
 #[test]
 fn every_instruction_set_learns_ppo_to_the_same_bits() {
     for mut case in Drawn::all() {
-        let (weights, inputs) = (case.weights(), case.inputs());
+        let (weights, shape) = (case.weights(), case.shape());
         let minibatch = case.minibatch();
         let mut learned = Isa::available().into_iter().map(|isa| {
             let mut engine =
-                FusedPpo::<FusedActorCritic>::new(&case.parameters, inputs, &weights, isa).unwrap();
+                FusedPpo::<FusedActorCritic>::new(&case.parameters, shape, &weights, isa).unwrap();
             let losses = [(); 3].map(|()| engine.update(&minibatch, 1e-3).loss.to_bits());
             let mut logits = Vec::new();
             engine.network().evaluate(&minibatch.observations, &mut logits);

@@ -6,8 +6,10 @@ use serde_json::Value;
 
 use crate::agent::burn::device;
 use crate::agent::dueling_dqn::{RecurrentDqnEngine, SequenceBatch, target};
+use crate::agent::engine_tests::actions;
+use crate::agent::layers::Shape;
 use crate::agent::policy::{ActionNetwork, best};
-use crate::agent::ppo_tests::{WIDTH, flags};
+use crate::agent::ppo_tests::{SHAPE, WIDTH, flags};
 use crate::agent::reference_tests::{
     assert_close, assert_finite_differences, assert_weights_close, gradients, numbers,
     observations, weights,
@@ -68,11 +70,11 @@ impl Case {
     }
 
     fn burn(&self, which: &str) -> BurnRecurrentDqn {
-        BurnRecurrentDqn::new(&self.parameters, WIDTH, &self.weights(which)).unwrap()
+        BurnRecurrentDqn::new(&self.parameters, SHAPE, &self.weights(which)).unwrap()
     }
 
     fn fused(&self, weights: &Weights, isa: Isa) -> FusedRecurrentDqn {
-        FusedRecurrentDqn::new(&self.parameters, WIDTH, weights, isa).unwrap()
+        FusedRecurrentDqn::new(&self.parameters, SHAPE, weights, isa).unwrap()
     }
 
     /// Acts along the sequences, evaluates them, and performs three updates.
@@ -136,7 +138,7 @@ fn targets_are_those_of_pytorch() {
                 status,
                 is_withheld: false,
             };
-            let next = &next[(row + lanes) * Action::COUNT..][..Action::COUNT];
+            let next = &next[(row + lanes) * 4..][..4];
             let best_next = next[best(next).index()];
             let gamma = case.parameters.gamma;
             let ours = target(&transition, best_next, gamma, TerminalTarget::Standard);
@@ -152,7 +154,7 @@ fn gradients_of_the_recurrent_dqn_are_those_of_pytorch() {
         let device = device::training();
         let start = case.weights("network");
         let network =
-            RecurrentDuelingQNetwork::from_weights(&case.parameters, WIDTH, &start, &device)
+            RecurrentDuelingQNetwork::from_weights(&case.parameters, SHAPE, &start, &device)
                 .unwrap();
         let loss = BurnRecurrentDqn::loss(&network, &case.batch);
         assert_weights_close(&gradients(&network, loss).weights(), &expected, 1e-5, &case.name);
@@ -182,13 +184,14 @@ struct Drawn {
     parameters: DuelingDqn,
     width: usize,
     one_hot: usize,
+    actions: usize,
     stream: Stream,
 }
 
 impl Drawn {
     fn all() -> impl Iterator<Item = Drawn> {
         let layers: [&[u32]; 4] = [&[64], &[5, 3], &[16, 20, 7], &[33]];
-        (0..8).map(move |i| Drawn {
+        (0..12).map(move |i| Drawn {
             parameters: DuelingDqn {
                 layers: layers[i as usize % 4].to_vec(),
                 layers_before_gru: 1 + u32::from(i % 4 == 2),
@@ -199,21 +202,22 @@ impl Drawn {
             },
             width: 2 + i as usize % 3,
             one_hot: if i % 3 == 0 { 5 } else { 0 },
+            actions: actions(i as usize, 8),
             stream: Stream::new(i, Purpose::Replay),
         })
     }
 
-    fn inputs(&self) -> usize {
-        self.width + self.one_hot
+    fn shape(&self) -> Shape {
+        Shape { inputs: self.width + self.one_hot, actions: self.actions }
     }
 
     fn weights(&self) -> Weights {
-        let layers = layers::dueling_layers(&self.parameters, self.inputs());
+        let layers = layers::dueling_layers(&self.parameters, self.shape());
         orthogonal::initial(&layers, 1, 3).unwrap()
     }
 
     fn fused(&self, isa: Isa) -> FusedRecurrentDqn {
-        FusedRecurrentDqn::new(&self.parameters, self.inputs(), &self.weights(), isa).unwrap()
+        FusedRecurrentDqn::new(&self.parameters, self.shape(), &self.weights(), isa).unwrap()
     }
 
     fn uniform(&mut self) -> f32 {
@@ -235,7 +239,7 @@ impl Drawn {
                 let row: Vec<f32> = (0..self.width).map(|_| self.uniform()).collect();
                 let moment = (self.one_hot > 0).then(|| self.stream.below(self.one_hot as u32));
                 batch.observations.push(&row, moment);
-                batch.actions.push(Action::from_low_bits(self.stream.bits()));
+                batch.actions.push(Action::uniform(self.stream.bits(), self.actions));
                 batch.targets.push(self.uniform());
                 batch.learned.push((*skipped..*len).contains(&step));
                 batch.firsts.push(step == 0);
@@ -249,9 +253,9 @@ impl Drawn {
 #[test]
 fn the_fused_recurrent_dqn_learns_as_burns_does() {
     for (i, mut case) in Drawn::all().enumerate() {
-        let (weights, inputs, name) = (case.weights(), case.inputs(), format!("case {i}"));
+        let (weights, shape, name) = (case.weights(), case.shape(), format!("case {i}"));
         let mut fused = case.fused(Isa::chosen());
-        let mut burn = BurnRecurrentDqn::new(&case.parameters, inputs, &weights).unwrap();
+        let mut burn = BurnRecurrentDqn::new(&case.parameters, shape, &weights).unwrap();
         for step in 0..20 {
             let batch = case.batch(1 + step % 7, 1 + step % 4);
             let [ours, theirs] = [fused.update(&batch), burn.update(&batch)];

@@ -3,9 +3,11 @@
 //! effects of padding and resets.
 
 use crate::agent::burn::device;
+use crate::agent::engine_tests::actions;
+use crate::agent::layers::Shape;
 use crate::agent::policy::ActionNetwork;
 use crate::agent::ppo::{Minibatch, Ppo, PpoEngine, Sequences};
-use crate::agent::ppo_tests::{Case, WIDTH, cases, flags, parts};
+use crate::agent::ppo_tests::{Case, SHAPE, WIDTH, cases, flags, parts};
 use crate::agent::reference_tests::{
     assert_close, assert_finite_differences, assert_weights_close, gradients, numbers, weights,
 };
@@ -34,21 +36,21 @@ fn recurrent_cases() -> Vec<Case> {
     cases.collect()
 }
 
-fn network(parameters: &Ppo, inputs: usize, weights: &Weights) -> RecurrentActorCritic {
-    RecurrentActorCritic::from_weights(parameters, inputs, weights, &device::training()).unwrap()
+fn network(parameters: &Ppo, shape: Shape, weights: &Weights) -> RecurrentActorCritic {
+    RecurrentActorCritic::from_weights(parameters, shape, weights, &device::training()).unwrap()
 }
 
-fn burn(parameters: &Ppo, inputs: usize, weights: &Weights) -> BurnPpo<RecurrentActorCritic> {
-    BurnPpo::new(parameters, network(parameters, inputs, weights))
+fn burn(parameters: &Ppo, shape: Shape, weights: &Weights) -> BurnPpo<RecurrentActorCritic> {
+    BurnPpo::new(parameters, network(parameters, shape, weights))
 }
 
 fn fused(
     parameters: &Ppo,
-    inputs: usize,
+    shape: Shape,
     weights: &Weights,
     isa: Isa,
 ) -> FusedPpo<FusedRecurrentActorCritic> {
-    FusedPpo::new(parameters, inputs, weights, isa).unwrap()
+    FusedPpo::new(parameters, shape, weights, isa).unwrap()
 }
 
 /// Acts along the sequences, then performs three updates.
@@ -89,9 +91,9 @@ fn check(case: &Case, mut engine: impl PpoEngine) {
 #[test]
 fn both_engines_compute_the_gru_as_pytorch_does() {
     for case in recurrent_cases() {
-        check(&case, burn(&case.parameters, WIDTH, &case.start()));
+        check(&case, burn(&case.parameters, SHAPE, &case.start()));
         for isa in Isa::available() {
-            check(&case, fused(&case.parameters, WIDTH, &case.start(), isa));
+            check(&case, fused(&case.parameters, SHAPE, &case.start(), isa));
         }
     }
 }
@@ -100,11 +102,11 @@ fn both_engines_compute_the_gru_as_pytorch_does() {
 fn gradients_through_the_gru_are_those_of_pytorch() {
     for case in recurrent_cases() {
         let expected = weights(&case.case["gradients"]);
-        let network = network(&case.parameters, WIDTH, &case.start());
+        let network = network(&case.parameters, SHAPE, &case.start());
         let loss = BurnPpo::loss(&network, &case.minibatch, &case.parameters).loss;
         assert_weights_close(&gradients(&network, loss).weights(), &expected, 1e-5, &case.name);
         for isa in Isa::available() {
-            let mut engine = fused(&case.parameters, WIDTH, &case.start(), isa);
+            let mut engine = fused(&case.parameters, SHAPE, &case.start(), isa);
             let ours = engine.gradient(&case.minibatch);
             assert_weights_close(&ours, &expected, 1e-5, &case.name);
         }
@@ -117,10 +119,10 @@ fn gradients_through_the_gru_are_those_of_pytorch() {
 fn gradients_through_the_gru_are_finite_differences() {
     for case in recurrent_cases().iter().filter(|case| case.name.contains("tanh")) {
         let parameters = Ppo { clip: 10.0, ..case.parameters.clone() };
-        let mut engine = fused(&parameters, WIDTH, &case.start(), Isa::chosen());
+        let mut engine = fused(&parameters, SHAPE, &case.start(), Isa::chosen());
         let gradients = engine.gradient(&case.minibatch);
         assert_finite_differences(&case.start(), &gradients, &case.name, |weights| {
-            let mut engine = fused(&parameters, WIDTH, weights, Isa::chosen());
+            let mut engine = fused(&parameters, SHAPE, weights, Isa::chosen());
             engine.update(&case.minibatch, 0.0).loss
         });
     }
@@ -131,6 +133,7 @@ struct Drawn {
     parameters: Ppo,
     width: usize,
     one_hot: usize,
+    actions: usize,
     stream: Stream,
 }
 
@@ -148,20 +151,21 @@ impl Drawn {
             },
             width: 2 + i as usize % 3,
             one_hot: if i.is_multiple_of(3) { 5 } else { 0 },
+            actions: actions(i as usize, 8),
             stream: Stream::new(i, Purpose::Replay),
         }
     }
 
     fn all() -> impl Iterator<Item = Drawn> {
-        (0..8).map(Drawn::new)
+        (0..12).map(Drawn::new)
     }
 
-    fn inputs(&self) -> usize {
-        self.width + self.one_hot
+    fn shape(&self) -> Shape {
+        Shape { inputs: self.width + self.one_hot, actions: self.actions }
     }
 
     fn weights(&self) -> Weights {
-        orthogonal::initial(&layers::ppo(&self.parameters, self.inputs()), 1, 3).unwrap()
+        orthogonal::initial(&layers::ppo(&self.parameters, self.shape()), 1, 3).unwrap()
     }
 
     fn many(&mut self, count: usize, low: f64, high: f64) -> Vec<f32> {
@@ -180,7 +184,7 @@ impl Drawn {
         let units = self.parameters.units as usize;
         Minibatch {
             observations,
-            actions: (0..rows).map(|_| Action::from_low_bits(self.stream.bits())).collect(),
+            actions: (0..rows).map(|_| Action::uniform(self.stream.bits(), self.actions)).collect(),
             chosen: (0..rows).map(|_| self.stream.below(4) > 0).collect(),
             log_probabilities: self.many(rows, -1.6, -1.2),
             values: self.many(rows, -1.0, 1.0),
@@ -199,11 +203,11 @@ impl Drawn {
 #[test]
 fn fused_ppo_with_a_gru_learns_as_burns_does() {
     for (i, mut case) in Drawn::all().enumerate() {
-        let (weights, inputs, name) = (case.weights(), case.inputs(), format!("case {i}"));
-        let mut fused = fused(&case.parameters, inputs, &weights, Isa::chosen());
-        let mut burn = burn(&case.parameters, inputs, &weights);
+        let (weights, shape, name) = (case.weights(), case.shape(), format!("case {i}"));
+        let mut fused = fused(&case.parameters, shape, &weights, Isa::chosen());
+        let mut burn = burn(&case.parameters, shape, &weights);
         let minibatch = case.minibatch(5, 13);
-        let network = network(&case.parameters, inputs, &weights);
+        let network = network(&case.parameters, shape, &weights);
         let loss = BurnPpo::loss(&network, &minibatch, &case.parameters).loss;
         let expected = gradients(&network, loss).weights();
         assert_weights_close(&fused.gradient(&minibatch), &expected, 1e-5, &name);
@@ -220,10 +224,10 @@ fn fused_ppo_with_a_gru_learns_as_burns_does() {
 #[test]
 fn every_instruction_set_learns_the_gru_to_the_same_bits() {
     for mut case in Drawn::all() {
-        let (weights, inputs) = (case.weights(), case.inputs());
+        let (weights, shape) = (case.weights(), case.shape());
         let minibatch = case.minibatch(5, 6);
         let mut learned = Isa::available().into_iter().map(|isa| {
-            let mut engine = fused(&case.parameters, inputs, &weights, isa);
+            let mut engine = fused(&case.parameters, shape, &weights, isa);
             let losses = [(); 3].map(|()| engine.update(&minibatch, 1e-3).loss.to_bits());
             (losses, engine.weights().to_bytes())
         });
@@ -235,7 +239,7 @@ fn every_instruction_set_learns_the_gru_to_the_same_bits() {
 /// The losses and the gradient of a minibatch.
 fn learned(case: &Drawn, minibatch: &Minibatch) -> ([f32; 5], Weights) {
     let weights = case.weights();
-    let mut engine = fused(&case.parameters, case.inputs(), &weights, Isa::chosen());
+    let mut engine = fused(&case.parameters, case.shape(), &weights, Isa::chosen());
     let gradient = engine.gradient(minibatch);
     (parts(engine.update(minibatch, 0.0)), gradient)
 }

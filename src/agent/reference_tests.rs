@@ -8,6 +8,7 @@ use serde_json::Value;
 
 use crate::agent::burn::device;
 use crate::agent::dueling_dqn::{self, DuelingDqnEngine};
+use crate::agent::layers::Shape;
 use crate::agent::policy::{self, ActionNetwork};
 use crate::agent::reinforce::{ReinforceEngine, Trajectories, returns_to_go};
 use crate::agent::replay::Batch;
@@ -21,6 +22,7 @@ use crate::env::{Action, EpisodeStatus, Observations};
 use crate::kernel::{Adam, Isa};
 
 const WIDTH: usize = 3;
+const SHAPE: Shape = Shape { inputs: WIDTH, actions: 4 };
 
 fn reference() -> Value {
     serde_json::from_str(include_str!("../../tests/data/torch/reference.json")).unwrap()
@@ -177,16 +179,16 @@ impl DqnCase {
     }
 
     fn with_weights(&self, weights: &Weights) -> DuelingQNetwork {
-        DuelingQNetwork::from_weights(&self.parameters, WIDTH, weights, &device::training())
+        DuelingQNetwork::from_weights(&self.parameters, SHAPE, weights, &device::training())
             .unwrap()
     }
 
     fn burn(&self, which: &str) -> BurnDuelingDqn {
-        BurnDuelingDqn::new(&self.parameters, WIDTH, &weights(&self.case[which])).unwrap()
+        BurnDuelingDqn::new(&self.parameters, SHAPE, &weights(&self.case[which])).unwrap()
     }
 
     fn fused(&self, which: &str, isa: Isa) -> FusedDuelingDqn {
-        FusedDuelingDqn::new(&self.parameters, WIDTH, &weights(&self.case[which]), isa).unwrap()
+        FusedDuelingDqn::new(&self.parameters, SHAPE, &weights(&self.case[which]), isa).unwrap()
     }
 
     /// Checks values, targets, loss and three updates of an engine against PyTorch's.
@@ -200,7 +202,7 @@ impl DqnCase {
         engine("target")
             .target_values(&observations(&self.case["batch"]["next_observations"]), &mut out);
         let DuelingDqn { gamma, terminal_target, .. } = self.parameters;
-        let best = out.chunks_exact(Action::COUNT).map(|row| row[policy::best(row).index()]);
+        let best = out.chunks_exact(4).map(|row| row[policy::best(row).index()]);
         let transitions = self.transitions.iter().zip(best);
         let targets: Vec<f32> = transitions
             .map(|(t, best)| dueling_dqn::target(t, best, gamma, terminal_target))
@@ -283,16 +285,16 @@ impl ReinforceCase {
     }
 
     fn with_weights(&self, weights: &Weights) -> PolicyNetwork {
-        PolicyNetwork::from_weights(&self.parameters, WIDTH, weights, &device::training()).unwrap()
+        PolicyNetwork::from_weights(&self.parameters, SHAPE, weights, &device::training()).unwrap()
     }
 
     fn fused(&self, isa: Isa) -> FusedReinforce {
         let weights = weights(&self.case["network"]);
-        FusedReinforce::new(&self.parameters, WIDTH, &weights, isa).unwrap()
+        FusedReinforce::new(&self.parameters, SHAPE, &weights, isa).unwrap()
     }
 
     fn burn(&self) -> BurnReinforce {
-        BurnReinforce::new(&self.parameters, WIDTH, &weights(&self.case["network"])).unwrap()
+        BurnReinforce::new(&self.parameters, SHAPE, &weights(&self.case["network"])).unwrap()
     }
 
     /// Checks probabilities, loss and three updates of an engine against PyTorch's.
@@ -301,7 +303,7 @@ impl ReinforceCase {
         engine.logits(&self.trajectories.observations, &mut logits);
         assert_eq!(evaluated(engine.network(), &self.trajectories.observations), logits);
         let logits = Tensor::<1>::from_floats(logits.as_slice(), &device::inference());
-        let ours = activation::log_softmax(logits.reshape([-1, Action::COUNT as i32]), 1);
+        let ours = activation::log_softmax(logits.reshape([-1, 4]), 1);
         let ours = ours.into_data().try_to_vec::<f32>().unwrap();
         assert_close(&ours, &numbers(&self.case["log_probabilities"]), 1e-6, &self.name);
         let mut update = || {
@@ -370,7 +372,8 @@ pub(super) fn sampled_by(
 ) -> Trajectories {
     let mut sampled = trajectories.clone();
     engine.logits(&sampled.observations, &mut sampled.preferences);
-    policy::exponentials(engine.isa(), &mut sampled.preferences);
+    let count = sampled.preferences.len() / sampled.actions.len();
+    policy::exponentials(engine.isa(), &mut sampled.preferences, count);
     sampled
 }
 

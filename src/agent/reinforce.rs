@@ -15,8 +15,7 @@ use crate::agent::policy::{ActionNetwork, Choice, NetworkActor, sample, sampling
 use crate::agent::unavailable::Unavailable;
 use crate::agent::weights::Weights;
 use crate::env::{
-    Action, ActionProbabilities, EpisodeStatus, LaneSet, LaneStreams, Observations,
-    PhysicalActivity, VectorEnvironment,
+    Action, EpisodeStatus, LaneSet, LaneStreams, Observations, PhysicalActivity, VectorEnvironment,
 };
 use crate::kernel::Isa;
 use crate::key::{Keyed, Kind, keys};
@@ -74,15 +73,15 @@ pub struct Trajectories {
 const TRAJECTORIES: &str = "the trajectories of an update";
 
 impl Trajectories {
-    /// Reserves room for `rows` more rows.
-    fn reserve(&mut self, rows: usize) -> Result<(), OutOfMemory> {
+    /// Reserves room for `rows` more rows of this number of actions.
+    fn reserve(&mut self, rows: usize, actions: usize) -> Result<(), OutOfMemory> {
         let bytes =
             (self.observations.rows() + rows) * self.observations.width() * size_of::<f32>();
         let refused = OutOfMemory { what: TRAJECTORIES, bytes };
         memory::permit(bytes, TRAJECTORIES)?;
         self.observations.try_reserve(rows).map_err(|_| refused)?;
         reserve(&mut self.actions, rows, TRAJECTORIES)?;
-        reserve(&mut self.preferences, rows * Action::COUNT, TRAJECTORIES)
+        reserve(&mut self.preferences, rows * actions, TRAJECTORIES)
     }
 }
 
@@ -208,7 +207,7 @@ impl<E: ReinforceEngine, Env: VectorEnvironment> ReinforceLearner<E, Env> {
             learned,
         } = &mut self.workspace;
         let unavailable = self.parameters.unavailable;
-        let lanes = self.environment.lanes();
+        let (lanes, count) = (self.environment.lanes(), self.environment.action_spec().count);
         if !self.environment.any_running() {
             self.environment.reset(LaneSet::All, &mut self.environment_streams);
             trajectories.observations.clear();
@@ -227,12 +226,12 @@ impl<E: ReinforceEngine, Env: VectorEnvironment> ReinforceLearner<E, Env> {
             self.engine.logits(observations, logits);
             sample(self.engine.isa(), logits, actions, halves, &mut self.exploration_stream);
             if let Some(observer) = &mut observer {
-                let mut probabilities = vec![ActionProbabilities::default(); lanes];
-                sampling_probabilities(logits, &mut probabilities);
+                let mut probabilities = vec![0.0; logits.len()];
+                sampling_probabilities(logits, count, &mut probabilities);
                 unavailable.withhold(&self.environment, actions, &mut probabilities);
                 observer.chosen(&self.environment, actions, &probabilities);
             }
-            trajectories.reserve(lanes)?;
+            trajectories.reserve(lanes, count)?;
             reserve(rewards, lanes, TRAJECTORIES)?;
             reserve(positions, lanes, TRAJECTORIES)?;
             let start = rewards.len();
@@ -251,8 +250,7 @@ impl<E: ReinforceEngine, Env: VectorEnvironment> ReinforceLearner<E, Env> {
                 if run[0] {
                     trajectories.observations.extend(observations, lanes.clone());
                     trajectories.actions.extend_from_slice(&actions[lanes.clone()]);
-                    let preferences =
-                        &logits[lanes.start * Action::COUNT..lanes.end * Action::COUNT];
+                    let preferences = &logits[lanes.start * count..lanes.end * count];
                     trajectories.preferences.extend_from_slice(preferences);
                     positions.push(start + lanes.start..start + lanes.end);
                 }
@@ -342,7 +340,15 @@ impl<E: ReinforceEngine, Env: VectorEnvironment> Resumable for ReinforceLearner<
         self.environment_streams.restore(from)?;
         self.exploration_stream.restore(from)?;
         self.environment.restore(from)?;
-        if self.environment.any_running() { self.workspace.restore(from) } else { Ok(()) }
+        if !self.environment.any_running() {
+            return Ok(());
+        }
+        self.workspace.restore(from)?;
+        let count = self.environment.action_spec().count;
+        let Trajectories { actions, preferences, .. } = &self.workspace.trajectories;
+        let fits = preferences.len() == actions.len() * count
+            && actions.iter().all(|action| action.index() < count);
+        if fits { Ok(()) } else { Err(StateError::Misfit("trajectories")) }
     }
 }
 
@@ -376,7 +382,6 @@ impl Resumable for Workspace {
         let paid = self.rewards.len();
         let fits = starts.len() == ends.len()
             && actions.len() == rows
-            && preferences.len() == rows * Action::COUNT
             && paid.is_multiple_of(self.lengths.len())
             && self.positions.iter().all(|rows| rows.start <= rows.end && rows.end <= paid)
             && self.positions.iter().map(Range::len).sum::<usize>() == rows;

@@ -47,8 +47,8 @@ pub struct Batch {
 /// The latest transitions; once `capacity` is reached, new ones overwrite the oldest.
 ///
 /// The buffer grows as it fills. It stores only the state before a transition. The state after it
-/// is the state before its successor, unless the episode ended. A transition takes 9 bytes, plus 4
-/// per feature, plus 2 for the moment if observations have a one-hot of time: 21 bytes in `P-H-D`.
+/// is the state before its successor, unless the episode ended. A transition takes 10 bytes, plus
+/// 4 per feature, plus 2 for the moment if observations have a one-hot of time: 22 bytes in `P-H-D`.
 /// With standard targets, a truncated transition takes about 150 bytes more.
 #[derive(Clone, Debug)]
 pub struct Replay {
@@ -60,8 +60,8 @@ pub struct Replay {
     features: Vec<f32>,
     moments: Vec<u16>,
     rewards: Vec<f32>,
-    /// Action and status, two bits each, and whether the next action is withheld.
-    steps: Vec<u8>,
+    /// Whether the next action is withheld, status and action: one, two and eight bits.
+    steps: Vec<u16>,
     /// Regression targets; NaN if unknown.
     targets: Vec<f32>,
     /// Positions whose target has been set since targets were last cleared.
@@ -143,6 +143,11 @@ impl Replay {
     /// Number of stored transitions.
     pub fn len(&self) -> usize {
         self.steps.len()
+    }
+
+    /// Whether all stored actions are among the first `count`.
+    pub(super) fn fits(&self, count: usize) -> bool {
+        self.steps.iter().all(|step| unpack(*step, 0.0).action.index() < count)
     }
 
     /// Whether no transition is stored.
@@ -283,16 +288,17 @@ fn put<T: Copy>(values: &mut Vec<T>, at: usize, new: &[T]) -> Result<(), OutOfMe
     Ok(())
 }
 
-fn pack(transition: &Transition) -> u8 {
+fn pack(transition: &Transition) -> u16 {
     let Transition { action, status, is_withheld, .. } = transition;
-    action.index() as u8 | status.number() << 2 | u8::from(*is_withheld) << 4
+    u16::from(*is_withheld) | u16::from(status.number()) << 1 | (action.index() as u16) << 3
 }
 
-fn unpack(step: u8, reward: f32) -> Transition {
+fn unpack(step: u16, reward: f32) -> Transition {
+    let number = (step >> 1 & 3) as u8;
     // A status above 2 can only come from a damaged state.
-    let status = EpisodeStatus::from_number(step >> 2 & 3).unwrap_or(EpisodeStatus::Truncated);
-    let action = Action::from_low_bits(step.into());
-    Transition { action, reward, status, is_withheld: step >> 4 != 0 }
+    let status = EpisodeStatus::from_number(number).unwrap_or(EpisodeStatus::Truncated);
+    let action = Action::from_index(usize::from(step >> 3 & 255)).expect("eight bits");
+    Transition { action, reward, status, is_withheld: step & 1 != 0 }
 }
 
 /// The positions of a draw: a hash table with linear probing and at least four slots per position.

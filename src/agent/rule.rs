@@ -5,8 +5,8 @@ use std::io;
 use crate::agent::actor::Actor;
 use crate::agent::unavailable::certain;
 use crate::env::{
-    Action, ActionProbabilities, Belief, EpisodeStatus, FirstContext, PhysicalActivity, Scenario,
-    StepCount, VectorEnvironment,
+    Action, Belief, EpisodeStatus, FirstContext, OPTIONS, PhysicalActivity, Scenario, StepCount,
+    VectorEnvironment,
 };
 use crate::key::{KeyType, Keyed, Kind, choices, keys};
 use crate::optimum::{NoOptimum, OptimalPolicy};
@@ -113,7 +113,7 @@ impl RulePolicy {
             Choice::Tailored => tailored,
             Choice::Threshold(least) if zero.max(1.0 - zero) >= *least => tailored,
             Choice::Threshold(_) => Action::NONE,
-            Choice::Random => Action::from_low_bits(stream.bits()),
+            Choice::Random => Action::uniform(stream.bits(), OPTIONS),
             // After the end of an episode, nothing remains to plan.
             Choice::Optimal(_) if lanes.statuses()[lane] != EpisodeStatus::Running => Action::NONE,
             Choice::Optimal(policy) => {
@@ -124,12 +124,12 @@ impl RulePolicy {
         }
     }
 
-    /// The probabilities of the actions, of which the rule chose `action`.
-    fn probabilities(&self, action: Action) -> ActionProbabilities {
+    /// Writes the probabilities of the actions, of which the rule chose `action`.
+    fn write_probabilities(&self, action: Action, probabilities: &mut [f64]) {
         match self.choice {
-            Choice::Random => [1.0 / Action::COUNT as f64; Action::COUNT],
+            Choice::Random => probabilities.fill(1.0 / probabilities.len() as f64),
             Choice::Always(_) | Choice::Tailored | Choice::Threshold(_) | Choice::Optimal(_) => {
-                certain(action)
+                certain(action, probabilities);
             }
         }
     }
@@ -181,14 +181,14 @@ impl Actor for RulePolicy {
         environment: &PhysicalActivity,
         stream: &mut Stream,
         actions: &mut [Action],
-        probabilities: Option<&mut [ActionProbabilities]>,
+        probabilities: Option<&mut [f64]>,
     ) {
         for (lane, action) in actions.iter_mut().enumerate() {
             *action = self.choose(environment, lane, stream);
         }
         if let Some(probabilities) = probabilities {
-            let each = probabilities.iter_mut().zip(&*actions);
-            each.for_each(|(probabilities, action)| *probabilities = self.probabilities(*action));
+            let rows = probabilities.chunks_exact_mut(OPTIONS).zip(&*actions);
+            rows.for_each(|(row, action)| self.write_probabilities(*action, row));
         }
     }
 }
@@ -280,10 +280,15 @@ mod tests {
             let mut actions_stream = Stream::new(1, Purpose::TestActions);
             let mut policy = RulePolicy::new(&rule, &environment, &scenario).unwrap();
             let (mut actions, mut rewards) = ([Action::NONE; 2], [0.0; 2]);
-            let mut probabilities = [[0.0; Action::COUNT]; 2];
+            let mut probabilities = [[0.0; OPTIONS]; 2];
             lanes.reset(LaneSet::All, &mut streams);
             for step in 0..6 {
-                policy.act(&lanes, &mut actions_stream, &mut actions, Some(&mut probabilities));
+                policy.act(
+                    &lanes,
+                    &mut actions_stream,
+                    &mut actions,
+                    Some(probabilities.as_flattened_mut()),
+                );
                 for (p, action) in probabilities.iter().zip(&actions) {
                     assert!((0.25..=1.0).contains(&p[action.index()]), "{rule:?}");
                     assert_eq!(p.iter().sum::<f64>(), 1.0, "{rule:?}");

@@ -5,7 +5,7 @@
 //! and Ontañón, "A closer look at invalid action masking in policy gradient algorithms", 2022); for
 //! Q-learning, the maximum over the actions that are possible in the next state.
 
-use crate::env::{Action, ActionProbabilities, VectorEnvironment};
+use crate::env::{Action, VectorEnvironment};
 use crate::key::choices;
 
 /// Name of the key.
@@ -31,39 +31,40 @@ impl Unavailable {
         }
     }
 
-    /// The choice in a lane with its probabilities: action 0 with probability 1 where the agent does not
-    /// choose.
+    /// The choice of `action` in a lane: action 0 where the agent does not choose. The probabilities of such a
+    /// choice, \[actions\], are replaced in place.
     pub fn choice<Env: VectorEnvironment + ?Sized>(
         self,
         environment: &Env,
         lane: usize,
-        (action, probabilities): (Action, ActionProbabilities),
-    ) -> (Action, ActionProbabilities) {
-        match self.chooses(environment, lane) {
-            true => (action, probabilities),
-            false => (Action::NONE, certain(Action::NONE)),
+        action: Action,
+        probabilities: &mut [f64],
+    ) -> Action {
+        if self.chooses(environment, lane) {
+            return action;
         }
+        certain(Action::default(), probabilities);
+        Action::default()
     }
 
     /// Replaces choices that the agent does not make by action 0 with probability 1.
     ///
-    /// **Shapes**: `actions` and `probabilities` are \[lanes\].
+    /// **Shapes**: `actions` is \[lanes\], `probabilities` is \[lanes, actions\].
     pub fn withhold<Env: VectorEnvironment + ?Sized>(
         self,
         environment: &Env,
         actions: &mut [Action],
-        probabilities: &mut [ActionProbabilities],
+        probabilities: &mut [f64],
     ) {
-        for (lane, choice) in actions.iter_mut().zip(probabilities).enumerate() {
-            let (action, probabilities) = choice;
-            (*action, *probabilities) = self.choice(environment, lane, (*action, *probabilities));
+        let rows = probabilities.chunks_exact_mut(probabilities.len() / actions.len());
+        for (lane, (action, row)) in actions.iter_mut().zip(rows).enumerate() {
+            *action = self.choice(environment, lane, *action, row);
         }
     }
 }
 
-/// The probabilities of a choice that is certain.
-pub fn certain(action: Action) -> ActionProbabilities {
-    let mut probabilities = [0.0; Action::COUNT];
+/// Writes the probabilities of a choice that is certain.
+pub fn certain(action: Action, probabilities: &mut [f64]) {
+    probabilities.fill(0.0);
     probabilities[action.index()] = 1.0;
-    probabilities
 }

@@ -14,8 +14,8 @@ use crate::cli::setting::preset;
 use crate::cli::steps::{Step, StepRows};
 use crate::cli::{Error, Exit};
 use crate::env::{
-    Action, ActionProbabilities, ContextDraw, EpisodeStatus, Feature, ForcedNoise, LaneSet,
-    LaneStreams, PhysicalActivity, Scenario, StateNoise, StepCount, StepNoise, VectorEnvironment,
+    Action, ContextDraw, EpisodeStatus, Feature, ForcedNoise, LaneSet, LaneStreams, OPTIONS,
+    PhysicalActivity, Scenario, StateNoise, StepCount, StepNoise, VectorEnvironment,
 };
 use crate::key::Keyed;
 use crate::rng::{Purpose, Stream};
@@ -149,11 +149,14 @@ impl Actor for RecordedActions {
         _: &PhysicalActivity,
         _: &mut Stream,
         actions: &mut [Action],
-        probabilities: Option<&mut [ActionProbabilities]>,
+        probabilities: Option<&mut [f64]>,
     ) {
         let action = self.actions[self.taken];
         actions.fill(action);
-        probabilities.into_iter().for_each(|probabilities| probabilities.fill(certain(action)));
+        if let Some(probabilities) = probabilities {
+            let rows = probabilities.chunks_exact_mut(OPTIONS);
+            rows.for_each(|row| certain(action, row));
+        }
     }
 
     fn observe(&mut self, _: &PhysicalActivity, _: &[f64]) {

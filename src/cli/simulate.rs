@@ -17,8 +17,8 @@ use crate::cli::setting::adjusted;
 use crate::cli::steps::{Step, StepRows};
 use crate::cli::{Error, Exit, StoreArgument, replay};
 use crate::env::{
-    Action, ActionProbabilities, EpisodeStatus, Observer, PhysicalActivity, Population, Scenario,
-    StepCount, VectorEnvironment,
+    Action, EpisodeStatus, Observer, PhysicalActivity, Population, Scenario, StepCount,
+    VectorEnvironment,
 };
 use crate::store::{Reader, StoreError};
 use crate::train::{self, RollStreams, StepObserver};
@@ -229,14 +229,9 @@ struct Steps {
 }
 
 impl StepObserver<PhysicalActivity> for Steps {
-    fn chosen(
-        &mut self,
-        lanes: &PhysicalActivity,
-        actions: &[Action],
-        probabilities: &[ActionProbabilities],
-    ) {
-        let choice = (actions[0], probabilities[0]);
-        let (chosen, probabilities) = self.unavailable.choice(lanes, 0, choice);
+    fn chosen(&mut self, lanes: &PhysicalActivity, actions: &[Action], probabilities: &[f64]) {
+        let mut probabilities = probabilities.to_vec();
+        let chosen = self.unavailable.choice(lanes, 0, actions[0], &mut probabilities);
         let step = Step::chosen(lanes, chosen);
         let taken = if step.can_send { probabilities[chosen.index()] } else { 1.0 };
         self.steps.push(Step { probability: Some(taken), ..step });

@@ -14,7 +14,8 @@ use crate::state::{StateReader, StateWriter};
 /// A clause of the contract.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Clause {
-    /// Lanes, statuses and observations have the requested and specified sizes, and there are 1 to 4 actions.
+    /// Lanes, statuses and observations have the requested and specified sizes, and there are 2 to 256
+    /// actions.
     Shapes,
     /// All lanes of a new environment have ended, and a reset starts them.
     Reset,
@@ -153,8 +154,8 @@ impl<Env: VectorEnvironment> Walk<Env> {
             return broken(Clause::Reset, "a lane runs before its first reset".to_owned());
         }
         let count = environment.action_spec().count;
-        if !(1..=Action::COUNT).contains(&count) {
-            return broken(Clause::Shapes, format!("{count} actions are not 1 to 4"));
+        if !Action::COUNTS.contains(&count) {
+            return broken(Clause::Shapes, format!("{count} actions are not 2 to 256"));
         }
         let streams = |purpose| seeds.iter().map(move |seed| Stream::new(*seed, purpose)).collect();
         let mut walk = Walk {
@@ -181,7 +182,7 @@ impl<Env: VectorEnvironment> Walk<Env> {
         for (lane, action) in self.actions.iter_mut().enumerate() {
             if self.environment.statuses()[lane] == EpisodeStatus::Running {
                 let index = self.choices[lane].below(self.count) as usize;
-                *action = Action::from_index(index).expect("at most four");
+                *action = Action::from_index(index).expect("at most 256 actions");
             }
         }
         self.environment.step(&self.actions, &mut self.rewards, &mut self.streams);

@@ -150,7 +150,7 @@ mod tests {
                 assert_eq!(row.row(lane), all[all.len() - 3..].concat(), "step {step}");
             }
             moved = [0, 1].map(|lane| plain.statuses()[lane] == EpisodeStatus::Running);
-            let actions = [Action::from_low_bits(step), Action::from_low_bits(2 + step / 3)];
+            let actions = [Action::uniform(step, 4), Action::uniform(2 + step / 3, 4)];
             plain.step(&actions, &mut rewards, &mut one);
             stacked.step(&actions, &mut rewards, &mut other);
             if step == 20 {
@@ -184,7 +184,7 @@ mod tests {
             );
             for action in [1, 3, 0] {
                 let before = seen(&lane).row(0)[3..].to_vec();
-                let actions = [Action::from_low_bits(action)];
+                let actions = [Action::uniform(action, 4)];
                 if is_forced {
                     lane.force_step(&noise, &actions, &mut [0.0]);
                 } else {

@@ -19,5 +19,5 @@ pub use history::History;
 pub use observation::{FeatureSpec, ObservationSpec, Observations};
 pub use step_count::*;
 pub use vector::{
-    Action, ActionProbabilities, ActionSpec, EpisodeStatus, LaneSet, LaneStreams, VectorEnvironment,
+    Action, ActionSpec, EpisodeStatus, Interface, LaneSet, LaneStreams, VectorEnvironment,
 };

@@ -3,38 +3,44 @@
 //! Learners, rollouts and actors are generic over [`VectorEnvironment`]; the simulation of the paper is one
 //! implementation. [`crate::env::contract`] tests any implementation.
 
+use std::ops::RangeInclusive;
+
 use crate::env::observation::{ObservationSpec, Observations};
 use crate::rng::{Companion, Stream};
-use crate::state::{Resumable, StateError, StateReader, StateWriter};
+use crate::state::{Resumable, StateError, StateReader, StateWriter, resumable};
 
-/// An action, by its number from 0 to 3; 0 by default.
+/// An action, by its number among the actions of an environment; 0 by default.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[repr(transparent)]
 pub struct Action(pub(super) u8);
 
 impl Action {
-    /// The number of actions that agents choose among.
-    pub const COUNT: usize = 4;
+    /// The numbers of actions that environments can have.
+    pub const COUNTS: RangeInclusive<usize> = 2..=256;
 
-    /// The action of this number; `None` above 3.
+    /// The action of this number; `None` above 255.
     pub fn from_index(index: usize) -> Option<Action> {
-        (index < Action::COUNT).then_some(Action(index as u8))
+        u8::try_from(index).ok().map(Action)
     }
 
-    /// The action given by the two lowest bits.
-    pub fn from_low_bits(bits: u64) -> Action {
-        Action((bits & 3) as u8)
+    /// The action that a random word chooses among the first `count`, in [`Action::COUNTS`], each equally likely.
+    ///
+    /// A power of two reads the lowest bits of the word. Any other number multiplies and shifts the whole word, so
+    /// that probabilities differ by at most 2^-64.
+    pub fn uniform(word: u64, count: usize) -> Action {
+        if count.is_power_of_two() {
+            return Action((word & (count as u64 - 1)) as u8);
+        }
+        Action((u128::from(word) * count as u128 >> 64) as u8)
     }
 
-    /// The number of the action, 0 to 3.
+    /// The number of the action, from 0.
     pub fn index(self) -> usize {
         usize::from(self.0)
     }
 }
 
-/// The probability of every action in one choice, by the action's number. Where only the chosen action's
-/// probability is known, the others are NaN.
-pub type ActionProbabilities = [f64; Action::COUNT];
+resumable!([] Action { 0 });
 
 /// Whether an episode is running, and how it ended if not.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -194,12 +200,21 @@ impl Resumable for LaneStreams {
 /// The actions of an environment and the bounds of its rewards.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ActionSpec {
-    /// The number of discrete actions. The agents of this crate need exactly [`Action::COUNT`].
+    /// The number of discrete actions, in [`Action::COUNTS`].
     pub count: usize,
     /// The smallest reward of a step.
     pub lowest_reward: f64,
     /// The largest reward of a step.
     pub highest_reward: f64,
+}
+
+/// What an agent sees and chooses among.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Interface {
+    /// The specification of observations.
+    pub observations: ObservationSpec,
+    /// The number of actions.
+    pub actions: usize,
 }
 
 /// Many episodes of a simulation, one per lane.
@@ -221,6 +236,11 @@ pub trait VectorEnvironment: Resumable {
 
     /// The specification of observations.
     fn observation_spec(&self) -> ObservationSpec;
+
+    /// What an agent sees and chooses among.
+    fn interface(&self) -> Interface {
+        Interface { observations: self.observation_spec(), actions: self.action_spec().count }
+    }
 
     /// Starts a new episode in these lanes and leaves the other lanes unchanged. Draws for these lanes only,
     /// in lane order.

@@ -81,7 +81,7 @@ pub enum Phase {
 }
 
 /// One step of an episode: observation, action with its probability, and reward.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct Decision {
     /// Whether the episode belongs to the training or to the test.
     pub phase: Phase,
@@ -103,13 +103,13 @@ pub struct Decision {
     pub available: bool,
     /// Whether a message could be sent; where it could not, the action taken is 0.
     pub can_send: bool,
-    /// Action that the agent chose, 0 to 3.
+    /// Number of the action that the agent chose.
     pub chosen: u8,
-    /// Action taken, 0 to 3.
+    /// Number of the action taken.
     pub action: u8,
     /// Probabilities of all actions when the agent chose. All but the chosen action's are NaN where only
     /// this one is known.
-    pub probabilities: [f64; 4],
+    pub probabilities: Box<[f64]>,
     /// Reward, in steps walked.
     pub reward: f64,
 }

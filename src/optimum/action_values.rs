@@ -28,7 +28,7 @@ impl ActionValues {
         ];
         let better =
             |best: usize, other: usize| if values[other] > values[best] { other } else { best };
-        let best = (1..Action::COUNT).fold(0, better);
+        let best = (1..values.len()).fold(0, better);
         Action::from_index(best).expect("one value per action")
     }
 }

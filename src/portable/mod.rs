@@ -83,8 +83,7 @@ pub fn network_of(stored: &StoredWeights) -> Result<(Weights, NetworkPolicy), Po
     };
     let bytes = stored.safetensors.as_ref().ok_or_else(|| refused(WeightsError::NoNetwork))?;
     let weights = Weights::from_bytes(bytes).map_err(refused)?;
-    let inputs = stored.job.task().observations().inputs();
-    let policy = stored.job.agent.network(inputs, &weights).map_err(refused)?;
+    let policy = stored.job.agent.network(stored.job.task().shape(), &weights).map_err(refused)?;
     if policy.network.memory() > 0 {
         return Err(PortableError::HasMemory { key: key() });
     }
@@ -102,8 +101,7 @@ pub fn portable(stored: &StoredWeights) -> Result<PortablePolicy, PortableError>
         key: stored.job_key.to_string(),
         algorithm: stored.job.algorithm(),
     })?;
-    let inputs = stored.job.task().observations().inputs();
-    let onnx = onnx::model(&weights, (&architecture, choice), inputs);
+    let onnx = onnx::model(&weights, (&architecture, choice), stored.job.task().shape());
     let weights = weights.to_bytes();
     let files = [&weights[..], &onnx[..]];
     let description = description::describe(stored, (&architecture, choice), files);

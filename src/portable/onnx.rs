@@ -6,8 +6,7 @@
 //!
 //! **Source**: `onnx.proto3` of ONNX 1.10 (IR version 8), operators of opset 13.
 
-use crate::agent::{Activation, Architecture, Choice, WeightTensor, Weights};
-use crate::env::Action;
+use crate::agent::{Activation, Architecture, Choice, Shape, WeightTensor, Weights};
 
 use super::protobuf::Message;
 
@@ -89,10 +88,10 @@ impl Graph {
     }
 
     /// Adds the probabilities of epsilon-greedy choices; the best actions must have been added.
-    fn epsilon_greedy(&mut self, epsilon: f64) {
-        let explored = epsilon / Action::COUNT as f64;
+    fn epsilon_greedy(&mut self, epsilon: f64, actions: usize) {
+        let explored = epsilon / actions as f64;
         let chosen = 1.0 - epsilon + explored;
-        self.constant("actions", &[1], INT64, &(Action::COUNT as i64).to_le_bytes());
+        self.constant("actions", &[1], INT64, &(actions as i64).to_le_bytes());
         self.reals("explored_and_chosen", &[2], &[explored as f32, chosen as f32]);
         let inputs = [BEST, "actions", "explored_and_chosen"];
         self.node("OneHot", &inputs, PROBABILITIES, &[]);
@@ -113,7 +112,7 @@ fn tensor(name: &str, element: u64, columns: Option<usize>) -> Message {
 pub(super) fn model(
     weights: &Weights,
     (architecture, choice): (&Architecture, Choice),
-    inputs: usize,
+    shape: Shape,
 ) -> Vec<u8> {
     let mut graph = Graph::default();
     let activation = match architecture.activation {
@@ -139,7 +138,7 @@ pub(super) fn model(
             graph.node("Add", &[value, "advantage.centred"], VALUES, &[]);
             let best = [along_actions(), Attribute::Int("keepdims", 0)];
             graph.node("ArgMax", &[VALUES], BEST, &best);
-            graph.epsilon_greedy(epsilon);
+            graph.epsilon_greedy(epsilon, shape.actions);
         }
         (_, heads) => {
             let logits: Vec<&str> = heads.iter().map(String::as_str).collect();
@@ -150,15 +149,15 @@ pub(super) fn model(
         }
     }
     let outputs = [
-        tensor(VALUES, FLOAT, Some(Action::COUNT)),
-        tensor(PROBABILITIES, FLOAT, Some(Action::COUNT)),
+        tensor(VALUES, FLOAT, Some(shape.actions)),
+        tensor(PROBABILITIES, FLOAT, Some(shape.actions)),
         tensor(BEST, INT64, None),
     ];
     let graph = Message::default()
         .messages(1, &graph.nodes)
         .bytes(2, "policy")
         .messages(5, &graph.initializers)
-        .message(11, &tensor(OBSERVATIONS, FLOAT, Some(inputs)))
+        .message(11, &tensor(OBSERVATIONS, FLOAT, Some(shape.inputs)))
         .messages(12, &outputs);
     let opset = Message::default().bytes(1, "").number(2, OPSET);
     Message::default()

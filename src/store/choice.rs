@@ -51,7 +51,7 @@ pub(super) fn insert(
 /// The probabilities of all actions as JSON: a list per step, or null if they are not known.
 fn probabilities(steps: &[Decision]) -> rusqlite::Result<String> {
     let each = steps.iter().map(|decision| {
-        let all = decision.probabilities;
+        let all = &decision.probabilities;
         // Numbers have the shortest form that reads back as the same number.
         if all.iter().all(|p| p.is_finite()) { Json::from(all.to_vec()) } else { Json::Null }
     });

@@ -3,7 +3,7 @@
 use std::io;
 
 use crate::agent::{OutOfMemory, StepObserver, Unavailable, reserve};
-use crate::env::{Action, ActionProbabilities, EpisodeStatus, PhysicalActivity, VectorEnvironment};
+use crate::env::{Action, EpisodeStatus, PhysicalActivity, VectorEnvironment};
 use crate::job::{Decision, ParticipantValue, Phase};
 use crate::state::{Resumable, StateError, StateReader, StateWriter};
 
@@ -67,12 +67,8 @@ impl DecisionLog {
 }
 
 impl StepObserver<PhysicalActivity> for DecisionLog {
-    fn chosen(
-        &mut self,
-        lanes: &PhysicalActivity,
-        actions: &[Action],
-        probabilities: &[ActionProbabilities],
-    ) {
+    fn chosen(&mut self, lanes: &PhysicalActivity, actions: &[Action], probabilities: &[f64]) {
+        let count = probabilities.len() / actions.len();
         self.acting.clear();
         self.episodes.resize(lanes.lanes(), 0);
         match reserve(&mut self.decisions, lanes.lanes(), "the record of decisions") {
@@ -87,8 +83,8 @@ impl StepObserver<PhysicalActivity> for DecisionLog {
             let draw = lanes.context(lane);
             let shown = lanes.parameters().observed_probability;
             let zero = draw.probability_of_zero;
-            let choice = (actions[lane], probabilities[lane]);
-            let (chosen, probabilities) = self.unavailable.choice(lanes, lane, choice);
+            let mut row = probabilities[lane * count..(lane + 1) * count].to_vec();
+            let chosen = self.unavailable.choice(lanes, lane, actions[lane], &mut row);
             let episode = self.episode(lane, step);
             if step == 0 && self.phase == Phase::Train {
                 let phase = self.phase;
@@ -109,7 +105,7 @@ impl StepObserver<PhysicalActivity> for DecisionLog {
                 can_send: lanes.can_send(lane),
                 chosen: chosen.index() as u8,
                 action: lanes.taken(lane, chosen).index() as u8,
-                probabilities,
+                probabilities: row.into(),
                 reward: 0.0,
             };
             self.decisions.push(decision);
@@ -143,7 +139,7 @@ impl Resumable for DecisionLog {
             out.one(u8::from(decision.can_send))?;
             out.one(decision.chosen)?;
             out.one(decision.action)?;
-            decision.probabilities.iter().try_for_each(|probability| out.one(*probability))?;
+            out.many(&decision.probabilities)?;
             out.one(decision.reward)
         })?;
         out.each(self.participants.iter(), |out, value| {
@@ -171,7 +167,7 @@ impl Resumable for DecisionLog {
                 can_send: from.one::<u8>()? != 0,
                 chosen: from.one()?,
                 action: from.one()?,
-                probabilities: [from.one()?, from.one()?, from.one()?, from.one()?],
+                probabilities: from.many(*Action::COUNTS.end(), WHAT)?.into(),
                 reward: from.one()?,
             })
         })?;

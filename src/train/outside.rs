@@ -13,7 +13,7 @@ mod testing;
 use serde_json::{Map, Value as Json, json};
 
 use crate::agent::External;
-use crate::env::{Action, Population};
+use crate::env::Population;
 use crate::external::{FromProgram, LONGEST_LINE, PROTOCOL, Program, ProgramError, ToProgram};
 use crate::job::{Job, Outcome, counted};
 use crate::key::{Keyed, Value};
@@ -149,7 +149,7 @@ fn assignment(job: &Job, external: &External) -> Json {
         "scenario": job.scenario.to_string(),
         "history": job.agent.history(),
         "observation": features.chain(moments).collect::<Vec<_>>(),
-        "actions": Action::COUNT,
+        "actions": job.task().interface().actions,
         "horizon": job.environment.horizon,
         "longest_episode": job.environment.longest_episode(),
         "environment": job.environment.to_json(),

@@ -1,13 +1,9 @@
 //! Rolling an actor through episodes, for tests and for `simulate`.
 
-use std::io;
-
 use crate::agent::{Actor, StepObserver};
-use crate::env::{
-    Action, ActionProbabilities, LaneSet, LaneStreams, Observations, VectorEnvironment,
-};
+use crate::env::{Action, LaneSet, LaneStreams, Observations, VectorEnvironment};
 use crate::rng::{Purpose, Stream};
-use crate::state::{Resumable, StateError, StateReader, StateWriter};
+use crate::state::resumable;
 
 /// The random streams of rolled episodes.
 #[derive(Clone, Debug)]
@@ -28,17 +24,7 @@ impl RollStreams {
     }
 }
 
-impl Resumable for RollStreams {
-    fn save(&self, out: &mut StateWriter<'_>) -> io::Result<()> {
-        self.environment.save(out)?;
-        self.actions.save(out)
-    }
-
-    fn restore(&mut self, from: &mut StateReader<'_>) -> Result<(), StateError> {
-        self.environment.restore(from)?;
-        self.actions.restore(from)
-    }
-}
+resumable!([] RollStreams { environment, actions });
 
 /// Begins an episode in every lane.
 pub fn begin<Env: VectorEnvironment + ?Sized>(
@@ -59,7 +45,7 @@ pub fn roll<Env: VectorEnvironment + ?Sized>(
     observer: &mut impl StepObserver<Env>,
 ) {
     let mut actions = vec![Action::default(); environment.lanes()];
-    let mut probabilities = vec![ActionProbabilities::default(); environment.lanes()];
+    let mut probabilities = vec![0.0; actions.len() * environment.action_spec().count];
     let mut rewards = vec![0.0; environment.lanes()];
     while environment.any_running() && !observer.stop_requested() {
         let chosen_with = Some(&mut probabilities[..]);
@@ -81,7 +67,7 @@ pub(super) fn roll_by<Env: VectorEnvironment + ?Sized, E>(
     observer: &mut impl StepObserver<Env>,
 ) -> Result<(), E> {
     let mut actions = vec![Action::default(); environment.lanes()];
-    let mut probabilities = vec![ActionProbabilities::default(); environment.lanes()];
+    let mut probabilities = vec![0.0; actions.len() * environment.action_spec().count];
     let mut rewards = vec![0.0; environment.lanes()];
     while environment.any_running() && !observer.stop_requested() {
         choose(environment, &mut streams.actions, &mut actions, &mut probabilities)?;
@@ -94,7 +80,7 @@ pub(super) fn roll_by<Env: VectorEnvironment + ?Sized, E>(
 
 /// Chooses actions and returns their probabilities, like [`Actor::act`].
 pub(super) type Choose<'a, Env, E> =
-    dyn FnMut(&Env, &mut Stream, &mut [Action], &mut [ActionProbabilities]) -> Result<(), E> + 'a;
+    dyn FnMut(&Env, &mut Stream, &mut [Action], &mut [f64]) -> Result<(), E> + 'a;
 
 /// The record of rolled episodes. Row t · lanes + l of every array belongs to step t of lane l. The rewards
 /// of ended lanes are 0.
@@ -120,7 +106,7 @@ impl Rollout {
 }
 
 impl<Env: VectorEnvironment + ?Sized> StepObserver<Env> for Rollout {
-    fn chosen(&mut self, environment: &Env, actions: &[Action], _: &[ActionProbabilities]) {
+    fn chosen(&mut self, environment: &Env, actions: &[Action], _: &[f64]) {
         environment.observe(&mut self.present);
         self.observations.extend(&self.present, 0..self.lanes);
         self.actions.extend_from_slice(actions);

@@ -4,8 +4,8 @@ use std::io;
 
 use crate::agent::{Actor, OutOfMemory, StepObserver, reserve_exact};
 use crate::env::{
-    Action, ActionProbabilities, ContextDraw, EpisodeStatus, LaneSet, ParticipantSampler,
-    PhysicalActivity, VectorEnvironment,
+    Action, ContextDraw, EpisodeStatus, LaneSet, OPTIONS, ParticipantSampler, PhysicalActivity,
+    VectorEnvironment,
 };
 use crate::job::Job;
 use crate::job::{
@@ -236,12 +236,7 @@ struct Player<'a> {
 }
 
 impl StepObserver<PhysicalActivity> for Player<'_> {
-    fn chosen(
-        &mut self,
-        lanes: &PhysicalActivity,
-        actions: &[Action],
-        probabilities: &[ActionProbabilities],
-    ) {
+    fn chosen(&mut self, lanes: &PhysicalActivity, actions: &[Action], probabilities: &[f64]) {
         if let Some(log) = &mut self.log {
             log.chosen(lanes, actions, probabilities);
         }
@@ -353,7 +348,7 @@ impl Tested {
 
 /// The number of choices by \[bin, context, action\].
 #[derive(Default)]
-struct ActionCounts([[[u64; Action::COUNT]; 2]; PROBABILITY_BINS]);
+struct ActionCounts([[[u64; OPTIONS]; 2]; PROBABILITY_BINS]);
 
 impl ActionCounts {
     fn add(&mut self, draw: &ContextDraw, action: Action) {

@@ -182,9 +182,9 @@ pub(super) fn assemble(
     first: impl FnOnce(&Tested, &CurveRecorder) -> Vec<Metric>,
     weights: Option<Vec<u8>>,
 ) -> Results {
-    let tested = test.finish();
+    let mut tested = test.finish();
     let (mut decisions, mut participants) = log.map(DecisionLog::finish).unwrap_or_default();
-    decisions.extend(tested.decisions.iter());
+    decisions.append(&mut tested.decisions);
     let mut metrics = tested.metrics();
     metrics.extend(first(&tested, &curve));
     participants.extend(tested.participants.iter());
@@ -257,7 +257,6 @@ mod tests {
 
     use super::*;
     use crate::agent::{Agent, DecisionRule, RuleParameters};
-    use crate::env::ActionProbabilities;
     use crate::env::{Action, LaneSet, PhysicalActivity, Population, StepCount, VectorEnvironment};
     use crate::job::Evaluation;
     use crate::rng::Stream;
@@ -285,17 +284,17 @@ mod tests {
             environment: &PhysicalActivity,
             stream: &mut Stream,
             actions: &mut [Action],
-            probabilities: Option<&mut [ActionProbabilities]>,
+            probabilities: Option<&mut [f64]>,
         ) {
             self.steps.resize(environment.lanes(), 0);
             self.recent.resize(environment.lanes(), 0.0);
             let memory = self.steps.iter_mut().zip(&self.recent);
             for (action, (steps, recent)) in actions.iter_mut().zip(memory) {
                 let number = u64::from(*steps) + *recent as u64 + u64::from(self.good / 7);
-                *action = Action::from_low_bits(number + stream.bits() % 3);
+                *action = Action::uniform(number + stream.bits() % 3, 4);
                 *steps += 1;
             }
-            probabilities.expect("a roll asks for them").fill([1.0 / 3.0; Action::COUNT]);
+            probabilities.expect("a roll asks for them").fill(1.0 / 3.0);
         }
 
         fn observe(&mut self, _: &PhysicalActivity, rewards: &[f64]) {

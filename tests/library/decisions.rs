@@ -58,7 +58,7 @@ fn results(job: &Job) -> Results {
 /// The episodes of a phase, each with its steps.
 fn episodes(results: &Results, phase: Phase) -> Vec<Vec<Decision>> {
     let of_phase: Vec<Decision> =
-        results.decisions.iter().filter(|decision| decision.phase == phase).copied().collect();
+        results.decisions.iter().filter(|decision| decision.phase == phase).cloned().collect();
     of_phase.chunk_by(|one, next| one.episode == next.episode).map(<[Decision]>::to_vec).collect()
 }
 
@@ -144,14 +144,14 @@ fn a_decision_says_what_was_seen_before_the_step_and_what_it_paid() {
     let (zero, one) = (results(&shown_zero), results(&shown_one));
     for (zero, one) in zero.decisions.iter().zip(&one.decisions) {
         assert_eq!(one.probability, 1.0 - zero.probability);
-        assert_eq!(Decision { probability: zero.probability, ..*one }, *zero);
+        assert_eq!(Decision { probability: zero.probability, ..(*one).clone() }, *zero);
     }
     for steps in episodes(&zero, Phase::Test) {
-        let first = steps[0];
+        let first = &steps[0];
         assert_eq!((first.habituation, first.disengagement), (0.1, 0.1));
         for step in &steps {
             assert_eq!((step.action_probability(), step.available), (0.25, true));
-            assert_eq!((step.probabilities, step.can_send), ([0.25; 4], true));
+            assert_eq!((&step.probabilities[..], step.can_send), (&[0.25; 4][..], true));
             assert_eq!(step.chosen, step.action);
             assert_eq!(step.likely_context, u8::from(step.probability < 0.5));
         }
@@ -376,7 +376,7 @@ fn agents_choose_only_where_a_message_can_be_sent() {
                 let mut withheld = episodes.iter().flatten().filter(|step| !step.can_send);
                 match unavailable {
                     Unavailable::Masked => assert!(
-                        withheld.all(|step| step.probabilities == [1.0, 0.0, 0.0, 0.0]),
+                        withheld.all(|step| *step.probabilities == [1.0, 0.0, 0.0, 0.0]),
                         "{algorithm} in {phase:?}"
                     ),
                     Unavailable::Chosen => assert!(

@@ -214,12 +214,12 @@ fn a_stop_request_ends_a_training_without_a_result() {
 #[test]
 fn the_tested_policy_is_the_one_whose_weights_are_kept() {
     use jitai::agent::{Actions, Weights};
-    use jitai::env::{Action, ActionProbabilities, PhysicalActivity};
+    use jitai::env::{Action, PhysicalActivity};
     use jitai::train::{RollStreams, StepObserver, begin, roll};
 
     struct Total(f64);
     impl StepObserver<PhysicalActivity> for Total {
-        fn chosen(&mut self, _: &PhysicalActivity, _: &[Action], _: &[ActionProbabilities]) {}
+        fn chosen(&mut self, _: &PhysicalActivity, _: &[Action], _: &[f64]) {}
         fn paid(&mut self, _: &PhysicalActivity, rewards: &[f64]) {
             self.0 += rewards.iter().sum::<f64>();
         }

@@ -11,10 +11,9 @@ use jitai::agent::{
 };
 use jitai::env::contract::{Clause, check};
 use jitai::env::{
-    Action, ActionProbabilities, ActionSpec, DisengagementReward, EpisodeStatus, FeatureSpec,
-    FirstContext, LaneSet, LaneStreams, ObservationSpec, Observations, PhysicalActivity,
-    Population, RewardHabituation, StateNoise, StepCount, StepNoise, TimeIndicator,
-    VectorEnvironment,
+    Action, ActionSpec, DisengagementReward, EpisodeStatus, FeatureSpec, FirstContext, LaneSet,
+    LaneStreams, ObservationSpec, Observations, PhysicalActivity, Population, RewardHabituation,
+    StateNoise, StepCount, StepNoise, TimeIndicator, VectorEnvironment,
 };
 use jitai::key::Distribution;
 use jitai::rng::{Purpose, Stream};
@@ -362,8 +361,8 @@ fn every_way_to_break_the_contract_is_found() {
 struct Returns(Vec<f64>);
 
 impl StepObserver<Line> for Returns {
-    fn chosen(&mut self, _: &Line, _: &[Action], probabilities: &[ActionProbabilities]) {
-        assert!(probabilities.iter().all(|p| (p.iter().sum::<f64>() - 1.0).abs() < 1e-6));
+    fn chosen(&mut self, _: &Line, _: &[Action], probabilities: &[f64]) {
+        assert!(probabilities.chunks(4).all(|p| (p.iter().sum::<f64>() - 1.0).abs() < 1e-6));
     }
 
     fn paid(&mut self, _: &Line, rewards: &[f64]) {
@@ -395,23 +394,24 @@ fn a_dueling_dqn_learns_in_an_environment_from_outside() {
     }
     let trained = mean_return(&mut *learner.policy(Actions::Greedy));
     assert!(untrained < 0.5 && trained > 0.95, "{untrained} before, {trained} after");
-    let spec = Line::new(0).observation_spec();
-    let kept = parameters.network(spec.inputs(), &learner.weights()).unwrap();
-    let mut kept = kept.actor(spec.observations(), Actions::Greedy);
+    let interface = Line::new(0).interface();
+    let kept = parameters.network((&interface).into(), &learner.weights()).unwrap();
+    let mut kept = kept.actor(interface.observations.observations(), Actions::Greedy);
     assert_eq!(mean_return(&mut *kept), trained);
 }
 
 #[test]
 fn agents_refuse_environments_that_they_cannot_act_in() {
-    struct Buttons(Line);
+    /// The line with one action, too few to choose from.
+    struct Button(Line);
 
-    impl VectorEnvironment for Buttons {
+    impl VectorEnvironment for Button {
         fn lanes(&self) -> usize {
             self.0.lanes()
         }
 
         fn action_spec(&self) -> ActionSpec {
-            ActionSpec { count: 3, ..self.0.action_spec() }
+            ActionSpec { count: 1, ..self.0.action_spec() }
         }
 
         fn observation_spec(&self) -> ObservationSpec {
@@ -435,7 +435,7 @@ fn agents_refuse_environments_that_they_cannot_act_in() {
         }
     }
 
-    impl Resumable for Buttons {
+    impl Resumable for Button {
         fn save(&self, out: &mut StateWriter<'_>) -> io::Result<()> {
             self.0.save(out)
         }
@@ -445,14 +445,12 @@ fn agents_refuse_environments_that_they_cannot_act_in() {
         }
     }
 
-    check(|lanes| Buttons(Line::new(lanes)), STEPS).unwrap();
-    let refused = agent::dueling_dqn_learner(&DuelingDqn::default(), Buttons(Line::new(1)), 1);
+    let violation = check(|lanes| Button(Line::new(lanes)), STEPS).unwrap_err();
+    assert_eq!(violation.clause, Clause::Shapes);
+    let refused = agent::dueling_dqn_learner(&DuelingDqn::default(), Button(Line::new(1)), 1);
     let error = refused.err().unwrap();
-    assert_eq!(error, StartError::Actions { actions: 3 });
-    assert_eq!(
-        error.to_string(),
-        "the environment has 3 actions; the agents choose among exactly 4"
-    );
+    assert_eq!(error, StartError::Actions { actions: 1 });
+    assert_eq!(error.to_string(), "the environment has 1 actions; agents choose among 2 to 256");
     let refused = agent::reinforce_learner(&Reinforce::default(), Line::new(2), 1);
     assert_eq!(refused.err(), Some(StartError::Lanes { lanes: 2, expected: 1 }));
     let refused = agent::ppo_learner(&Ppo::default(), Line::new(2), 1);

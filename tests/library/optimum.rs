@@ -2,7 +2,7 @@
 
 use jitai::agent::RulePolicy;
 use jitai::agent::{Agent, DecisionRule, RuleParameters};
-use jitai::env::{Action, ActionProbabilities, PhysicalActivity};
+use jitai::env::{Action, PhysicalActivity};
 use jitai::env::{FirstContext, Population, Scenario, StepCount};
 use jitai::job::Evaluation;
 use jitai::job::Job;
@@ -14,7 +14,7 @@ use jitai::train::{self, RollStreams, StepObserver, Uncontrolled};
 struct Returns(Vec<f64>);
 
 impl StepObserver<PhysicalActivity> for Returns {
-    fn chosen(&mut self, _: &PhysicalActivity, _: &[Action], _: &[ActionProbabilities]) {}
+    fn chosen(&mut self, _: &PhysicalActivity, _: &[Action], _: &[f64]) {}
 
     fn paid(&mut self, _: &PhysicalActivity, rewards: &[f64]) {
         self.0.iter_mut().zip(rewards).for_each(|(total, reward)| *total += reward);

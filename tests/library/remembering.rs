@@ -31,7 +31,7 @@ impl Recall {
 
 impl VectorEnvironment for Recall {
     fn action_spec(&self) -> ActionSpec {
-        ActionSpec { count: Action::COUNT, lowest_reward: 0.0, highest_reward: 1.0 }
+        ActionSpec { count: 4, lowest_reward: 0.0, highest_reward: 1.0 }
     }
 
     fn observation_spec(&self) -> ObservationSpec {

@@ -1,24 +1,21 @@
 //! A policy gradient with a user-defined network and loss, differentiated by Burn.
 
-use std::io;
-
 use burn::module::Param;
 use burn::tensor::{Tensor, activation};
 
 use crate::agent::burn::trainer::Trainer;
 use crate::agent::burn::{column, device, input, matrix};
-use crate::agent::layers;
+use crate::agent::layers::{self, Shape};
 use crate::agent::policy::ActionNetwork;
 use crate::agent::reinforce::{ReinforceEngine, Trajectories};
 use crate::agent::weights::{Tensor as WeightTensor, Weights, WeightsError};
 use crate::env::Observations;
-use crate::state::{Resumable, StateError, StateReader, StateWriter};
+use crate::state::resumable;
 
 /// A policy whose network and loss are written with Burn's operations.
 pub trait PolicyGradient: Clone + Send + 'static {
-    /// Shapes of the weight matrices for observations of `inputs` entries. The last matrix has one
-    /// column per action.
-    fn shapes(&self, inputs: usize) -> Vec<[usize; 2]>;
+    /// Shapes of the weight matrices of a network. The last matrix has one column per action.
+    fn shapes(&self, network: Shape) -> Vec<[usize; 2]>;
 
     /// The logits of the actions, \[rows, actions\], of observations, \[rows, inputs\].
     fn logits(&self, weights: &[Tensor<2>], observations: Tensor<2>) -> Tensor<2>;
@@ -40,18 +37,17 @@ pub struct AutodiffPolicy<P> {
 }
 
 impl<P: PolicyGradient> AutodiffPolicy<P> {
-    /// A policy before training, for observations of `inputs` entries; its weights are drawn from
-    /// the seed's own stream.
-    pub fn new(policy: P, inputs: usize, learning_rate: f64, seed: u64) -> Self {
-        let drawn = layers::draw_matrices(&policy.shapes(inputs), seed);
+    /// A policy before training; its weights are drawn from the seed's own stream.
+    pub fn new(policy: P, shape: Shape, learning_rate: f64, seed: u64) -> Self {
+        let drawn = layers::draw_matrices(&policy.shapes(shape), seed);
         AutodiffPolicy { matrices: trainer(&drawn, learning_rate), policy }
     }
 
     /// The policy with trained weights.
     ///
     /// **Errors**: an array is missing or of another shape.
-    pub fn trained(policy: P, inputs: usize, weights: &Weights) -> Result<Self, WeightsError> {
-        let shapes = policy.shapes(inputs).into_iter().enumerate();
+    pub fn trained(policy: P, shape: Shape, weights: &Weights) -> Result<Self, WeightsError> {
+        let shapes = policy.shapes(shape).into_iter().enumerate();
         let matrices = shapes.map(|(place, shape)| weights.tensor(&name(place), &shape).cloned());
         let matrices = matrices.collect::<Result<Vec<WeightTensor>, _>>()?;
         Ok(AutodiffPolicy { matrices: trainer(&matrices, 0.0), policy })
@@ -112,28 +108,21 @@ impl<P: PolicyGradient> ReinforceEngine for AutodiffPolicy<P> {
     }
 }
 
-impl<P: PolicyGradient> Resumable for AutodiffPolicy<P> {
-    fn save(&self, out: &mut StateWriter<'_>) -> io::Result<()> {
-        self.matrices.save(out)
-    }
-
-    fn restore(&mut self, from: &mut StateReader<'_>) -> Result<(), StateError> {
-        self.matrices.restore(from)
-    }
-}
+resumable!([P: PolicyGradient] AutodiffPolicy<P> { matrices });
 
 #[cfg(test)]
 mod tests {
     use super::*;
     use crate::env::Action;
+    use crate::state::{Resumable, StateReader, StateWriter};
 
     /// A policy whose logits are the weights of its single input.
     #[derive(Clone)]
     struct Linear;
 
     impl PolicyGradient for Linear {
-        fn shapes(&self, inputs: usize) -> Vec<[usize; 2]> {
-            vec![[inputs, Action::COUNT]]
+        fn shapes(&self, Shape { inputs, actions }: Shape) -> Vec<[usize; 2]> {
+            vec![[inputs, actions]]
         }
 
         fn logits(&self, weights: &[Tensor<2>], observations: Tensor<2>) -> Tensor<2> {
@@ -150,8 +139,8 @@ mod tests {
     struct Hidden;
 
     impl PolicyGradient for Hidden {
-        fn shapes(&self, inputs: usize) -> Vec<[usize; 2]> {
-            vec![[inputs, 3], [2, 2], [3, Action::COUNT]]
+        fn shapes(&self, Shape { inputs, actions }: Shape) -> Vec<[usize; 2]> {
+            vec![[inputs, 3], [2, 2], [3, actions]]
         }
 
         fn logits(&self, weights: &[Tensor<2>], observations: Tensor<2>) -> Tensor<2> {
@@ -173,14 +162,14 @@ mod tests {
         Trajectories {
             observations: observation(),
             actions: vec![Action::from_index(action).unwrap()],
-            preferences: vec![1.0; Action::COUNT],
+            preferences: vec![1.0; 4],
             returns_to_go: vec![3.0],
         }
     }
 
     #[test]
     fn an_update_makes_a_rewarded_action_likelier_by_hand() {
-        let mut policy = AutodiffPolicy::new(Linear, 1, 0.01, 7);
+        let mut policy = AutodiffPolicy::new(Linear, Shape::of_four(1), 0.01, 7);
         let before = policy.weights().tensors["matrix.0"].values.clone();
         let loss = policy.update(&one_step(2));
         // The loss is -G log p. Its gradient is G (p - 1) for the action taken and G p for the
@@ -197,7 +186,7 @@ mod tests {
 
     #[test]
     fn only_matrices_of_the_loss_are_trained() {
-        let mut policy = AutodiffPolicy::new(Hidden, 1, 0.01, 7);
+        let mut policy = AutodiffPolicy::new(Hidden, Shape::of_four(1), 0.01, 7);
         let before = policy.weights();
         policy.update(&one_step(1));
         let after = policy.weights();
@@ -211,18 +200,19 @@ mod tests {
 
     #[test]
     fn weights_and_states_read_back_to_the_same_bits() {
-        let mut policy = AutodiffPolicy::new(Hidden, 1, 0.01, 7);
+        let mut policy = AutodiffPolicy::new(Hidden, Shape::of_four(1), 0.01, 7);
         policy.update(&one_step(0));
-        let mut trained = AutodiffPolicy::trained(Hidden, 1, &policy.weights()).unwrap();
+        let mut trained =
+            AutodiffPolicy::trained(Hidden, Shape::of_four(1), &policy.weights()).unwrap();
         let (mut one, mut other) = (Vec::new(), Vec::new());
         policy.evaluate(&observation(), &mut one);
         trained.evaluate(&observation(), &mut other);
         assert_eq!(one, other);
-        assert!(AutodiffPolicy::trained(Hidden, 2, &policy.weights()).is_err());
+        assert!(AutodiffPolicy::trained(Hidden, Shape::of_four(2), &policy.weights()).is_err());
 
         let mut bytes = Vec::new();
         policy.save(&mut StateWriter::new(&mut bytes)).unwrap();
-        let mut resumed = AutodiffPolicy::new(Hidden, 1, 0.01, 8);
+        let mut resumed = AutodiffPolicy::new(Hidden, Shape::of_four(1), 0.01, 8);
         resumed.restore(&mut StateReader::new(&mut &bytes[..])).unwrap();
         for engine in [&mut policy, &mut resumed] {
             engine.update(&one_step(1));

@@ -11,7 +11,7 @@ use crate::agent::burn::{DuelingQNetwork, column, device, input, matrix};
 use crate::agent::dueling_dqn::DuelingDqnEngine;
 use crate::agent::policy::ActionNetwork;
 use crate::agent::replay::Batch;
-use crate::agent::{Weights, WeightsError};
+use crate::agent::{Shape, Weights, WeightsError};
 use crate::env::Observations;
 use crate::state::{Resumable, StateError, StateReader, StateWriter};
 
@@ -22,16 +22,16 @@ pub struct BurnDuelingDqn {
 }
 
 impl BurnDuelingDqn {
-    /// An engine that starts from these weights, for observations of `inputs` entries.
+    /// An engine that starts from these weights, of this shape.
     ///
     /// **Errors**: the weights do not fit the network.
     pub fn new(
         parameters: &DuelingDqn,
-        inputs: usize,
+        shape: Shape,
         weights: &Weights,
     ) -> Result<Self, WeightsError> {
         let network =
-            DuelingQNetwork::from_weights(parameters, inputs, weights, &device::training())?;
+            DuelingQNetwork::from_weights(parameters, shape, weights, &device::training())?;
         Ok(BurnDuelingDqn {
             target: network.valid(),
             network: Trainer::new(network, parameters.learning_rate),

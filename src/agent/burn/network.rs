@@ -5,7 +5,7 @@ use burn::nn::Linear;
 use burn::tensor::{Device, Tensor};
 
 use crate::agent::burn::activation;
-use crate::agent::layers::{self, Layer};
+use crate::agent::layers::{self, Layer, Shape};
 use crate::agent::weights::{Tensor as WeightTensor, Weights, WeightsError};
 use crate::agent::{Activation, DuelingDqn, Ppo, Reinforce};
 
@@ -109,16 +109,16 @@ pub struct DuelingQNetwork {
 }
 
 impl DuelingQNetwork {
-    /// A network with these weights, for observations of `width` entries.
+    /// A network with these weights, of this shape.
     ///
     /// **Errors**: an array is missing or of another shape.
     pub fn from_weights(
         parameters: &DuelingDqn,
-        width: usize,
+        shape: Shape,
         weights: &Weights,
         device: &Device,
     ) -> Result<Self, WeightsError> {
-        let stacks = layers::dueling(parameters, width);
+        let stacks = layers::dueling(parameters, shape);
         let mut trunks = stacks.iter().map(|stack| {
             HiddenLayers::from_weights(&stack.hidden, parameters.activation, weights, device)
         });
@@ -173,16 +173,16 @@ pub struct PolicyNetwork {
 }
 
 impl PolicyNetwork {
-    /// A network with these weights, for observations of `width` entries.
+    /// A network with these weights, of this shape.
     ///
     /// **Errors**: an array is missing or of another shape.
     pub fn from_weights(
         parameters: &Reinforce,
-        width: usize,
+        shape: Shape,
         weights: &Weights,
         device: &Device,
     ) -> Result<Self, WeightsError> {
-        let stack = layers::policy(parameters, width);
+        let stack = layers::policy(parameters, shape);
         let trunk =
             HiddenLayers::from_weights(&stack.hidden, parameters.activation, weights, device)?;
         Ok(PolicyNetwork { trunk, logits: linear(&stack.heads[0], weights, device)? })
@@ -214,16 +214,16 @@ pub struct ActorCritic {
 }
 
 impl ActorCritic {
-    /// Networks with these weights, for observations of `width` entries.
+    /// Networks with these weights, of this shape.
     ///
     /// **Errors**: an array is missing or of another shape.
     pub fn from_weights(
         parameters: &Ppo,
-        width: usize,
+        shape: Shape,
         weights: &Weights,
         device: &Device,
     ) -> Result<Self, WeightsError> {
-        let [policy, value] = layers::actor_critic(parameters, width);
+        let [policy, value] = layers::actor_critic(parameters, shape);
         let trunk = |stack: &layers::Stack| {
             HiddenLayers::from_weights(&stack.hidden, parameters.activation, weights, device)
         };
@@ -274,10 +274,16 @@ mod tests {
             let parameters = DuelingDqn { trunk, layers: vec![5, 3], ..DuelingDqn::default() };
             let device = device::inference();
             let mut stream = Stream::new(4, Purpose::InitialWeights);
-            let weights = layers::draw(&layers::dueling(&parameters, 3), &mut stream);
-            let network = DuelingQNetwork::from_weights(&parameters, 3, &weights, &device).unwrap();
+            let weights =
+                layers::draw(&layers::dueling(&parameters, Shape::of_four(3)), &mut stream);
+            let network =
+                DuelingQNetwork::from_weights(&parameters, Shape::of_four(3), &weights, &device)
+                    .unwrap();
             assert_eq!(network.weights(), weights);
-            assert!(DuelingQNetwork::from_weights(&parameters, 4, &weights, &device).is_err());
+            assert!(
+                DuelingQNetwork::from_weights(&parameters, Shape::of_four(4), &weights, &device)
+                    .is_err()
+            );
         }
     }
 
@@ -301,7 +307,9 @@ mod tests {
             weights.tensors.insert(name.to_owned(), tensor);
         }
         let device = device::inference();
-        let network = DuelingQNetwork::from_weights(&parameters, 1, &weights, &device).unwrap();
+        let network =
+            DuelingQNetwork::from_weights(&parameters, Shape::of_four(1), &weights, &device)
+                .unwrap();
         let q = network.forward(Tensor::from_floats([[2.0], [-1.0]], &device)).into_data();
         assert_eq!(q.try_to_vec::<f32>().unwrap(), [1.0, 3.0, 5.0, 7.0, 0.0, 0.0, 0.0, 0.0]);
     }

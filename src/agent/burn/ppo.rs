@@ -1,7 +1,5 @@
 //! Updates of PPO.
 
-use std::io;
-
 use burn::module::Module;
 use burn::tensor::{Device, Tensor, activation};
 
@@ -14,7 +12,7 @@ use crate::agent::burn::{
 use crate::agent::policy::ActionNetwork;
 use crate::agent::ppo::{ADAM_EPSILON, Losses, Minibatch, Ppo, PpoEngine, Sequences};
 use crate::env::Observations;
-use crate::state::{Resumable, StateError, StateReader, StateWriter};
+use crate::state::resumable;
 
 /// A module that PPO trains.
 pub trait BurnActorCritic: Module + ActionNetwork + Send + 'static {
@@ -217,12 +215,4 @@ impl ActionNetwork for RecurrentActorCritic {
     }
 }
 
-impl<N: BurnActorCritic> Resumable for BurnPpo<N> {
-    fn save(&self, out: &mut StateWriter<'_>) -> io::Result<()> {
-        self.network.save(out)
-    }
-
-    fn restore(&mut self, from: &mut StateReader<'_>) -> Result<(), StateError> {
-        self.network.restore(from)
-    }
-}
+resumable!([N: BurnActorCritic] BurnPpo<N> { network });

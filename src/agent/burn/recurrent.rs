@@ -6,7 +6,7 @@ use burn::tensor::{Device, Tensor};
 
 use crate::agent::burn::network::{Affine, HiddenLayers, affine, linear, store_linear};
 use crate::agent::burn::{device, gates, input, matrix, values};
-use crate::agent::layers::{self, Layer};
+use crate::agent::layers::{self, Layer, Shape};
 use crate::agent::weights::{Weights, WeightsError};
 use crate::agent::{Activation, DuelingDqn, Ppo};
 use crate::env::Observations;
@@ -146,16 +146,16 @@ pub struct RecurrentActorCritic {
 }
 
 impl RecurrentActorCritic {
-    /// Networks with these weights, for observations of `width` entries.
+    /// Networks with these weights, of this shape.
     ///
     /// **Errors**: an array is missing or of another shape.
     pub fn from_weights(
         parameters: &Ppo,
-        width: usize,
+        shape: Shape,
         weights: &Weights,
         device: &Device,
     ) -> Result<Self, WeightsError> {
-        let layers = layers::Recurrent::actor_critic(parameters, width);
+        let layers = layers::Recurrent::actor_critic(parameters, shape);
         Ok(RecurrentActorCritic {
             logits: linear(&layers.heads[0], weights, device)?,
             value: linear(&layers.heads[1], weights, device)?,
@@ -205,16 +205,16 @@ pub struct RecurrentDuelingQNetwork {
 }
 
 impl RecurrentDuelingQNetwork {
-    /// A network with these weights, for observations of `width` entries.
+    /// A network with these weights, of this shape.
     ///
     /// **Errors**: an array is missing or of another shape.
     pub fn from_weights(
         parameters: &DuelingDqn,
-        width: usize,
+        shape: Shape,
         weights: &Weights,
         device: &Device,
     ) -> Result<Self, WeightsError> {
-        let layers = layers::Recurrent::dueling(parameters, width);
+        let layers = layers::Recurrent::dueling(parameters, shape);
         Ok(RecurrentDuelingQNetwork {
             advantage: linear(&layers.heads[0], weights, device)?,
             value: linear(&layers.heads[1], weights, device)?,

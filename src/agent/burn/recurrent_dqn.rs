@@ -9,6 +9,7 @@ use crate::agent::burn::recurrent::{RecurrentDuelingQNetwork, Unrolled};
 use crate::agent::burn::trainer::{Trainer, restore_parameters, save_parameters};
 use crate::agent::burn::{column, device, matrix, numbers};
 use crate::agent::dueling_dqn::{RecurrentDqnEngine, SequenceBatch};
+use crate::agent::layers::Shape;
 use crate::agent::policy::ActionNetwork;
 use crate::agent::{DuelingDqn, Weights, WeightsError};
 use crate::env::Observations;
@@ -21,16 +22,16 @@ pub struct BurnRecurrentDqn {
 }
 
 impl BurnRecurrentDqn {
-    /// An engine that starts from these weights, for observations of `inputs` entries.
+    /// An engine that starts from these weights, of this shape.
     ///
     /// **Errors**: the weights do not fit the network.
     pub fn new(
         parameters: &DuelingDqn,
-        inputs: usize,
+        shape: Shape,
         weights: &Weights,
     ) -> Result<Self, WeightsError> {
         let device = device::training();
-        let network = RecurrentDuelingQNetwork::from_weights(parameters, inputs, weights, &device)?;
+        let network = RecurrentDuelingQNetwork::from_weights(parameters, shape, weights, &device)?;
         Ok(BurnRecurrentDqn {
             target: network.valid(),
             network: Trainer::new(network, parameters.learning_rate),

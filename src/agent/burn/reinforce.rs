@@ -1,7 +1,5 @@
 //! Updates of REINFORCE.
 
-use std::io;
-
 use burn::module::Module;
 use burn::tensor::{Tensor, activation};
 
@@ -9,8 +7,8 @@ use crate::agent::Reinforce;
 use crate::agent::burn::trainer::Trainer;
 use crate::agent::burn::{PolicyNetwork, column, device, input, matrix};
 use crate::agent::reinforce::{ReinforceEngine, Trajectories};
-use crate::agent::{Weights, WeightsError};
-use crate::state::{Resumable, StateError, StateReader, StateWriter};
+use crate::agent::{Shape, Weights, WeightsError};
+use crate::state::resumable;
 
 /// A policy network with its optimiser.
 pub struct BurnReinforce {
@@ -19,16 +17,15 @@ pub struct BurnReinforce {
 }
 
 impl BurnReinforce {
-    /// An engine that starts from these weights, for observations of `inputs` entries.
+    /// An engine that starts from these weights, of this shape.
     ///
     /// **Errors**: the weights do not fit the network.
     pub fn new(
         parameters: &Reinforce,
-        inputs: usize,
+        shape: Shape,
         weights: &Weights,
     ) -> Result<Self, WeightsError> {
-        let network =
-            PolicyNetwork::from_weights(parameters, inputs, weights, &device::training())?;
+        let network = PolicyNetwork::from_weights(parameters, shape, weights, &device::training())?;
         Ok(BurnReinforce {
             network: Trainer::new(network, parameters.learning_rate),
             loss_divisor: parameters.loss_divisor,
@@ -68,12 +65,4 @@ impl ReinforceEngine for BurnReinforce {
     }
 }
 
-impl Resumable for BurnReinforce {
-    fn save(&self, out: &mut StateWriter<'_>) -> io::Result<()> {
-        self.network.save(out)
-    }
-
-    fn restore(&mut self, from: &mut StateReader<'_>) -> Result<(), StateError> {
-        self.network.restore(from)
-    }
-}
+resumable!([] BurnReinforce { network });

@@ -174,15 +174,17 @@ mod tests {
     use burn::optim::{AdamConfig, GradientsParams};
 
     use super::*;
+    use crate::agent::Shape;
     use crate::agent::burn::{PolicyNetwork, device, matrix};
     use crate::agent::{Reinforce, layers};
     use crate::rng::{Purpose, Stream};
 
     fn network() -> PolicyNetwork {
         let parameters = Reinforce { layers: vec![5, 3], ..Reinforce::default() };
-        let stack = layers::policy(&parameters, 2);
+        let stack = layers::policy(&parameters, Shape::of_four(2));
         let weights = layers::draw(&[stack], &mut Stream::new(3, Purpose::InitialWeights));
-        PolicyNetwork::from_weights(&parameters, 2, &weights, &device::training()).unwrap()
+        PolicyNetwork::from_weights(&parameters, Shape::of_four(2), &weights, &device::training())
+            .unwrap()
     }
 
     /// A loss whose gradient is large at first and small later.

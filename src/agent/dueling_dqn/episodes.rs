@@ -241,6 +241,13 @@ impl EpisodeReplay {
     }
 }
 
+impl EpisodeReplay {
+    /// Whether all stored actions are among the first `count`.
+    pub(super) fn fits(&self, count: usize) -> bool {
+        self.replay.fits(count)
+    }
+}
+
 impl Resumable for EpisodeReplay {
     fn save(&self, out: &mut StateWriter<'_>) -> io::Result<()> {
         self.replay.save(out)?;

@@ -3,8 +3,6 @@
 #[cfg(test)]
 mod tests;
 
-use std::io;
-
 use crate::agent::actor::{Actor, StepObserver, reborrowed};
 use crate::agent::dueling_dqn::play::Play;
 use crate::agent::dueling_dqn::{DuelingDqn, DuelingDqnEngine, target, value_after};
@@ -14,7 +12,7 @@ use crate::agent::policy::{Choice, NetworkActor, best};
 use crate::agent::replay::{Batch, Replay};
 use crate::agent::weights::Weights;
 use crate::env::{Action, Observations, PhysicalActivity, VectorEnvironment};
-use crate::state::{Resumable, StateError, StateReader, StateWriter};
+use crate::state::{StateError, resumable};
 
 /// A dueling DQN in training, one episode at a time.
 pub struct DuelingDqnLearner<E, Env = PhysicalActivity> {
@@ -87,13 +85,20 @@ impl<E: DuelingDqnEngine, Env: VectorEnvironment> DuelingDqnLearner<E, Env> {
         }
         self.engine.target_values(next, values);
         let DuelingDqn { gamma, terminal_target, .. } = self.play.parameters;
-        for (&position, values) in unknown.iter().zip(values.chunks_exact(Action::COUNT)) {
+        let actions = self.play.actions();
+        for (&position, values) in unknown.iter().zip(values.chunks_exact(actions)) {
             let transition = self.replay.transition(position);
             let target =
                 target(&transition, value_after(&transition, values), gamma, terminal_target);
             self.replay.set_target(position, target)?;
         }
         Ok(())
+    }
+
+    /// Checks that the stored actions are actions of the environment.
+    fn fit(&self) -> Result<(), StateError> {
+        let fits = self.replay.fits(self.play.actions());
+        if fits { Ok(()) } else { Err(StateError::Misfit("actions")) }
     }
 
     /// The action with the highest value in the current observation.
@@ -114,7 +119,7 @@ impl<E: DuelingDqnEngine, Env: VectorEnvironment> DuelingDqnLearner<E, Env> {
                 let greedy = self.greedy();
                 let action = explored.unwrap_or(greedy);
                 let probabilities = self.play.probabilities(greedy);
-                observer.chosen(&self.play.environment, &[action], &[probabilities]);
+                observer.chosen(&self.play.environment, &[action], &probabilities);
                 action
             }
         };
@@ -163,16 +168,4 @@ impl<E: DuelingDqnEngine, Env: VectorEnvironment> Learner<Env> for DuelingDqnLea
     }
 }
 
-impl<E: DuelingDqnEngine, Env: VectorEnvironment> Resumable for DuelingDqnLearner<E, Env> {
-    fn save(&self, out: &mut StateWriter<'_>) -> io::Result<()> {
-        self.engine.save(out)?;
-        self.replay.save(out)?;
-        self.play.save(out)
-    }
-
-    fn restore(&mut self, from: &mut StateReader<'_>) -> Result<(), StateError> {
-        self.engine.restore(from)?;
-        self.replay.restore(from)?;
-        self.play.restore(from)
-    }
-}
+resumable!([E: DuelingDqnEngine, Env: VectorEnvironment] DuelingDqnLearner<E, Env> { engine, replay, play; then fit });

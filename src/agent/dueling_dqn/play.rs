@@ -1,7 +1,7 @@
 //! The part that dueling DQNs with and without memory share: play one episode at a time, explore,
 //! and count updates. It handles neither networks nor replay buffers.
 
-use std::{io, mem};
+use std::mem;
 
 use crate::agent::actor::StepObserver;
 use crate::agent::dueling_dqn::DuelingDqn;
@@ -9,12 +9,9 @@ use crate::agent::learner::{Diverged, LearnerError, TrainedEpisode};
 use crate::agent::policy::{epsilon_greedy_probabilities, explore};
 use crate::agent::replay::Transition;
 use crate::agent::unavailable::certain;
-use crate::env::{
-    Action, ActionProbabilities, EpisodeStatus, LaneSet, LaneStreams, Observations,
-    VectorEnvironment,
-};
+use crate::env::{Action, EpisodeStatus, LaneSet, LaneStreams, Observations, VectorEnvironment};
 use crate::rng::{Purpose, Stream};
-use crate::state::{Resumable, StateError, StateReader, StateWriter};
+use crate::state::{StateError, resumable};
 
 /// The running episode of a dueling DQN, and its progress in training.
 pub(super) struct Play<Env> {
@@ -56,7 +53,7 @@ impl<Env: VectorEnvironment> Play<Env> {
     /// choose, and a random action where it explores.
     pub(super) fn explore(&mut self) -> Option<Action> {
         // Drawn in every step, so that later choices do not depend on earlier availability.
-        let explored = explore(self.epsilon, &mut self.exploration_stream);
+        let explored = explore(self.epsilon, self.actions(), &mut self.exploration_stream);
         if self.chooses() { explored } else { Some(Action::default()) }
     }
 
@@ -65,12 +62,19 @@ impl<Env: VectorEnvironment> Play<Env> {
         self.parameters.unavailable.chooses(&self.environment, 0)
     }
 
+    /// Number of actions.
+    pub(super) fn actions(&self) -> usize {
+        self.environment.action_spec().count
+    }
+
     /// The probabilities of the actions, of which `greedy` has the highest value.
-    pub(super) fn probabilities(&self, greedy: Action) -> ActionProbabilities {
+    pub(super) fn probabilities(&self, greedy: Action) -> Vec<f64> {
+        let mut probabilities = vec![0.0; self.actions()];
         match self.chooses() {
-            true => epsilon_greedy_probabilities(self.epsilon, greedy),
-            false => certain(Action::default()),
+            true => epsilon_greedy_probabilities(self.epsilon, greedy, &mut probabilities),
+            false => certain(Action::default(), &mut probabilities),
         }
+        probabilities
     }
 
     /// Begins an episode.
@@ -98,6 +102,12 @@ impl<Env: VectorEnvironment> Play<Env> {
         let outcome = self.environment.outcomes(&reward)[0];
         let is_withheld = !self.chooses();
         (Transition { action, reward: scaled, status, is_withheld }, outcome)
+    }
+
+    /// Between steps, the environment itself gives the current observation.
+    fn observe(&mut self) -> Result<(), StateError> {
+        self.environment.observe(&mut self.observation);
+        Ok(())
     }
 
     /// Makes the observation after a step the current one.
@@ -140,27 +150,7 @@ impl<Env: VectorEnvironment> Play<Env> {
     }
 }
 
-impl<Env: VectorEnvironment> Resumable for Play<Env> {
-    fn save(&self, out: &mut StateWriter<'_>) -> io::Result<()> {
-        out.one(self.epsilon)?;
-        out.one(self.updates)?;
-        self.environment.save(out)?;
-        self.episode.save(out)?;
-        self.environment_streams.save(out)?;
-        self.exploration_stream.save(out)?;
-        self.replay_stream.save(out)
-    }
-
-    fn restore(&mut self, from: &mut StateReader<'_>) -> Result<(), StateError> {
-        self.epsilon = from.one()?;
-        self.updates = from.one()?;
-        self.environment.restore(from)?;
-        self.episode.restore(from)?;
-        self.environment_streams.restore(from)?;
-        self.exploration_stream.restore(from)?;
-        self.replay_stream.restore(from)?;
-        // Between steps, the environment itself gives the current observation.
-        self.environment.observe(&mut self.observation);
-        Ok(())
-    }
-}
+resumable!([Env: VectorEnvironment] Play<Env> {
+    epsilon, updates, environment, episode, environment_streams, exploration_stream, replay_stream;
+    then observe
+});

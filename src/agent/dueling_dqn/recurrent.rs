@@ -9,8 +9,6 @@
 //! all episodes are equally likely, whatever their length, and the loss is the mean over all steps
 //! that count.
 
-use std::io;
-
 use crate::agent::actor::{Actor, StepObserver, reborrowed};
 use crate::agent::dueling_dqn::episodes::{EpisodeReplay, SequenceBatch};
 use crate::agent::dueling_dqn::play::Play;
@@ -19,8 +17,8 @@ use crate::agent::learner::{Actions, Learner, LearnerError, Span, TrainedEpisode
 use crate::agent::memory::OutOfMemory;
 use crate::agent::policy::{ActionNetwork, Choice, NetworkActor, best};
 use crate::agent::weights::Weights;
-use crate::env::{Action, Observations, PhysicalActivity, VectorEnvironment};
-use crate::state::{Resumable, StateError, StateReader, StateWriter};
+use crate::env::{Observations, PhysicalActivity, VectorEnvironment};
+use crate::state::{Resumable, StateError, resumable};
 
 /// The engine of the recurrent dueling DQN, which trains a dueling network with a memory.
 pub trait RecurrentDqnEngine: Resumable {
@@ -99,17 +97,23 @@ impl<E: RecurrentDqnEngine, Env: VectorEnvironment> RecurrentDqnLearner<E, Env> 
         let RecurrentDqnLearner { engine, replay, batch, values, play, .. } = self;
         engine.target_values(batch, values);
         let DuelingDqn { gamma, terminal_target, .. } = play.parameters;
-        let lanes = batch.lanes;
+        let (lanes, actions) = (batch.lanes, play.actions());
         for row in 0..batch.rows() {
             if !batch.learned[row] {
                 continue;
             }
             let Some(transition) = replay.transition(row % lanes, row / lanes) else { continue };
-            let next = (row + lanes) * Action::COUNT;
-            let values = &values[next..next + Action::COUNT];
+            let next = (row + lanes) * actions;
+            let values = &values[next..next + actions];
             batch.targets[row] =
                 target(&transition, value_after(&transition, values), gamma, terminal_target);
         }
+    }
+
+    /// Checks that the stored actions are actions of the environment.
+    fn fit(&self) -> Result<(), StateError> {
+        let fits = self.replay.fits(self.play.actions());
+        if fits { Ok(()) } else { Err(StateError::Misfit("actions")) }
     }
 
     /// Takes one step in the running episode and stores it; returns the step's part of the return.
@@ -123,7 +127,7 @@ impl<E: RecurrentDqnEngine, Env: VectorEnvironment> RecurrentDqnLearner<E, Env> 
         let action = self.play.explore().unwrap_or(greedy);
         if let Some(observer) = &mut observer {
             let probabilities = self.play.probabilities(greedy);
-            observer.chosen(&self.play.environment, &[action], &[probabilities]);
+            observer.chosen(&self.play.environment, &[action], &probabilities);
         }
         let (transition, outcome) = self.play.step(action, observer);
         let Play { observation, next_observation, .. } = &self.play;
@@ -171,18 +175,4 @@ impl<E: RecurrentDqnEngine, Env: VectorEnvironment> Learner<Env> for RecurrentDq
     }
 }
 
-impl<E: RecurrentDqnEngine, Env: VectorEnvironment> Resumable for RecurrentDqnLearner<E, Env> {
-    fn save(&self, out: &mut StateWriter<'_>) -> io::Result<()> {
-        self.engine.save(out)?;
-        self.replay.save(out)?;
-        self.play.save(out)?;
-        out.many(&self.memory)
-    }
-
-    fn restore(&mut self, from: &mut StateReader<'_>) -> Result<(), StateError> {
-        self.engine.restore(from)?;
-        self.replay.restore(from)?;
-        self.play.restore(from)?;
-        from.fill(&mut self.memory, "memory")
-    }
-}
+resumable!([E: RecurrentDqnEngine, Env: VectorEnvironment] RecurrentDqnLearner<E, Env> { engine, replay, play; fixed memory; then fit });

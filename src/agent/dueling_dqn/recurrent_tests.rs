@@ -21,7 +21,7 @@ fn push(replay: &mut EpisodeReplay, first: u32, len: u32) {
         let status =
             if step + 1 == len { EpisodeStatus::Truncated } else { EpisodeStatus::Running };
         let number = (first + step) as f32;
-        let action = Action::from_low_bits(u64::from(step));
+        let action = Action::uniform(u64::from(step), 4);
         let transition = Transition { action, reward: 10.0 * number, status, is_withheld: false };
         replay.push(&observation(number), transition, &observation(number + 1.0)).unwrap();
     }

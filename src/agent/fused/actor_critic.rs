@@ -3,10 +3,11 @@
 use crate::agent::fused::ppo_loss::{Objective, PpoLoss, ROWS, Sums};
 use crate::agent::fused::ppo_network::FusedPpoNetwork;
 use crate::agent::fused::stack::{BLOCK, Stack, Workspace, blocks};
+use crate::agent::layers::{self, Shape};
 use crate::agent::policy::ActionNetwork;
 use crate::agent::ppo::{Losses, Minibatch, Ppo};
-use crate::agent::{Weights, WeightsError, layers};
-use crate::env::{Action, Observations};
+use crate::agent::{Weights, WeightsError};
+use crate::env::Observations;
 use crate::kernel::{Aligned, Isa};
 
 /// Policy and value networks of PPO in flat arrays; as an [`ActionNetwork`] it is the policy.
@@ -21,16 +22,16 @@ pub struct FusedActorCritic {
 }
 
 impl FusedActorCritic {
-    /// Networks with these weights, for observations of `inputs` entries.
+    /// Networks with these weights, of this shape.
     ///
     /// **Errors**: an array is missing or of another shape.
     pub fn new(
         parameters: &Ppo,
-        inputs: usize,
+        shape: Shape,
         weights: &Weights,
         isa: Isa,
     ) -> Result<Self, WeightsError> {
-        let [policy, value] = layers::actor_critic(parameters, inputs);
+        let [policy, value] = layers::actor_critic(parameters, shape);
         let policy = Stack::new(policy, parameters.activation, 0);
         let value = Stack::new(value, parameters.activation, policy.end());
         let mut flat = Aligned::zeros(value.end());
@@ -62,7 +63,7 @@ impl ActionNetwork for FusedActorCritic {
     fn evaluate(&mut self, observations: &Observations, out: &mut Vec<f32>) {
         out.clear();
         for rows in blocks(observations.rows()) {
-            let count = rows.len() * Action::COUNT;
+            let count = rows.len() * self.policy.outputs();
             let observations = (observations, rows);
             let workspace = &mut self.policy_workspace;
             self.policy.forward(self.isa, &self.parameters, observations, workspace);
@@ -74,11 +75,11 @@ impl ActionNetwork for FusedActorCritic {
 impl FusedPpoNetwork for FusedActorCritic {
     fn from_weights(
         parameters: &Ppo,
-        inputs: usize,
+        shape: Shape,
         weights: &Weights,
         isa: Isa,
     ) -> Result<Self, WeightsError> {
-        FusedActorCritic::new(parameters, inputs, weights, isa)
+        FusedActorCritic::new(parameters, shape, weights, isa)
     }
 
     fn isa(&self) -> Isa {
@@ -128,15 +129,12 @@ impl FusedPpoNetwork for FusedActorCritic {
             policy.forward(*isa, parameters, observations.clone(), policy_workspace);
             value.forward(*isa, parameters, observations.clone(), value_workspace);
             loss.load(minibatch, block.clone());
-            loss.load_outputs(
-                &policy_workspace.outputs[..block.len() * Action::COUNT],
-                &value_workspace.outputs[..block.len()],
-            );
+            let (width, values) = (policy.outputs(), &value_workspace.outputs[..block.len()]);
+            let values = values.iter().copied();
+            loss.load_outputs(policy_workspace.outputs.chunks_exact(width).zip(values));
             sums.add(&loss.compute(*isa, objective, minibatch.rows()));
-            loss.store(
-                &mut policy_workspace.by_outputs[..block.len() * Action::COUNT],
-                &mut value_workspace.by_outputs[..block.len()],
-            );
+            let by_values = &mut value_workspace.by_outputs[..block.len()];
+            loss.store(policy_workspace.by_outputs.chunks_exact_mut(width).zip(by_values));
             policy.backward(*isa, parameters, observations.clone(), policy_workspace, gradient);
             value.backward(*isa, parameters, observations, value_workspace, gradient);
         }

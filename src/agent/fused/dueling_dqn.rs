@@ -1,40 +1,41 @@
 //! Updates of the dueling DQN.
 
-use std::io;
 use std::ops::Range;
 
 use crate::agent::DuelingDqn;
 use crate::agent::dueling_dqn::DuelingDqnEngine;
 use crate::agent::fused::stack::{Stack, Workspace, blocks};
+use crate::agent::layers::{self, Shape};
 use crate::agent::policy::ActionNetwork;
 use crate::agent::replay::Batch;
-use crate::agent::{Weights, WeightsError, layers};
-use crate::env::{Action, Observations};
+use crate::agent::{Weights, WeightsError};
+use crate::env::Observations;
 use crate::kernel::{Adam, Aligned, Isa};
-use crate::state::{Resumable, StateError, StateReader, StateWriter};
+use crate::state::resumable;
 
 /// A dueling network in flat arrays.
 #[derive(Clone, Debug)]
 pub struct FusedDuelingNetwork {
     isa: Isa,
-    /// One stack with the outputs V, A_0 … A_3, or one stack for V and one for the advantages.
+    /// One stack with the outputs V, A_0, A_1 …, or one stack for V and one for the advantages.
     stacks: Vec<Stack>,
     parameters: Aligned,
     workspaces: Vec<Workspace>,
+    actions: usize,
 }
 
 impl FusedDuelingNetwork {
-    /// A network with these weights, for observations of `inputs` entries.
+    /// A network with these weights, of this shape.
     ///
     /// **Errors**: an array is missing or of another shape.
     pub fn new(
         parameters: &DuelingDqn,
-        inputs: usize,
+        shape: Shape,
         weights: &Weights,
         isa: Isa,
     ) -> Result<Self, WeightsError> {
         let mut stacks: Vec<Stack> = Vec::new();
-        for layers in layers::dueling(parameters, inputs) {
+        for layers in layers::dueling(parameters, shape) {
             let start = stacks.last().map_or(0, Stack::end);
             stacks.push(Stack::new(layers, parameters.activation, start));
         }
@@ -43,7 +44,13 @@ impl FusedDuelingNetwork {
             stack.load(weights, &mut flat)?;
         }
         let workspaces = stacks.iter().map(Stack::workspace).collect();
-        Ok(FusedDuelingNetwork { isa, stacks, parameters: flat, workspaces })
+        Ok(FusedDuelingNetwork {
+            isa,
+            stacks,
+            parameters: flat,
+            workspaces,
+            actions: shape.actions,
+        })
     }
 
     /// The weights, by name.
@@ -67,17 +74,13 @@ impl FusedDuelingNetwork {
     /// Sets the derivatives by the outputs of a row, given the derivative by the value of one
     /// action.
     fn derive_outputs(&mut self, row: usize, action: usize, by_value: f32) {
-        let last = self.stacks.len() - 1;
-        let mut set = |stack: usize, from: usize, derivatives: &[f32]| {
-            let at = row * self.stacks[stack].outputs() + from;
-            self.workspaces[stack].by_outputs[at..at + derivatives.len()]
-                .copy_from_slice(derivatives);
-        };
-        set(0, 0, &[by_value]);
-        let by_advantages: [f32; Action::COUNT] = std::array::from_fn(|other| {
-            by_value * (f32::from(u8::from(other == action)) - 1.0 / Action::COUNT as f32)
-        });
-        set(last, if last == 0 { 1 } else { 0 }, &by_advantages);
+        let (last, mean) = (self.stacks.len() - 1, 1.0 / self.actions as f32);
+        self.workspaces[0].by_outputs[row * self.stacks[0].outputs()] = by_value;
+        let end = (row + 1) * self.stacks[last].outputs();
+        let by_advantages = &mut self.workspaces[last].by_outputs[end - self.actions..end];
+        for (other, by_advantage) in by_advantages.iter_mut().enumerate() {
+            *by_advantage = by_value * (f32::from(u8::from(other == action)) - mean);
+        }
     }
 
     /// V and the advantages of a row after [`FusedDuelingNetwork::forward`].
@@ -87,14 +90,23 @@ impl FusedDuelingNetwork {
             &self.workspaces[stack].outputs[row * width..(row + 1) * width]
         };
         let last = outputs(self.stacks.len() - 1);
-        (outputs(0)[0], &last[last.len() - Action::COUNT..])
+        (outputs(0)[0], &last[last.len() - self.actions..])
     }
 }
 
 /// Q = V + A - mean A, \[actions\].
-pub(super) fn action_values((value, advantages): (f32, &[f32])) -> [f32; Action::COUNT] {
-    let mean = advantages.iter().sum::<f32>() * (1.0 / Action::COUNT as f32);
-    std::array::from_fn(|action| value + (advantages[action] - mean))
+pub(super) fn action_values((value, advantages): (f32, &[f32])) -> impl Iterator<Item = f32> {
+    let mean = mean_of(advantages);
+    advantages.iter().map(move |advantage| value + (advantage - mean))
+}
+
+/// Q of one action; see [`action_values`].
+pub(super) fn action_value((value, advantages): (f32, &[f32]), action: usize) -> f32 {
+    value + (advantages[action] - mean_of(advantages))
+}
+
+fn mean_of(advantages: &[f32]) -> f32 {
+    advantages.iter().sum::<f32>() * (1.0 / advantages.len() as f32)
 }
 
 impl ActionNetwork for FusedDuelingNetwork {
@@ -117,16 +129,16 @@ pub struct FusedDuelingDqn {
 }
 
 impl FusedDuelingDqn {
-    /// An engine that starts from these weights, for observations of `inputs` entries.
+    /// An engine that starts from these weights, of this shape.
     ///
     /// **Errors**: the weights do not fit the network.
     pub fn new(
         parameters: &DuelingDqn,
-        inputs: usize,
+        shape: Shape,
         weights: &Weights,
         isa: Isa,
     ) -> Result<Self, WeightsError> {
-        let network = FusedDuelingNetwork::new(parameters, inputs, weights, isa)?;
+        let network = FusedDuelingNetwork::new(parameters, shape, weights, isa)?;
         Ok(FusedDuelingDqn {
             gradient: Aligned::zeros(network.parameters.len()),
             adam: Adam::new(parameters.learning_rate, network.parameters.len()),
@@ -156,7 +168,7 @@ impl FusedDuelingDqn {
             network.forward(&batch.observations, block.clone());
             for (row, position) in block.clone().enumerate() {
                 let action = batch.actions[position].index();
-                let error = action_values(network.streams(row))[action] - batch.targets[position];
+                let error = action_value(network.streams(row), action) - batch.targets[position];
                 squares += f64::from(error) * f64::from(error);
                 network.derive_outputs(row, action, 2.0 * error / rows as f32);
             }
@@ -199,17 +211,5 @@ impl DuelingDqnEngine for FusedDuelingDqn {
     }
 }
 
-impl Resumable for FusedDuelingDqn {
-    // The gradient is not saved, because it is 0 between updates.
-    fn save(&self, out: &mut StateWriter<'_>) -> io::Result<()> {
-        out.many(&self.network.parameters)?;
-        out.many(&self.target.parameters)?;
-        self.adam.save(out)
-    }
-
-    fn restore(&mut self, from: &mut StateReader<'_>) -> Result<(), StateError> {
-        from.fill(&mut self.network.parameters, "weights")?;
-        from.fill(&mut self.target.parameters, "weights")?;
-        self.adam.restore(from)
-    }
-}
+// The gradient is not saved, because it is 0 between updates.
+resumable!([] FusedDuelingDqn { adam; fixed network.parameters, target.parameters });

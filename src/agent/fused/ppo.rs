@@ -6,7 +6,7 @@ use crate::agent::fused::actor_critic::FusedActorCritic;
 use crate::agent::fused::ppo_loss::{Objective, PpoLoss};
 use crate::agent::fused::ppo_network::FusedPpoNetwork;
 use crate::agent::ppo::{ADAM_EPSILON, Losses, Minibatch, Ppo, PpoEngine};
-use crate::agent::{Weights, WeightsError};
+use crate::agent::{Shape, Weights, WeightsError};
 use crate::env::Observations;
 use crate::kernel::{Adam, Aligned, Isa, clip_norm};
 use crate::state::{Resumable, StateError, StateReader, StateWriter};
@@ -24,16 +24,16 @@ pub struct FusedPpo<N = FusedActorCritic> {
 }
 
 impl<N: FusedPpoNetwork> FusedPpo<N> {
-    /// An engine that starts from these weights, for observations of `inputs` entries.
+    /// An engine that starts from these weights, of this shape.
     ///
     /// **Errors**: the weights do not fit the networks.
     pub fn new(
         parameters: &Ppo,
-        inputs: usize,
+        shape: Shape,
         weights: &Weights,
         isa: Isa,
     ) -> Result<Self, WeightsError> {
-        let network = N::from_weights(parameters, inputs, weights, isa)?;
+        let network = N::from_weights(parameters, shape, weights, isa)?;
         let numbers = network.parameters().len();
         Ok(FusedPpo {
             gradient: Aligned::zeros(numbers),
@@ -41,7 +41,7 @@ impl<N: FusedPpoNetwork> FusedPpo<N> {
             network,
             objective: Objective::of(parameters),
             max_grad_norm: parameters.max_grad_norm as f32,
-            loss: Box::default(),
+            loss: Box::new(PpoLoss::new(shape.actions)),
         })
     }
 

@@ -5,7 +5,6 @@ use std::ops::Range;
 use pulp::{Simd, WithSimd};
 
 use crate::agent::ppo::{Losses, Minibatch, Ppo};
-use crate::env::Action;
 use crate::kernel::{Isa, LANES, math};
 
 /// Number of rows computed at a time.
@@ -70,12 +69,12 @@ type Column = [f32; ROWS];
 /// The loss of a block of at most [`ROWS`] rows, column by column. Unused rows have weight 0.
 #[derive(Clone, Debug)]
 pub struct PpoLoss {
-    /// Logits; [`PpoLoss::compute`] replaces them by the derivatives by the logits.
-    logits: [Column; Action::COUNT],
+    /// Logits, by action; [`PpoLoss::compute`] replaces them by the derivatives by the logits.
+    logits: Vec<Column>,
     /// Values; [`PpoLoss::compute`] replaces them by the derivatives by the values.
     values: Column,
-    /// 1 for the action taken.
-    taken: [Column; Action::COUNT],
+    /// 1 for the action taken, by action.
+    taken: Vec<Column>,
     old_log_probabilities: Column,
     old_values: Column,
     advantages: Column,
@@ -97,13 +96,14 @@ struct Scratch {
     divergence: Column,
 }
 
-impl Default for PpoLoss {
-    fn default() -> Self {
+impl PpoLoss {
+    /// Buffers for this number of actions.
+    pub(super) fn new(actions: usize) -> Self {
         let column = [0.0; ROWS];
         PpoLoss {
-            logits: [column; Action::COUNT],
+            logits: vec![column; actions],
             values: column,
-            taken: [column; Action::COUNT],
+            taken: vec![column; actions],
             old_log_probabilities: column,
             old_values: column,
             advantages: column,
@@ -119,9 +119,7 @@ impl Default for PpoLoss {
             },
         }
     }
-}
 
-impl PpoLoss {
     /// Loads actions, old log-probabilities, old values, advantages and returns of some rows of a
     /// minibatch.
     pub(super) fn load(&mut self, minibatch: &Minibatch, rows: Range<usize>) {
@@ -148,29 +146,30 @@ impl PpoLoss {
         }
     }
 
-    /// Loads the outputs of the policy, \[rows, actions\], and of the value network, \[rows\].
-    pub(super) fn load_outputs(&mut self, logits: &[f32], values: &[f32]) {
-        for (row, logits) in logits.as_chunks::<{ Action::COUNT }>().0.iter().enumerate() {
+    /// Loads the outputs of some rows: the logits, \[actions\], and the value of each.
+    pub(super) fn load_outputs<'r>(&mut self, rows: impl Iterator<Item = (&'r [f32], f32)>) {
+        let mut count = 0;
+        for (row, (logits, value)) in rows.enumerate() {
             for (column, logit) in self.logits.iter_mut().zip(logits) {
                 column[row] = *logit;
             }
+            self.values[row] = value;
+            count = row + 1;
         }
-        self.values[..values.len()].copy_from_slice(values);
         for column in self.logits.iter_mut().chain([&mut self.values]) {
-            column[values.len()..].fill(0.0);
+            column[count..].fill(0.0);
         }
     }
 
-    /// Writes the derivatives by the outputs after [`PpoLoss::compute`]; shapes as in
+    /// Writes the derivatives by the outputs after [`PpoLoss::compute`]; rows as in
     /// [`PpoLoss::load_outputs`].
-    pub(super) fn store(&self, by_logits: &mut [f32], by_values: &mut [f32]) {
-        let rows = by_logits.as_chunks_mut::<{ Action::COUNT }>().0;
-        for (row, by_logits) in rows.iter_mut().enumerate() {
+    pub(super) fn store<'r>(&self, rows: impl Iterator<Item = (&'r mut [f32], &'r mut f32)>) {
+        for (row, (by_logits, by_value)) in rows.enumerate() {
             for (by_logit, column) in by_logits.iter_mut().zip(&self.logits) {
                 *by_logit = column[row];
             }
+            *by_value = self.values[row];
         }
-        by_values.copy_from_slice(&self.values[..by_values.len()]);
     }
 
     /// Replaces the outputs in place by the derivatives of the mean loss over `rows` rows; returns
@@ -211,10 +210,21 @@ impl PpoLoss {
     /// softmax of the logits and H its entropy, the derivative of ln p_a by logit j is \[j = a\] -
     /// p_j, and the derivative of H is -p_j (ln p_j + H).
     #[inline(always)]
-    #[allow(clippy::needless_range_loop)]
     fn differentiate_policy(&mut self, objective: Objective, scale: f32) {
-        let Scratch { log_sums, policy, entropy, divergence, .. } = &mut self.scratch;
-        let [first, second, third, fourth] = &mut self.logits;
+        if self.logits.len() == 4 {
+            self.differentiate_four(objective, scale);
+        } else {
+            self.differentiate_any(objective, scale);
+        }
+    }
+
+    /// [`PpoLoss::differentiate_policy`] for four actions, whose numbers stay in registers.
+    #[inline(always)]
+    #[allow(clippy::needless_range_loop)]
+    fn differentiate_four(&mut self, objective: Objective, scale: f32) {
+        let [first, second, third, fourth] = &mut self.logits[..] else { return };
+        let [is_first, is_second, is_third, is_fourth] = &self.taken[..] else { return };
+        let log_sums = &mut self.scratch.log_sums;
         for i in 0..ROWS {
             let (a, b) = (first[i].max(second[i]), third[i].max(fourth[i]));
             let highest = a.max(b);
@@ -224,32 +234,63 @@ impl PpoLoss {
             [first[i], second[i], third[i], fourth[i]] = relative;
         }
         log_sums.iter_mut().for_each(|sum| *sum = math::ln(*sum));
-        let (low, high) = (1.0 - objective.clip, 1.0 + objective.clip);
         for i in 0..ROWS {
-            let log_sum = log_sums[i] as f32;
+            let log_sum = self.scratch.log_sums[i] as f32;
             // Log-probabilities of the actions, then the probabilities.
             let logs = [first[i], second[i], third[i], fourth[i]].map(|l| l - log_sum);
             let p = logs.map(math::exp_f32);
-            let taken = [self.taken[0][i], self.taken[1][i], self.taken[2][i], self.taken[3][i]];
+            let taken = [is_first[i], is_second[i], is_third[i], is_fourth[i]];
             let chosen = (taken[0] * logs[0] + taken[1] * logs[1])
                 + (taken[2] * logs[2] + taken[3] * logs[3]);
             let h = -((p[0] * logs[0] + p[1] * logs[1]) + (p[2] * logs[2] + p[3] * logs[3]));
-            let log_ratio = chosen - self.old_log_probabilities[i];
-            let ratio = math::exp_f32(log_ratio);
-            let clipped = if ratio < low { low } else { ratio };
-            let clipped = if clipped > high { high } else { clipped };
-            let (plain, bounded) = (-self.advantages[i] * ratio, -self.advantages[i] * clipped);
-            let by_chosen = if plain < bounded { 0.0 } else { plain };
-            policy[i] = if plain < bounded { bounded } else { plain };
-            entropy[i] = h;
-            divergence[i] = (ratio - 1.0) - log_ratio;
+            let step = (chosen, self.old_log_probabilities[i], self.advantages[i]);
+            let by_chosen = self.scratch.lose(objective, i, step, h);
             let weight = self.choices[i] * scale;
-            let mut by = [0.0; Action::COUNT];
-            for j in 0..Action::COUNT {
+            let mut by = [0.0; 4];
+            for j in 0..4 {
                 let of_entropy = objective.entropy_weight * (p[j] * (logs[j] + h));
                 by[j] = weight * (by_chosen * (taken[j] - p[j]) + of_entropy);
             }
             [first[i], second[i], third[i], fourth[i]] = by;
+        }
+    }
+
+    /// [`PpoLoss::differentiate_policy`] for any number of actions, one column after the other.
+    #[inline(always)]
+    #[allow(clippy::needless_range_loop)]
+    fn differentiate_any(&mut self, objective: Objective, scale: f32) {
+        let PpoLoss { logits, taken, scratch, .. } = self;
+        let mut highest = [f32::NEG_INFINITY; ROWS];
+        for column in &*logits {
+            highest.iter_mut().zip(column).for_each(|(high, logit)| *high = high.max(*logit));
+        }
+        scratch.log_sums.fill(0.0);
+        for column in &mut *logits {
+            for i in 0..ROWS {
+                column[i] -= highest[i];
+                scratch.log_sums[i] += f64::from(math::exp_f32(column[i]));
+            }
+        }
+        scratch.log_sums.iter_mut().for_each(|sum| *sum = math::ln(*sum));
+        let (mut chosen, mut h, mut by_chosen) = ([0.0; ROWS], [0.0; ROWS], [0.0; ROWS]);
+        for (column, taken) in logits.iter_mut().zip(&*taken) {
+            for i in 0..ROWS {
+                // From here on the log-probabilities.
+                column[i] -= scratch.log_sums[i] as f32;
+                chosen[i] += taken[i] * column[i];
+                h[i] -= math::exp_f32(column[i]) * column[i];
+            }
+        }
+        for i in 0..ROWS {
+            let step = (chosen[i], self.old_log_probabilities[i], self.advantages[i]);
+            by_chosen[i] = scratch.lose(objective, i, step, h[i]);
+        }
+        for (column, taken) in logits.iter_mut().zip(&*taken) {
+            for i in 0..ROWS {
+                let (weight, p) = (self.choices[i] * scale, math::exp_f32(column[i]));
+                let of_entropy = objective.entropy_weight * (p * (column[i] + h[i]));
+                column[i] = weight * (by_chosen[i] * (taken[i] - p) + of_entropy);
+            }
         }
     }
 
@@ -273,6 +314,30 @@ impl PpoLoss {
             self.scratch.squares[i] = if is_clipped { other * other } else { error * error };
             self.values[i] = if is_clipped { 0.0 } else { weight * error };
         }
+    }
+}
+
+impl Scratch {
+    /// Writes the policy loss, the entropy `h` and the divergence of a row, whose action has the log-probability
+    /// `chosen`; returns the derivative of the loss by it.
+    #[inline(always)]
+    fn lose(
+        &mut self,
+        objective: Objective,
+        row: usize,
+        (chosen, old, advantage): (f32, f32, f32),
+        h: f32,
+    ) -> f32 {
+        let (low, high) = (1.0 - objective.clip, 1.0 + objective.clip);
+        let log_ratio = chosen - old;
+        let ratio = math::exp_f32(log_ratio);
+        let clipped = if ratio < low { low } else { ratio };
+        let clipped = if clipped > high { high } else { clipped };
+        let (plain, bounded) = (-advantage * ratio, -advantage * clipped);
+        self.policy[row] = if plain < bounded { bounded } else { plain };
+        self.entropy[row] = h;
+        self.divergence[row] = (ratio - 1.0) - log_ratio;
+        if plain < bounded { 0.0 } else { plain }
     }
 }
 

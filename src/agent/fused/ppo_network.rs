@@ -3,18 +3,18 @@
 use crate::agent::fused::ppo_loss::{Objective, PpoLoss};
 use crate::agent::policy::ActionNetwork;
 use crate::agent::ppo::{Losses, Minibatch, Ppo};
-use crate::agent::{Weights, WeightsError};
+use crate::agent::{Shape, Weights, WeightsError};
 use crate::env::Observations;
 use crate::kernel::{Aligned, Isa};
 
 /// Networks that PPO trains, in a flat array.
 pub trait FusedPpoNetwork: ActionNetwork + Clone + Send + 'static {
-    /// Networks with these weights, for observations of `inputs` entries.
+    /// Networks with these weights, of this shape.
     ///
     /// **Errors**: an array is missing or of another shape.
     fn from_weights(
         parameters: &Ppo,
-        inputs: usize,
+        shape: Shape,
         weights: &Weights,
         isa: Isa,
     ) -> Result<Self, WeightsError>;

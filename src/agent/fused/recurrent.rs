@@ -6,11 +6,8 @@ use crate::agent::fused::dense::{Dense, padded};
 use crate::agent::fused::sequences::{Between, Room, Through};
 use crate::agent::layers;
 use crate::agent::{Weights, WeightsError};
-use crate::env::{Action, Observations};
+use crate::env::Observations;
 use crate::kernel::{Activation, GATES, GruGradient, GruStep, Isa, Start};
-
-/// Outputs of the heads: one per action, then the value.
-const OUTPUTS: usize = Action::COUNT + 1;
 
 /// Positions of the network's parameters in a flat array.
 #[derive(Clone, Debug)]
@@ -20,7 +17,9 @@ pub(super) struct RecurrentLayers {
     gru_input: Dense,
     gru_hidden: Dense,
     after: Vec<Dense>,
+    /// One output per action, then the value.
     heads: Dense,
+    actions: usize,
     inputs: usize,
     pub(super) units: usize,
     /// Units with padding.
@@ -46,6 +45,7 @@ impl RecurrentLayers {
         let [gru_input, gru_hidden] =
             gru.map(|layer| place(&|start| Dense::new(layer.clone(), GATES, start)));
         let after = after.iter().map(|layer| place(&hidden(layer))).collect();
+        let actions = heads[0].outputs;
         let heads = place(&|start| Dense::together(&heads, start));
         let activation = match activation {
             agent::Activation::Relu => Activation::Relu,
@@ -59,6 +59,7 @@ impl RecurrentLayers {
             gru_hidden,
             after,
             heads,
+            actions,
             inputs,
             units,
             stride,
@@ -100,8 +101,14 @@ impl RecurrentLayers {
     }
 
     /// The outputs for the actions, and the value, in one row of the heads' outputs.
-    pub(super) fn outputs(row: &[f32]) -> (&[f32], f32) {
-        (&row[..Action::COUNT], row[OUTPUTS - 1])
+    pub(super) fn outputs<'r>(&self, row: &'r [f32]) -> (&'r [f32], f32) {
+        (&row[..self.actions], row[self.actions])
+    }
+
+    /// [`RecurrentLayers::outputs`] of a row of derivatives, to be written.
+    pub(super) fn outputs_mut<'r>(&self, row: &'r mut [f32]) -> (&'r mut [f32], &'r mut f32) {
+        let (of_actions, rest) = row.split_at_mut(self.actions);
+        (of_actions, &mut rest[0])
     }
 
     /// Width of a row of the heads' outputs.

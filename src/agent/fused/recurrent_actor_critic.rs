@@ -2,13 +2,13 @@
 
 use crate::agent::fused::ppo_loss::{Objective, PpoLoss, ROWS, Sums};
 use crate::agent::fused::ppo_network::FusedPpoNetwork;
-use crate::agent::fused::recurrent::RecurrentLayers;
 use crate::agent::fused::recurrent_network::RecurrentNetwork;
 use crate::agent::fused::sequences::{Between, Through};
+use crate::agent::layers::{self, Shape};
 use crate::agent::policy::ActionNetwork;
 use crate::agent::ppo::{Losses, Minibatch, Ppo, Sequences};
-use crate::agent::{Weights, WeightsError, layers};
-use crate::env::{Action, Observations};
+use crate::agent::{Weights, WeightsError};
+use crate::env::Observations;
 use crate::kernel::{Aligned, Isa};
 
 /// A policy and a value that share a GRU, in a flat array; as an [`ActionNetwork`] it is the
@@ -17,16 +17,16 @@ use crate::kernel::{Aligned, Isa};
 pub struct FusedRecurrentActorCritic(RecurrentNetwork);
 
 impl FusedRecurrentActorCritic {
-    /// Networks with these weights, for observations of `inputs` entries.
+    /// Networks with these weights, of this shape.
     ///
     /// **Errors**: an array is missing or of another shape.
     pub fn new(
         parameters: &Ppo,
-        inputs: usize,
+        shape: Shape,
         weights: &Weights,
         isa: Isa,
     ) -> Result<Self, WeightsError> {
-        let layers = layers::Recurrent::actor_critic(parameters, inputs);
+        let layers = layers::Recurrent::actor_critic(parameters, shape);
         RecurrentNetwork::new(layers, parameters.activation, weights, isa)
             .map(FusedRecurrentActorCritic)
     }
@@ -51,11 +51,11 @@ impl ActionNetwork for FusedRecurrentActorCritic {
 impl FusedPpoNetwork for FusedRecurrentActorCritic {
     fn from_weights(
         parameters: &Ppo,
-        inputs: usize,
+        shape: Shape,
         weights: &Weights,
         isa: Isa,
     ) -> Result<Self, WeightsError> {
-        FusedRecurrentActorCritic::new(parameters, inputs, weights, isa)
+        FusedRecurrentActorCritic::new(parameters, shape, weights, isa)
     }
 
     fn isa(&self) -> Isa {
@@ -105,28 +105,15 @@ impl FusedPpoNetwork for FusedRecurrentActorCritic {
         let (rows, steps, width) = (minibatch.rows(), minibatch.steps(), layers.width());
         let Between { heads, by_heads, .. } = &mut *between;
         let (heads, by_heads) = (heads.known(rows * width), by_heads.of(rows * width));
-        let (mut logits, mut values) = ([0.0; ROWS * Action::COUNT], [0.0; ROWS]);
         let mut sums = Sums::default();
         let blocks = heads.chunks(ROWS * width).zip(by_heads.chunks_mut(ROWS * width));
         for (block, (heads, by_heads)) in blocks.enumerate() {
-            let count = heads.len() / width;
-            let (logits, values) = (&mut logits[..count * Action::COUNT], &mut values[..count]);
-            let each = logits.chunks_exact_mut(Action::COUNT).zip(&mut *values);
-            for ((logits, value), row) in each.zip(heads.chunks_exact(width)) {
-                let outputs = RecurrentLayers::outputs(row);
-                logits.copy_from_slice(outputs.0);
-                *value = outputs.1;
-            }
-            loss.load(minibatch, block * ROWS..block * ROWS + count);
-            loss.load_outputs(logits, values);
+            let start = block * ROWS;
+            loss.load(minibatch, start..start + heads.len() / width);
+            loss.load_outputs(heads.chunks_exact(width).map(|row| layers.outputs(row)));
             sums.add(&loss.compute(*isa, objective, steps));
-            loss.store(logits, values);
-            let each = logits.chunks_exact(Action::COUNT).zip(&*values);
-            for ((logits, value), row) in each.zip(by_heads.chunks_exact_mut(width)) {
-                row.fill(0.0);
-                row[..Action::COUNT].copy_from_slice(logits);
-                row[Action::COUNT] = *value;
-            }
+            by_heads.fill(0.0);
+            loss.store(by_heads.chunks_exact_mut(width).map(|row| layers.outputs_mut(row)));
         }
         layers.backward(*isa, parameters, through, between, gradient);
         sums.losses(objective, steps)

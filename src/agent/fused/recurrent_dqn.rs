@@ -1,33 +1,31 @@
 //! Updates of the dueling DQN with a GRU.
 
-use std::io;
-
 use crate::agent::dueling_dqn::{RecurrentDqnEngine, SequenceBatch};
-use crate::agent::fused::dueling_dqn::action_values;
-use crate::agent::fused::recurrent::RecurrentLayers;
+use crate::agent::fused::dueling_dqn::{action_value, action_values};
 use crate::agent::fused::recurrent_network::RecurrentNetwork;
 use crate::agent::fused::sequences::{Between, Through};
+use crate::agent::layers::{self, Shape};
 use crate::agent::policy::ActionNetwork;
-use crate::agent::{DuelingDqn, Weights, WeightsError, layers};
-use crate::env::{Action, Observations};
+use crate::agent::{DuelingDqn, Weights, WeightsError};
+use crate::env::Observations;
 use crate::kernel::{Adam, Aligned, Isa};
-use crate::state::{Resumable, StateError, StateReader, StateWriter};
+use crate::state::resumable;
 
 /// A dueling network with a GRU, in a flat array.
 #[derive(Clone, Debug)]
 pub struct FusedRecurrentDuelingNetwork(RecurrentNetwork);
 
 impl FusedRecurrentDuelingNetwork {
-    /// A network with these weights, for observations of `inputs` entries.
+    /// A network with these weights, of this shape.
     ///
     /// **Errors**: an array is missing or of another shape.
     pub fn new(
         parameters: &DuelingDqn,
-        inputs: usize,
+        shape: Shape,
         weights: &Weights,
         isa: Isa,
     ) -> Result<Self, WeightsError> {
-        let layers = layers::Recurrent::dueling(parameters, inputs);
+        let layers = layers::Recurrent::dueling(parameters, shape);
         RecurrentNetwork::new(layers, parameters.activation, weights, isa)
             .map(FusedRecurrentDuelingNetwork)
     }
@@ -74,16 +72,16 @@ pub struct FusedRecurrentDqn {
 }
 
 impl FusedRecurrentDqn {
-    /// An engine that starts from these weights, for observations of `inputs` entries.
+    /// An engine that starts from these weights, of this shape.
     ///
     /// **Errors**: the weights do not fit the network.
     pub fn new(
         parameters: &DuelingDqn,
-        inputs: usize,
+        shape: Shape,
         weights: &Weights,
         isa: Isa,
     ) -> Result<Self, WeightsError> {
-        let network = FusedRecurrentDuelingNetwork::new(parameters, inputs, weights, isa)?;
+        let network = FusedRecurrentDuelingNetwork::new(parameters, shape, weights, isa)?;
         let numbers = network.0.parameters.len();
         Ok(FusedRecurrentDqn {
             gradient: Aligned::zeros(numbers),
@@ -117,14 +115,15 @@ impl FusedRecurrentDqn {
             if !batch.learned[row] {
                 continue;
             }
-            let (advantages, value) = RecurrentLayers::outputs(heads);
+            let (advantages, value) = layers.outputs(heads);
             let action = batch.actions[row].index();
-            let error = action_values((value, advantages))[action] - batch.targets[row];
+            let error = action_value((value, advantages), action) - batch.targets[row];
             squares += f64::from(error) * f64::from(error);
             let by_value = 2.0 * error / steps as f32;
-            by_heads[..Action::COUNT].fill(-by_value / Action::COUNT as f32);
-            by_heads[action] += by_value;
-            by_heads[Action::COUNT] = by_value;
+            let (by_advantages, by_state) = layers.outputs_mut(by_heads);
+            by_advantages.fill(-by_value / by_advantages.len() as f32);
+            by_advantages[action] += by_value;
+            *by_state = by_value;
         }
         layers.backward(*isa, parameters, through(batch), between, gradient);
         (squares / steps as f64) as f32
@@ -148,7 +147,7 @@ impl RecurrentDqnEngine for FusedRecurrentDqn {
         let width = layers.width();
         out.clear();
         for row in between.heads.known(batch.rows() * width).chunks_exact(width) {
-            let (advantages, value) = RecurrentLayers::outputs(row);
+            let (advantages, value) = layers.outputs(row);
             out.extend(action_values((value, advantages)));
         }
     }
@@ -173,17 +172,5 @@ impl RecurrentDqnEngine for FusedRecurrentDqn {
     }
 }
 
-impl Resumable for FusedRecurrentDqn {
-    // The gradient is not saved, because it is 0 between updates.
-    fn save(&self, out: &mut StateWriter<'_>) -> io::Result<()> {
-        out.many(&self.network.0.parameters)?;
-        out.many(&self.target.0.parameters)?;
-        self.adam.save(out)
-    }
-
-    fn restore(&mut self, from: &mut StateReader<'_>) -> Result<(), StateError> {
-        from.fill(&mut self.network.0.parameters, "weights")?;
-        from.fill(&mut self.target.0.parameters, "weights")?;
-        self.adam.restore(from)
-    }
-}
+// The gradient is not saved, because it is 0 between updates.
+resumable!([] FusedRecurrentDqn { adam; fixed network.0.parameters, target.0.parameters });

@@ -51,7 +51,7 @@ impl RecurrentNetwork {
         layers.last_states(lanes, between, memory);
         let width = layers.width();
         for row in between.heads.known(lanes * width).chunks_exact(width) {
-            let (of_actions, value) = RecurrentLayers::outputs(row);
+            let (of_actions, value) = layers.outputs(row);
             each(of_actions, value);
         }
     }

@@ -1,17 +1,16 @@
 //! Updates of REINFORCE.
 
-use std::io;
-
 use pulp::{Simd, WithSimd};
 
 use crate::agent::Reinforce;
 use crate::agent::fused::stack::{BLOCK, Stack, Workspace, blocks};
+use crate::agent::layers::{self, Shape};
 use crate::agent::policy::ActionNetwork;
 use crate::agent::reinforce::{ReinforceEngine, Trajectories};
-use crate::agent::{Weights, WeightsError, layers};
+use crate::agent::{Weights, WeightsError};
 use crate::env::{Action, Observations};
 use crate::kernel::{Adam, Aligned, Isa, LANES, math};
-use crate::state::{Resumable, StateError, StateReader, StateWriter};
+use crate::state::resumable;
 
 /// A policy network in flat arrays.
 #[derive(Clone, Debug)]
@@ -23,16 +22,16 @@ pub struct FusedPolicyNetwork {
 }
 
 impl FusedPolicyNetwork {
-    /// A network with these weights, for observations of `inputs` entries.
+    /// A network with these weights, of this shape.
     ///
     /// **Errors**: an array is missing or of another shape.
     pub fn new(
         parameters: &Reinforce,
-        inputs: usize,
+        shape: Shape,
         weights: &Weights,
         isa: Isa,
     ) -> Result<Self, WeightsError> {
-        let stack = Stack::new(layers::policy(parameters, inputs), parameters.activation, 0);
+        let stack = Stack::new(layers::policy(parameters, shape), parameters.activation, 0);
         let mut flat = Aligned::zeros(stack.end());
         stack.load(weights, &mut flat)?;
         Ok(FusedPolicyNetwork { isa, workspace: stack.workspace(), stack, parameters: flat })
@@ -55,7 +54,7 @@ impl ActionNetwork for FusedPolicyNetwork {
     fn evaluate(&mut self, observations: &Observations, out: &mut Vec<f32>) {
         out.clear();
         for rows in blocks(observations.rows()) {
-            let count = rows.len() * Action::COUNT;
+            let count = rows.len() * self.stack.outputs();
             let observations = (observations, rows);
             self.stack.forward(self.isa, &self.parameters, observations, &mut self.workspace);
             out.extend_from_slice(&self.workspace.outputs[..count]);
@@ -75,16 +74,16 @@ pub struct FusedReinforce {
 }
 
 impl FusedReinforce {
-    /// An engine that starts from these weights, for observations of `inputs` entries.
+    /// An engine that starts from these weights, of this shape.
     ///
     /// **Errors**: the weights do not fit the network.
     pub fn new(
         parameters: &Reinforce,
-        inputs: usize,
+        shape: Shape,
         weights: &Weights,
         isa: Isa,
     ) -> Result<Self, WeightsError> {
-        let network = FusedPolicyNetwork::new(parameters, inputs, weights, isa)?;
+        let network = FusedPolicyNetwork::new(parameters, shape, weights, isa)?;
         Ok(FusedReinforce {
             gradient: Aligned::zeros(network.parameters.len()),
             adam: Adam::new(parameters.learning_rate, network.parameters.len()),
@@ -108,19 +107,19 @@ impl FusedReinforce {
         let FusedReinforce { network, gradient, likelihoods, .. } = self;
         let FusedPolicyNetwork { isa, stack, parameters, workspace } = network;
         let scale = (1.0 / self.loss_divisor) as f32;
-        let preferences = trajectories.preferences.as_chunks::<{ Action::COUNT }>().0;
-        assert_eq!(preferences.len(), trajectories.actions.len(), "preferences for every action");
+        let (count, width) = (trajectories.actions.len(), stack.outputs());
+        assert_eq!(trajectories.preferences.len(), count * width, "preferences for every action");
         stack.prepare(parameters, workspace);
         let mut loss = 0.0;
-        for block in blocks(trajectories.actions.len()) {
+        for block in blocks(count) {
             let observations = (&trajectories.observations, block.clone());
             stack.remember(*isa, parameters, observations.clone(), workspace);
             loss += isa.run(Likelihoods {
-                preferences: &preferences[block.clone()],
+                preferences: &trajectories.preferences[block.start * width..block.end * width],
                 actions: &trajectories.actions[block.clone()],
                 returns: &trajectories.returns_to_go[block],
                 scale,
-                derivatives: workspace.by_outputs.as_chunks_mut().0,
+                derivatives: &mut workspace.by_outputs,
                 likelihoods,
             });
             stack.backward(*isa, parameters, observations, workspace, gradient);
@@ -132,15 +131,15 @@ impl FusedReinforce {
 /// Computes the loss of steps, before division, from the likelihoods of their actions, and the
 /// derivatives of the divided loss by the logits.
 ///
-/// **Shapes**: all arrays are \[rows\]; `derivatives` and `likelihoods` have room for [`BLOCK`]
-/// rows.
+/// **Shapes**: `preferences` is \[rows, actions\], `actions` and `returns` are \[rows\]; `derivatives`, by row and
+/// action, and `likelihoods` have room for [`BLOCK`] rows.
 struct Likelihoods<'a> {
-    preferences: &'a [[f32; Action::COUNT]],
+    preferences: &'a [f32],
     actions: &'a [Action],
     returns: &'a [f32],
     /// 1 / the loss divisor.
     scale: f32,
-    derivatives: &'a mut [[f32; Action::COUNT]],
+    derivatives: &'a mut [f32],
     likelihoods: &'a mut [f64; BLOCK],
 }
 
@@ -148,28 +147,31 @@ impl WithSimd for Likelihoods<'_> {
     type Output = f64;
 
     #[inline(always)]
-    #[allow(clippy::needless_range_loop)]
     fn with_simd<S: Simd>(self, _: S) -> f64 {
-        let rows = self.preferences.len();
-        let likelihoods = &mut self.likelihoods[..rows];
-        let given = self.preferences.iter().zip(self.actions).zip(self.returns);
-        for (((row, action), weight), (derivatives, likelihood)) in
-            given.zip(self.derivatives.iter_mut().zip(likelihoods.iter_mut()))
-        {
-            let inverse = 1.0 / ((row[0] + row[1]) + (row[2] + row[3]));
-            let weight = weight * self.scale;
-            let mut of_taken = 0.0;
-            for j in 0..Action::COUNT {
-                let likelihood = row[j] * inverse;
-                let taken = action.index() == j;
-                derivatives[j] = weight * (likelihood - if taken { 1.0 } else { 0.0 });
-                of_taken = if taken { likelihood } else { of_taken };
+        let Likelihoods { preferences, actions, returns, scale, derivatives, likelihoods } = self;
+        let likelihoods = &mut likelihoods[..actions.len()];
+        let width = preferences.len() / actions.len();
+        let given = actions.iter().zip(returns.iter().map(|sum| sum * scale));
+        let given = given.zip(likelihoods.iter_mut());
+        if width == 4 {
+            // Rows of a known width keep their numbers in registers.
+            let (rows, derivatives) =
+                (preferences.as_chunks::<4>().0, derivatives.as_chunks_mut::<4>().0);
+            for ((row, by), ((action, weight), likelihood)) in
+                rows.iter().zip(derivatives).zip(given)
+            {
+                let total = (row[0] + row[1]) + (row[2] + row[3]);
+                *likelihood = differentiate(row, total, *action, weight, by);
             }
-            *likelihood = f64::from(of_taken);
+        } else {
+            let rows = preferences.chunks_exact(width).zip(derivatives.chunks_exact_mut(width));
+            for ((row, by), ((action, weight), likelihood)) in rows.zip(given) {
+                *likelihood = differentiate(row, row.iter().sum(), *action, weight, by);
+            }
         }
         likelihoods.iter_mut().for_each(|likelihood| *likelihood = math::ln(*likelihood));
         let mut sums = [0.0; LANES];
-        for (terms, returns) in likelihoods.chunks(LANES).zip(self.returns.chunks(LANES)) {
+        for (terms, returns) in likelihoods.chunks(LANES).zip(returns.chunks(LANES)) {
             let terms = terms.iter().zip(returns);
             sums.iter_mut()
                 .zip(terms)
@@ -177,6 +179,21 @@ impl WithSimd for Likelihoods<'_> {
         }
         sums.iter().sum()
     }
+}
+
+/// Writes the derivatives of a step by its logits, whose exponentials, `row`, have the sum `total`; returns the
+/// likelihood of its action.
+#[inline(always)]
+fn differentiate(row: &[f32], total: f32, action: Action, weight: f32, by: &mut [f32]) -> f64 {
+    let inverse = 1.0 / total;
+    let mut of_taken = 0.0;
+    for (j, (preference, by)) in row.iter().zip(by).enumerate() {
+        let likelihood = preference * inverse;
+        let taken = action.index() == j;
+        *by = weight * (likelihood - if taken { 1.0 } else { 0.0 });
+        of_taken = if taken { likelihood } else { of_taken };
+    }
+    f64::from(of_taken)
 }
 
 impl ReinforceEngine for FusedReinforce {
@@ -205,15 +222,5 @@ impl ReinforceEngine for FusedReinforce {
     }
 }
 
-impl Resumable for FusedReinforce {
-    // The gradient is not saved, because it is 0 between updates.
-    fn save(&self, out: &mut StateWriter<'_>) -> io::Result<()> {
-        out.many(&self.network.parameters)?;
-        self.adam.save(out)
-    }
-
-    fn restore(&mut self, from: &mut StateReader<'_>) -> Result<(), StateError> {
-        from.fill(&mut self.network.parameters, "weights")?;
-        self.adam.restore(from)
-    }
-}
+// The gradient is not saved, because it is 0 between updates.
+resumable!([] FusedReinforce { adam; fixed network.parameters });

@@ -6,7 +6,7 @@ use crate::agent;
 use crate::agent::fused::dense::padded;
 use crate::agent::layers::{self, Layer};
 use crate::agent::weights::{Tensor, Weights, WeightsError};
-use crate::env::{Action, Observations};
+use crate::env::Observations;
 use crate::kernel::{
     Activation, Aligned, Isa, MOST_INPUTS, OUTPUTS, Product, Shallow, ShallowGradient, Start, dot,
     transpose,
@@ -64,9 +64,6 @@ pub(super) struct Workspace {
 pub(super) fn blocks(rows: usize) -> impl Iterator<Item = Range<usize>> {
     (0..rows).step_by(BLOCK).map(move |start| start..rows.min(start + BLOCK))
 }
-
-// The kernels for one hidden layer have as many outputs as a policy.
-const _: () = assert!(OUTPUTS == Action::COUNT);
 
 impl Stack {
     /// A stack with parameters from position `start` on.
@@ -335,12 +332,14 @@ impl Stack {
     /// Adds the gradient by the heads' biases.
     fn add_head_biases(&self, by_outputs: &[f32], gradient: &mut [f32]) {
         let bias = &mut gradient[self.head_bias..self.head_bias + self.outputs];
-        // One output for a value, four for advantages or logits, five for both heads.
+        // One output for a value; four for the advantages or logits of four actions, five with a value.
         match self.outputs {
             1 => add_rows::<1>(by_outputs, bias),
             4 => add_rows::<4>(by_outputs, bias),
             5 => add_rows::<5>(by_outputs, bias),
-            outputs => unreachable!("no network has {outputs} outputs"),
+            outputs => by_outputs.chunks_exact(outputs).for_each(|row| {
+                bias.iter_mut().zip(row).for_each(|(sum, value)| *sum += value);
+            }),
         }
     }
 
@@ -467,7 +466,7 @@ fn sums_of_columns(isa: Isa, values: &[f32], count: usize, to: &mut [f32]) {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::agent::Reinforce;
+    use crate::agent::{Reinforce, Shape};
     use crate::rng::{Purpose, Stream};
 
     fn bits(values: &[f32]) -> Vec<u32> {
@@ -489,7 +488,7 @@ mod tests {
             (128, 5, 0, 6),
         ] {
             let parameters = Reinforce { layers: vec![units], ..Reinforce::default() };
-            let layers = layers::policy(&parameters, width + one_hot);
+            let layers = layers::policy(&parameters, Shape::of_four(width + one_hot));
             let weights = layers::draw(
                 std::slice::from_ref(&layers),
                 &mut Stream::new(1, Purpose::InitialWeights),

@@ -1,24 +1,21 @@
 //! Linear Thompson sampling in training, one episode at a time.
 
-use std::io;
-
+use crate::agent::Shape;
 use crate::agent::actor::{Actor, StepObserver, reborrowed};
 use crate::agent::learner::{Actions, Learner, LearnerError, Span, TrainedEpisode};
-use crate::agent::linear_thompson::posterior::{Acting, Decision, restore_drawn};
+use crate::agent::linear_thompson::posterior::{Acting, Decision, fit_drawn};
 use crate::agent::linear_thompson::sampler::{Sampler, pick};
 use crate::agent::linear_thompson::{Design, LinearThompson, LinearThompsonPolicy, Posterior};
-use crate::agent::unavailable::certain;
 use crate::agent::weights::Weights;
 use crate::env::{
-    Action, EpisodeStatus, LaneSet, LaneStreams, Observations, PhysicalActivity, VectorEnvironment,
+    EpisodeStatus, LaneSet, LaneStreams, Observations, PhysicalActivity, VectorEnvironment,
 };
 use crate::rng::{Purpose, Stream, unit_from_bits};
-use crate::state::{Resumable, StateError, StateReader, StateWriter};
+use crate::state::{StateError, resumable};
 
 /// A bandit in training, in an environment of one lane.
 pub struct LinearThompsonLearner<Env = PhysicalActivity> {
     parameters: LinearThompson,
-    seed: u64,
     design: Design,
     sampler: Sampler,
     /// Number of episodes that have ended.
@@ -47,25 +44,30 @@ impl<Env: VectorEnvironment> LinearThompsonLearner<Env> {
     pub fn new(parameters: &LinearThompson, environment: Env, seed: u64) -> Self {
         let spec = environment.observation_spec();
         let design = Design::new(parameters.features, &spec);
-        let prior = Posterior::prior(parameters, design.width());
+        let actions = environment.action_spec().count;
+        let prior = Posterior::prior(parameters, Shape { inputs: design.width(), actions });
         LinearThompsonLearner {
             parameters: parameters.clone(),
-            seed,
             design,
-            sampler: Sampler::new(parameters, seed),
+            sampler: Sampler::new(parameters, actions, seed),
             finished: 0,
             updates: 0,
             learned: prior.clone(),
             known: prior.clone(),
             acting: Acting::new(prior).expect("a diagonal of positive numbers has a root"),
             drawn: Vec::new(),
-            decision: Decision::default(),
+            decision: Decision::among(actions),
             environment,
             episode: TrainedEpisode::default(),
             environment_streams: LaneStreams::Shared(Stream::new(seed, Purpose::Environment)),
             exploration_stream: Stream::new(seed, Purpose::Exploration),
             observations: spec.observations(),
         }
+    }
+
+    /// Checks that coefficients of all regressions are drawn, or none.
+    fn fit(&self) -> Result<(), StateError> {
+        fit_drawn(&self.drawn, &self.acting)
     }
 
     fn is_warm_up(&self) -> bool {
@@ -79,20 +81,19 @@ impl<Env: VectorEnvironment> LinearThompsonLearner<Env> {
         // Drawn in every step, so that later choices do not depend on earlier availability.
         let word = self.exploration_stream.bits();
         if !self.parameters.unavailable.chooses(&self.environment, 0) {
-            self.decision.action = Action::default();
-            self.decision.probabilities = certain(Action::default());
+            self.decision.withhold();
             return Ok(false);
         }
         if self.is_warm_up() {
-            let uniform = [1.0 / Action::COUNT as f64; Action::COUNT];
-            self.decision.probabilities = uniform;
-            self.decision.action = pick(&uniform, unit_from_bits(word));
+            let Decision { probabilities, action, .. } = &mut self.decision;
+            let uniform = 1.0 / probabilities.len() as f64;
+            probabilities.fill(uniform);
+            *action = pick(probabilities, unit_from_bits(word));
             return Ok(true);
         }
         self.acting.refresh().map_err(|_| LearnerError::Singular { steps: self.updates })?;
         let known = (&mut self.acting, &mut self.drawn);
-        let Decision { features, probabilities, action } = &mut self.decision;
-        (*probabilities, *action) = self.sampler.choose(Actions::AsTrained, known, features, word);
+        self.sampler.choose(Actions::AsTrained, known, &mut self.decision, word);
         Ok(true)
     }
 
@@ -104,7 +105,7 @@ impl<Env: VectorEnvironment> LinearThompsonLearner<Env> {
         let chooses = self.choose()?;
         let action = self.decision.action;
         if let Some(observer) = &mut observer {
-            observer.chosen(&self.environment, &[action], &[self.decision.probabilities]);
+            observer.chosen(&self.environment, &[action], &self.decision.probabilities);
         }
         let mut reward = [0.0];
         self.environment.step(&[action], &mut reward, &mut self.environment_streams);
@@ -163,9 +164,10 @@ impl<Env: VectorEnvironment> Learner<Env> for LinearThompsonLearner<Env> {
     }
 
     fn policy(&self, actions: Actions) -> Box<dyn Actor<Env>> {
-        let shape = (self.design.clone(), self.environment.observation_spec().observations());
-        let known = self.known.clone();
-        let policy = LinearThompsonPolicy::new(&self.parameters, shape, known, actions, self.seed);
+        let observations = self.environment.observation_spec().observations();
+        let (parts, known) =
+            ((self.design.clone(), self.sampler.clone(), observations), self.known.clone());
+        let policy = LinearThompsonPolicy::new(&self.parameters, parts, known, actions);
         Box::new(policy.expect("weights that are finite come from a posterior with a root"))
     }
 
@@ -175,30 +177,8 @@ impl<Env: VectorEnvironment> Learner<Env> for LinearThompsonLearner<Env> {
     }
 }
 
-impl<Env: VectorEnvironment> Resumable for LinearThompsonLearner<Env> {
-    fn save(&self, out: &mut StateWriter<'_>) -> io::Result<()> {
-        out.one(self.finished)?;
-        out.one(self.updates)?;
-        self.learned.save(out)?;
-        self.known.save(out)?;
-        self.acting.save(out)?;
-        out.many(&self.drawn)?;
-        self.environment.save(out)?;
-        self.episode.save(out)?;
-        self.environment_streams.save(out)?;
-        self.exploration_stream.save(out)
-    }
-
-    fn restore(&mut self, from: &mut StateReader<'_>) -> Result<(), StateError> {
-        self.finished = from.one()?;
-        self.updates = from.one()?;
-        self.learned.restore(from)?;
-        self.known.restore(from)?;
-        self.acting.restore(from)?;
-        self.drawn = restore_drawn(self.acting.coefficients(), from)?;
-        self.environment.restore(from)?;
-        self.episode.restore(from)?;
-        self.environment_streams.restore(from)?;
-        self.exploration_stream.restore(from)
-    }
-}
+resumable!([Env: VectorEnvironment] LinearThompsonLearner<Env> {
+    finished, updates, learned, known, acting, environment, episode, environment_streams, exploration_stream;
+    grown drawn;
+    then fit
+});

@@ -1,15 +1,10 @@
-//! The probability of each of four independent normal variables being the largest.
+//! The probability of each of several independent normal variables being the largest.
 //!
 //! **Source**: P(a is the largest) = ∫ φ_a(u) Π_{b≠a} Φ_b(u) du, by Gauss-Legendre quadrature on
 //! panels whose width is proportional to the narrowest standard deviation of the densities that
 //! reach them. For two variables, P = Φ of the standardised difference.
 
 use std::sync::OnceLock;
-
-use crate::env::Action;
-
-/// Number of variables: one per action.
-const COUNT: usize = Action::COUNT;
 
 /// Distance from the mean, in standard deviations, beyond which a density counts as 0. The two
 /// tails beyond it have probability 1.2e-15.
@@ -32,85 +27,100 @@ const NODES: [(f64, f64); 5] = [
 /// deviations.
 const NARROWEST: f64 = 1e-8;
 
-/// The probability of each of the independent normal variables being the largest.
-pub fn win_probabilities(means: &[f64; COUNT], sds: &[f64; COUNT]) -> [f64; COUNT] {
-    let table = NormalTable::shared();
-    // A narrower density could fall between adjacent floating-point numbers around its mean.
-    let scale = means.iter().chain(sds).fold(0.0, |scale: f64, number| scale.max(number.abs()));
-    let sds = &sds.map(|sd| sd.max(NARROWEST * scale));
-    let mut best = 0;
-    for index in 1..COUNT {
-        if means[index] > means[best] {
-            best = index;
+/// Independent normal variables, one per action: means, standard deviations, and buffers.
+#[derive(Clone, Debug, Default)]
+pub struct Normals {
+    /// The means.
+    pub means: Vec<f64>,
+    /// The standard deviations.
+    pub sds: Vec<f64>,
+    /// Variables that exceed the best with a noticeable probability, itself included.
+    rivals: Vec<usize>,
+    /// Density of each rival at a node, and the product of the distribution functions of later rivals.
+    densities: Vec<f64>,
+    later: Vec<f64>,
+    below: Vec<f64>,
+}
+
+impl Normals {
+    /// Writes the probability of each variable being the largest, \[variables\].
+    pub fn win_probabilities(&mut self, probabilities: &mut [f64]) {
+        let table = NormalTable::shared();
+        let Normals { means, sds, rivals, .. } = self;
+        // A narrower density could fall between adjacent floating-point numbers around its mean.
+        let all = means.iter().chain(&*sds);
+        let scale = all.fold(0.0, |scale: f64, number| scale.max(number.abs()));
+        sds.iter_mut().for_each(|sd| *sd = sd.max(NARROWEST * scale));
+        let better =
+            |best: usize, index: usize| if means[index] > means[best] { index } else { best };
+        let best = (1..means.len()).fold(0, better);
+        // Leaves out variables that exceed the best with a probability below 1e-16.
+        let is_rival =
+            |index: usize| index == best || standardised(means, sds, index, best) > -REACH - 0.25;
+        rivals.clear();
+        rivals.extend((0..means.len()).filter(|index| is_rival(*index)));
+        probabilities.fill(0.0);
+        match rivals[..] {
+            [one] => probabilities[one] = 1.0,
+            [one, other] => {
+                let other = if one == best { other } else { one };
+                probabilities[other] = table.both(standardised(means, sds, other, best)).0;
+                probabilities[best] = 1.0 - probabilities[other];
+            }
+            _ => self.integrate(table, probabilities),
         }
     }
-    // Leaves out variables that exceed the best with a probability below 1e-16.
-    let mut rivals = [best; COUNT];
-    let mut count = 1;
-    for index in (0..COUNT).filter(|index| *index != best) {
-        if standardised(means, sds, index, best) > -REACH - 0.25 {
-            rivals[count] = index;
-            count += 1;
+
+    fn integrate(&mut self, table: &NormalTable, probabilities: &mut [f64]) {
+        let Normals { means, sds, rivals, densities, later, below } = self;
+        let (means, sds) = (&means[..], &sds[..]);
+        for buffer in [&mut *densities, &mut *later, &mut *below] {
+            buffer.resize(rivals.len(), 0.0);
         }
-    }
-    let mut probabilities = [0.0; COUNT];
-    match rivals[..count] {
-        [one] => probabilities[one] = 1.0,
-        [one, other] => {
-            probabilities[other] = table.both(standardised(means, sds, other, one)).0;
-            probabilities[one] = 1.0 - probabilities[other];
+        // Below the highest lower end, the variable with this end is larger. Above the highest upper
+        // end, all densities count as 0.
+        let ends = |side: f64| rivals.iter().map(move |&a| means[a] + side * REACH * sds[a]);
+        let mut low = ends(-1.0).fold(f64::NEG_INFINITY, f64::max);
+        let high = ends(1.0).fold(f64::NEG_INFINITY, f64::max);
+        while low < high {
+            let reaching = rivals.iter().filter(|&&a| low < means[a] + REACH * sds[a]);
+            let narrowest = reaching.map(|&a| sds[a]).fold(f64::INFINITY, f64::min);
+            let next = (low + PANEL * narrowest).min(high);
+            if next <= low {
+                break;
+            }
+            let (middle, half) = (0.5 * (low + next), 0.5 * (next - low));
+            for (node, weight) in NODES {
+                for node in [-node, node] {
+                    let u = half * node + middle;
+                    for (rank, &a) in rivals.iter().enumerate() {
+                        let (cumulated, dense) = table.both((u - means[a]) / sds[a]);
+                        (below[rank], densities[rank]) = (cumulated, dense / sds[a]);
+                    }
+                    let mut product = 1.0;
+                    for (later, below) in later.iter_mut().zip(&*below).rev() {
+                        *later = product;
+                        product *= below;
+                    }
+                    let mut earlier = 1.0;
+                    for (rank, &a) in rivals.iter().enumerate() {
+                        let others = earlier * later[rank];
+                        probabilities[a] += weight * half * densities[rank] * others;
+                        earlier *= below[rank];
+                    }
+                }
+            }
+            low = next;
         }
-        ref rivals => integrate(table, means, sds, rivals, &mut probabilities),
+        let total: f64 = probabilities.iter().sum();
+        probabilities.iter_mut().for_each(|probability| *probability /= total);
     }
-    probabilities
 }
 
 /// The difference of the means of two variables, in standard deviations of the difference.
-fn standardised(means: &[f64; COUNT], sds: &[f64; COUNT], one: usize, other: usize) -> f64 {
+fn standardised(means: &[f64], sds: &[f64], one: usize, other: usize) -> f64 {
     let variance = sds[one] * sds[one] + sds[other] * sds[other];
     (means[one] - means[other]) / variance.sqrt()
-}
-
-fn integrate(
-    table: &NormalTable,
-    means: &[f64; COUNT],
-    sds: &[f64; COUNT],
-    rivals: &[usize],
-    probabilities: &mut [f64; COUNT],
-) {
-    // Below the highest lower end, the variable with this end is larger. Above the highest upper
-    // end, all densities count as 0.
-    let ends = |side: f64| rivals.iter().map(move |&a| means[a] + side * REACH * sds[a]);
-    let mut low = ends(-1.0).fold(f64::NEG_INFINITY, f64::max);
-    let high = ends(1.0).fold(f64::NEG_INFINITY, f64::max);
-    while low < high {
-        let reaching = rivals.iter().filter(|&&a| low < means[a] + REACH * sds[a]);
-        let narrowest = reaching.map(|&a| sds[a]).fold(f64::INFINITY, f64::min);
-        let next = (low + PANEL * narrowest).min(high);
-        if next <= low {
-            break;
-        }
-        let (middle, half) = (0.5 * (low + next), 0.5 * (next - low));
-        for (node, weight) in NODES {
-            for node in [-node, node] {
-                let u = half * node + middle;
-                let mut below = [1.0; COUNT];
-                let mut density = [0.0; COUNT];
-                for &a in rivals {
-                    let (cumulated, dense) = table.both((u - means[a]) / sds[a]);
-                    (below[a], density[a]) = (cumulated, dense / sds[a]);
-                }
-                let (first, last) = (below[0] * below[1], below[2] * below[3]);
-                let others = [below[1] * last, below[0] * last, first * below[3], first * below[2]];
-                for a in 0..COUNT {
-                    probabilities[a] += weight * half * density[a] * others[a];
-                }
-            }
-        }
-        low = next;
-    }
-    let total: f64 = probabilities.iter().sum();
-    probabilities.iter_mut().for_each(|probability| *probability /= total);
 }
 
 /// Number of points of the table per standard deviation.
@@ -186,21 +196,30 @@ mod tests {
         }
     }
 
+    fn win_probabilities(means: &[f64], sds: &[f64]) -> Vec<f64> {
+        let (means, sds) = (means.to_vec(), sds.to_vec());
+        let mut probabilities = vec![f64::NAN; means.len()];
+        Normals { means, sds, ..Normals::default() }.win_probabilities(&mut probabilities);
+        probabilities
+    }
+
     /// The probabilities by a trapezium rule whose only error is rounding.
-    fn by_brute_force(means: &[f64; 4], sds: &[f64; 4]) -> [f64; 4] {
+    fn by_brute_force(means: &[f64], sds: &[f64]) -> Vec<f64> {
         let narrowest = sds.iter().copied().fold(f64::INFINITY, f64::min);
-        let low = (0..4).map(|a| means[a] - 9.0 * sds[a]).fold(f64::INFINITY, f64::min);
-        let high = (0..4).map(|a| means[a] + 9.0 * sds[a]).fold(f64::NEG_INFINITY, f64::max);
+        let low = (0..means.len()).map(|a| means[a] - 9.0 * sds[a]).fold(f64::INFINITY, f64::min);
+        let high =
+            (0..means.len()).map(|a| means[a] + 9.0 * sds[a]).fold(f64::NEG_INFINITY, f64::max);
         let width = narrowest / 8.0;
         let distribution = |a: usize, u: f64| {
             0.5 * libm::erfc((means[a] - u) / sds[a] * std::f64::consts::FRAC_1_SQRT_2)
         };
-        let mut sums = [0.0; 4];
+        let mut sums = vec![0.0; means.len()];
         for step in 0..((high - low) / width) as usize {
             let u = low + width * step as f64;
             for (a, sum) in sums.iter_mut().enumerate() {
                 let z = (u - means[a]) / sds[a];
-                let others: f64 = (0..4).filter(|b| *b != a).map(|b| distribution(b, u)).product();
+                let rivals = (0..means.len()).filter(|b| *b != a);
+                let others: f64 = rivals.map(|b| distribution(b, u)).product();
                 let density = libm::exp(-0.5 * z * z) / std::f64::consts::TAU.sqrt() / sds[a];
                 *sum += width * density * others;
             }
@@ -212,19 +231,19 @@ mod tests {
     fn probabilities_are_those_of_a_fine_trapezium_rule() {
         let mut stream = Stream::new(1, Purpose::Exploration);
         let mut cases = vec![
-            ([0.0; 4], [1.0; 4]),
-            ([3.0, 2.0, 1.0, 0.0], [12.0, 1.0, 1.0, 12.0]),
-            ([170.0, 0.0, 20.0, 5.0], [1.5, 14.0, 9.0, 30.0]),
-            ([100.0, 0.0, 99.0, 98.0], [0.5, 10.0, 6.0, 40.0]),
+            (vec![0.0; 4], vec![1.0; 4]),
+            (vec![3.0, 2.0, 1.0, 0.0], vec![12.0, 1.0, 1.0, 12.0]),
+            (vec![170.0, 0.0, 20.0, 5.0], vec![1.5, 14.0, 9.0, 30.0]),
+            (vec![100.0, 0.0, 99.0, 98.0], vec![0.5, 10.0, 6.0, 40.0]),
         ];
-        for _ in 0..200 {
-            let means = [(); 4].map(|()| 60.0 * stream.unit());
-            let sds = [(); 4].map(|()| 20.0 * stream.unit().powi(3) + 0.05);
+        for count in [4; 200].into_iter().chain([2, 3, 5, 7, 12]) {
+            let means = (0..count).map(|_| 60.0 * stream.unit()).collect();
+            let sds = (0..count).map(|_| 20.0 * stream.unit().powi(3) + 0.05).collect();
             cases.push((means, sds));
         }
         for (means, sds) in cases {
             let (ours, exact) = (win_probabilities(&means, &sds), by_brute_force(&means, &sds));
-            for (one, other) in ours.iter().zip(exact) {
+            for (one, other) in ours.iter().zip(&exact) {
                 assert!((one - other).abs() < 1e-9, "{means:?} {sds:?}: {ours:?} {exact:?}");
             }
         }

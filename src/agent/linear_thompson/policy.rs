@@ -4,14 +4,12 @@ use std::io;
 
 use crate::agent::Actions;
 use crate::agent::actor::Actor;
-use crate::agent::linear_thompson::posterior::{Acting, Decision, restore_drawn};
+use crate::agent::linear_thompson::posterior::{Acting, Decision, fit_drawn};
 use crate::agent::linear_thompson::sampler::Sampler;
 use crate::agent::linear_thompson::{BanditPosterior, Design, LinearThompson, Posterior};
-use crate::agent::unavailable::{Unavailable, certain};
+use crate::agent::unavailable::Unavailable;
 use crate::agent::weights::WeightsError;
-use crate::env::{
-    Action, ActionProbabilities, EpisodeStatus, LaneSet, Observations, VectorEnvironment,
-};
+use crate::env::{Action, EpisodeStatus, LaneSet, Observations, VectorEnvironment};
 use crate::rng::Stream;
 use crate::state::{Resumable, StateError, StateReader, StateWriter};
 
@@ -47,9 +45,9 @@ struct Lane {
 
 impl Lane {
     /// A lane at the start of an episode.
-    fn new(own: Option<&Acting>) -> Self {
-        let acting = own.cloned();
-        Lane { acting, drawn: Vec::new(), decision: Decision::default(), chooses: false }
+    fn new(own: Option<&Acting>, actions: usize) -> Self {
+        let (acting, decision) = (own.cloned(), Decision::among(actions));
+        Lane { acting, drawn: Vec::new(), decision, chooses: false }
     }
 }
 
@@ -59,10 +57,9 @@ impl LinearThompsonPolicy {
     /// **Errors**: a precision is not positive definite.
     pub fn new(
         parameters: &LinearThompson,
-        (design, observations): (Design, Observations),
+        (design, sampler, observations): (Design, Sampler, Observations),
         known: Posterior,
         choice: Actions,
-        seed: u64,
     ) -> Result<Self, WeightsError> {
         let shared = Acting::new(known.clone()).map_err(|_| WeightsError::NotPositiveDefinite)?;
         let learns = match parameters.posterior {
@@ -70,7 +67,7 @@ impl LinearThompsonPolicy {
             BanditPosterior::Reset => parameters.learns_within(),
         };
         Ok(LinearThompsonPolicy {
-            sampler: Sampler::new(parameters, seed),
+            sampler,
             design,
             choice,
             unavailable: parameters.unavailable,
@@ -98,11 +95,12 @@ impl<Env: VectorEnvironment> Actor<Env> for LinearThompsonPolicy {
         environment: &Env,
         stream: &mut Stream,
         actions: &mut [Action],
-        probabilities: Option<&mut [ActionProbabilities]>,
+        probabilities: Option<&mut [f64]>,
     ) {
         environment.observe(&mut self.observations);
         let own = self.learns.then_some(&self.shared);
-        self.lanes.resize_with(environment.lanes(), || Lane::new(own));
+        let count = self.sampler.actions();
+        self.lanes.resize_with(environment.lanes(), || Lane::new(own, count));
         let LinearThompsonPolicy {
             sampler, design, choice, observations, shared, unavailable, ..
         } = self;
@@ -114,8 +112,8 @@ impl<Env: VectorEnvironment> Actor<Env> for LinearThompsonPolicy {
                 Actions::Greedy => 0,
             };
             if !own.chooses {
-                (own.decision.action, *action) = (Action::default(), Action::default());
-                own.decision.probabilities = certain(Action::default());
+                own.decision.withhold();
+                *action = own.decision.action;
                 continue;
             }
             let Lane { acting, drawn, decision, .. } = own;
@@ -123,13 +121,12 @@ impl<Env: VectorEnvironment> Actor<Env> for LinearThompsonPolicy {
             // If the latest precision cannot be factored, the previous factor remains in use.
             let _ = acting.refresh();
             design.fill(observations, lane, &mut decision.features);
-            (decision.probabilities, decision.action) =
-                sampler.choose(*choice, (acting, drawn), &decision.features, word);
+            sampler.choose(*choice, (acting, drawn), decision, word);
             *action = decision.action;
         }
         if let Some(probabilities) = probabilities {
-            for (probability, own) in probabilities.iter_mut().zip(&self.lanes) {
-                *probability = own.decision.probabilities;
+            for (row, own) in probabilities.chunks_exact_mut(count).zip(&self.lanes) {
+                row.copy_from_slice(&own.decision.probabilities);
             }
         }
     }
@@ -156,9 +153,10 @@ impl Resumable for LinearThompsonPolicy {
     fn restore(&mut self, from: &mut StateReader<'_>) -> Result<(), StateError> {
         let own = self.learns.then_some(&self.shared);
         self.lanes = from.each(usize::MAX, "lanes", |from| {
-            let mut lane = Lane::new(own);
+            let mut lane = Lane::new(own, self.sampler.actions());
             lane.acting.iter_mut().try_for_each(|acting| acting.restore(from))?;
-            lane.drawn = restore_drawn(self.shared.coefficients(), from)?;
+            lane.drawn = from.many(usize::MAX, "drawn coefficients")?;
+            fit_drawn(&lane.drawn, &self.shared)?;
             Ok(lane)
         })?;
         Ok(())

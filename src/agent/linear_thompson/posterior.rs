@@ -5,29 +5,37 @@ use std::io;
 
 use nalgebra::{DMatrix, DVector};
 
+use crate::agent::Shape;
 use crate::agent::linear_thompson::LinearThompson;
 use crate::agent::linear_thompson::regression::{Factored, NotPositiveDefinite, Regression};
+use crate::agent::unavailable::certain;
 use crate::agent::weights::{Tensor, Weights, WeightsError};
 use crate::env::Action;
 use crate::state::{Resumable, StateError, StateReader, StateWriter};
 
-/// Number of actions other than action 0.
-pub const MESSAGES: usize = Action::COUNT - 1;
-
-/// Number of blocks of regressors with action centring: one for the baseline, one for the
-/// probability of each message, and one for the centred indicator of each message, whose
-/// coefficients are the effects.
-const BLOCKS: usize = 1 + 2 * MESSAGES;
-
 /// A step from which an agent learns.
-#[derive(Clone, Debug, Default)]
+#[derive(Clone, Debug)]
 pub struct Decision {
     /// The features of the state.
     pub features: Vec<f64>,
-    /// The probabilities from which the action was drawn.
-    pub probabilities: [f64; Action::COUNT],
+    /// The probabilities from which the action was drawn, \[actions\].
+    pub probabilities: Vec<f64>,
     /// The action taken.
     pub action: Action,
+}
+
+impl Decision {
+    /// A decision to be made among this number of actions.
+    pub fn among(actions: usize) -> Self {
+        let (features, probabilities) = (Vec::new(), vec![0.0; actions]);
+        Decision { features, probabilities, action: Action::default() }
+    }
+
+    /// Takes action 0, because the agent does not choose.
+    pub fn withhold(&mut self) {
+        self.action = Action::default();
+        certain(self.action, &mut self.probabilities);
+    }
 }
 
 /// The posterior of all coefficients: one regression per action, or one shared regression with
@@ -42,9 +50,9 @@ pub struct Posterior {
 }
 
 impl Posterior {
-    /// The prior of an agent whose states have `width` features.
-    pub fn prior(parameters: &LinearThompson, width: usize) -> Self {
-        let (count, width) = shape(parameters, width);
+    /// The prior of an agent whose states have this number of features.
+    pub fn prior(parameters: &LinearThompson, features: Shape) -> Self {
+        let (count, width) = regressors(parameters, features);
         let prior = Regression::prior(width, parameters.prior_mean, parameters.prior_sd);
         Posterior {
             noise_variance: parameters.noise_sd * parameters.noise_sd,
@@ -58,11 +66,11 @@ impl Posterior {
     /// **Errors**: an array is missing or of another shape.
     pub fn trained(
         parameters: &LinearThompson,
-        width: usize,
+        features: Shape,
         weights: &Weights,
     ) -> Result<Self, WeightsError> {
-        let mut posterior = Posterior::prior(parameters, width);
-        let (count, width) = shape(parameters, width);
+        let mut posterior = Posterior::prior(parameters, features);
+        let (count, width) = regressors(parameters, features);
         let precisions = weights.double("precision", &[count, width, width])?;
         let informations = weights.double("information", &[count, width])?;
         let stored = precisions.values.chunks_exact(width * width);
@@ -130,8 +138,12 @@ impl Posterior {
 }
 
 /// The number of regressions of an agent, and the number of regressors of each.
-fn shape(parameters: &LinearThompson, width: usize) -> (usize, usize) {
-    if parameters.action_centring { (1, BLOCKS * width) } else { (Action::COUNT, width) }
+///
+/// With action centring, the regressors are blocks of features: one for the baseline, one for the probability of each
+/// action but action 0, and one for its centred indicator, whose coefficients are the effects.
+fn regressors(parameters: &LinearThompson, features: Shape) -> (usize, usize) {
+    let Shape { inputs, actions } = features;
+    if parameters.action_centring { (1, (2 * actions - 1) * inputs) } else { (actions, inputs) }
 }
 
 /// Writes the regressors of a step with action centring: the features f; p_k f for each message k;
@@ -248,10 +260,8 @@ impl Resumable for Acting {
     }
 }
 
-/// Reads the coefficients drawn for an episode: `most` coefficients, or none.
-pub fn restore_drawn(most: usize, from: &mut StateReader<'_>) -> Result<Vec<f64>, StateError> {
-    const WHAT: &str = "drawn coefficients";
-    let drawn = from.many(most, WHAT)?;
-    let fits = drawn.is_empty() || drawn.len() == most;
-    if fits { Ok(drawn) } else { Err(StateError::Misfit(WHAT)) }
+/// Checks that coefficients drawn for an episode are of all regressions, or none.
+pub fn fit_drawn(drawn: &[f64], acting: &Acting) -> Result<(), StateError> {
+    let fits = drawn.is_empty() || drawn.len() == acting.coefficients();
+    if fits { Ok(()) } else { Err(StateError::Misfit("drawn coefficients")) }
 }

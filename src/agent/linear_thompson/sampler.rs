@@ -1,41 +1,46 @@
 //! Computes the probabilities of actions from a posterior and a state, and draws an action.
 
 use crate::agent::Actions;
-use crate::agent::linear_thompson::normal::win_probabilities;
-use crate::agent::linear_thompson::posterior::{Acting, MESSAGES};
+use crate::agent::linear_thompson::normal::Normals;
+use crate::agent::linear_thompson::posterior::{Acting, Decision};
 use crate::agent::linear_thompson::regression::dot;
 use crate::agent::linear_thompson::{BanditDraw, LinearThompson};
 use crate::agent::unavailable::certain;
-use crate::env::{Action, ActionProbabilities};
+use crate::env::Action;
 use crate::rng::{Purpose, Stream, unit_from_bits};
-
-/// One number per action.
-pub type PerAction = ActionProbabilities;
 
 /// Chooses actions from a posterior.
 #[derive(Clone, Debug)]
 pub struct Sampler {
     draw: BanditDraw,
     is_centred: bool,
-    bias: PerAction,
+    /// \[actions\].
+    bias: Vec<f64>,
     pi_min: f64,
     smoothing: f64,
-    /// Standard normal deviates, the same in every step of a job; empty if no draws are needed.
-    deviates: Vec<PerAction>,
-    /// Features of the effects in their blocks, and the results of
-    /// [`crate::agent::linear_thompson::regression::Factored::whiten`], one row per message.
+    /// Standard normal deviates, \[draws, actions\], the same in every step of a job; empty if no draws are
+    /// needed.
+    deviates: Vec<f64>,
+    normals: Normals,
+    /// Utilities of the actions, and their probabilities given one draw.
+    utilities: Vec<f64>,
+    given: Vec<f64>,
+    /// Features of the effects in their blocks, the results of
+    /// [`crate::agent::linear_thompson::regression::Factored::whiten`], one row per message, and the root of their
+    /// products.
     row: Vec<f64>,
     whitened: Vec<f64>,
+    root: Vec<f64>,
 }
 
 impl Sampler {
-    /// The sampler of an agent in a job with this seed.
-    pub fn new(parameters: &LinearThompson, seed: u64) -> Self {
-        let mut bias = [0.0; Action::COUNT];
-        bias.iter_mut().zip(&parameters.action_bias).for_each(|(own, bias)| *own = *bias);
+    /// The sampler of an agent in a job with this seed, for this number of actions.
+    pub fn new(parameters: &LinearThompson, actions: usize, seed: u64) -> Self {
+        let mut bias = parameters.action_bias.clone();
+        bias.resize(actions, 0.0);
         let by_draws = parameters.draw == BanditDraw::Step
             && (parameters.action_centring || parameters.smoothing > 0.0);
-        let draws = if by_draws { parameters.probability_draws } else { 0 };
+        let draws = if by_draws { parameters.probability_draws as usize } else { 0 };
         let mut stream = Stream::new(seed, Purpose::ProbabilityDraws);
         Sampler {
             draw: parameters.draw,
@@ -43,181 +48,206 @@ impl Sampler {
             bias,
             pi_min: parameters.pi_min,
             smoothing: parameters.smoothing,
-            deviates: (0..draws)
-                .map(|_| [(); Action::COUNT].map(|()| normal(&mut stream)))
-                .collect(),
+            deviates: (0..draws * actions).map(|_| normal(&mut stream)).collect(),
+            normals: Normals::default(),
+            utilities: vec![0.0; actions],
+            given: vec![0.0; actions],
             row: Vec::new(),
             whitened: Vec::new(),
+            root: Vec::new(),
         }
     }
 
-    /// Chooses in a state with these features: the probabilities of the actions, and the action
-    /// that a random word draws from them. `drawn` holds the coefficients of the episode; it is
-    /// empty until they are drawn.
+    /// Number of actions.
+    pub fn actions(&self) -> usize {
+        self.bias.len()
+    }
+
+    /// Chooses in the state of a decision: writes the probabilities of the actions, and the action that a random
+    /// word draws from them. The second half of `known` holds the coefficients of the episode; it is empty until
+    /// they are drawn.
     pub fn choose(
         &mut self,
         choice: Actions,
-        (acting, drawn): (&mut Acting, &mut Vec<f64>),
-        features: &[f64],
+        known: (&mut Acting, &mut Vec<f64>),
+        decision: &mut Decision,
         word: u64,
-    ) -> (PerAction, Action) {
-        let probabilities = match choice {
-            Actions::AsTrained => self.probabilities((acting, drawn), features, word),
+    ) {
+        let Decision { features, probabilities, action } = decision;
+        match choice {
+            Actions::AsTrained => self.probabilities(known, features, word, probabilities),
             Actions::Greedy => {
-                let expected = self.expected(acting, features);
-                certain(largest(&expected))
+                self.expect(known.0, features);
+                certain(largest(&self.utilities), probabilities);
             }
-        };
-        (probabilities, pick(&probabilities, unit_from_bits(word)))
+        }
+        *action = pick(probabilities, unit_from_bits(word));
     }
 
-    /// The probabilities of the actions. If coefficients are drawn per episode and `drawn` is
+    /// Writes the probabilities of the actions. If coefficients are drawn per episode and `drawn` is
     /// empty, the word seeds their draw.
     pub fn probabilities(
         &mut self,
         (acting, drawn): (&mut Acting, &mut Vec<f64>),
         features: &[f64],
         word: u64,
-    ) -> PerAction {
-        let free = match self.draw {
+        probabilities: &mut [f64],
+    ) {
+        match self.draw {
             BanditDraw::Episode => {
                 if drawn.is_empty() {
                     let mut stream = Stream::new(word, Purpose::EpisodeDraws);
                     acting.draw(drawn, || normal(&mut stream));
                 }
-                let utilities = self.utilities(drawn, features);
-                self.of_utilities(&utilities)
+                self.utilities(drawn, features);
+                of_utilities(&self.utilities, self.smoothing, probabilities);
             }
-            BanditDraw::Step if self.is_centred => self.of_effects(acting, features),
-            BanditDraw::Step => self.of_actions(acting, features),
-        };
-        let rest = 1.0 - Action::COUNT as f64 * self.pi_min;
-        free.map(|p| self.pi_min + rest * p)
+            BanditDraw::Step if self.is_centred => self.of_effects(acting, features, probabilities),
+            BanditDraw::Step => self.of_actions(acting, features, probabilities),
+        }
+        let rest = 1.0 - self.actions() as f64 * self.pi_min;
+        probabilities.iter_mut().for_each(|p| *p = self.pi_min + rest * *p);
     }
 
-    /// The posterior mean of the utility of each action.
-    fn expected(&mut self, acting: &mut Acting, features: &[f64]) -> PerAction {
+    /// Computes the posterior mean of the utility of each action.
+    fn expect(&mut self, acting: &mut Acting, features: &[f64]) {
         if self.is_centred {
             return self.utilities(acting.factored()[0].mean(), features);
         }
-        let mut expected = self.bias;
-        let factored = acting.factored().iter();
-        expected.iter_mut().zip(factored).for_each(|(sum, one)| *sum += one.predict(features));
-        expected
+        self.utilities.copy_from_slice(&self.bias);
+        let each = self.utilities.iter_mut().zip(acting.factored());
+        each.for_each(|(sum, one)| *sum += one.predict(features));
     }
 
-    /// The utility of each action, given coefficients of all regressions. Actions are compared by
+    /// Computes the utility of each action, given coefficients of all regressions. Actions are compared by
     /// their utilities.
-    fn utilities(&self, coefficients: &[f64], features: &[f64]) -> PerAction {
-        let mut utilities = self.bias;
+    fn utilities(&mut self, coefficients: &[f64], features: &[f64]) {
+        let utilities = &mut self.utilities;
+        utilities.copy_from_slice(&self.bias);
         let width = features.len();
         if self.is_centred {
-            let effects = coefficients[coefficients.len() - MESSAGES * width..].chunks_exact(width);
+            let messages = utilities.len() - 1;
+            let effects = coefficients[coefficients.len() - messages * width..].chunks_exact(width);
             let messages = utilities[1..].iter_mut().zip(effects);
             messages.for_each(|(sum, effect)| *sum += dot(effect, features));
         } else {
             let actions = utilities.iter_mut().zip(coefficients.chunks_exact(width));
             actions.for_each(|(sum, coefficients)| *sum += dot(coefficients, features));
         }
-        utilities
     }
 
-    /// The probabilities under independent regressions per action.
-    fn of_actions(&self, acting: &mut Acting, features: &[f64]) -> PerAction {
-        let (mut means, mut sds) = (self.bias, [0.0; Action::COUNT]);
-        for (action, factored) in acting.factored().iter_mut().enumerate() {
-            means[action] += factored.predict(features);
+    /// Writes the probabilities under independent regressions per action.
+    fn of_actions(&mut self, acting: &mut Acting, features: &[f64], probabilities: &mut [f64]) {
+        let Normals { means, sds, .. } = &mut self.normals;
+        means.clone_from(&self.bias);
+        sds.clear();
+        for (mean, factored) in means.iter_mut().zip(acting.factored()) {
+            *mean += factored.predict(features);
             let whitened = factored.whiten(features);
-            sds[action] = dot(whitened, whitened).sqrt();
+            sds.push(dot(whitened, whitened).sqrt());
         }
         if self.smoothing == 0.0 {
-            return win_probabilities(&means, &sds);
+            return self.normals.win_probabilities(probabilities);
         }
-        self.by_draws(|deviates| std::array::from_fn(|a| means[a] + sds[a] * deviates[a]))
+        self.by_draws(probabilities, |sampler, draw, utilities| {
+            let Normals { means, sds, .. } = &sampler.normals;
+            for (action, utility) in utilities.iter_mut().enumerate() {
+                *utility = means[action] + sds[action] * draw[action];
+            }
+        });
     }
 
-    /// The probabilities under the shared regression with action centring, whose effects are
+    /// Writes the probabilities under the shared regression with action centring, whose effects are
     /// correlated.
-    fn of_effects(&mut self, acting: &mut Acting, features: &[f64]) -> PerAction {
-        let mut means = self.bias;
+    fn of_effects(&mut self, acting: &mut Acting, features: &[f64], probabilities: &mut [f64]) {
+        let (means, messages) = (&mut self.normals.means, self.bias.len() - 1);
+        means.clone_from(&self.bias);
         let joint = &mut acting.factored()[0];
         let (width, all) = (features.len(), joint.mean().len());
-        let first = all - MESSAGES * width;
+        let first = all - messages * width;
         self.whitened.clear();
-        for message in 0..MESSAGES {
+        for (message, mean) in means[1..].iter_mut().enumerate() {
             let block = first + message * width..first + (message + 1) * width;
-            means[message + 1] += dot(&joint.mean()[block.clone()], features);
+            *mean += dot(&joint.mean()[block.clone()], features);
             self.row.clear();
             self.row.resize(all, 0.0);
             self.row[block].copy_from_slice(features);
             self.whitened.extend_from_slice(joint.whiten(&self.row));
         }
-        let root = root_of_products(&self.whitened, all);
-        self.by_draws(|deviates| {
-            let mut utilities = means;
-            for (utility, row) in utilities[1..].iter_mut().zip(&root) {
-                *utility += row[0] * deviates[1] + row[1] * deviates[2] + row[2] * deviates[3];
+        root_of_products(&self.whitened, all, &mut self.root);
+        self.by_draws(probabilities, |sampler, draw, utilities| {
+            utilities.copy_from_slice(&sampler.normals.means);
+            let rows = sampler.root.chunks_exact(utilities.len() - 1);
+            for ((message, utility), row) in utilities[1..].iter_mut().enumerate().zip(rows) {
+                *utility += dot(&row[..=message], &draw[1..=message + 1]);
             }
-            utilities
-        })
+        });
     }
 
-    /// The mean, over the job's deviates, of the action probabilities given the utilities of one
-    /// draw.
-    fn by_draws(&self, utilities: impl Fn(&PerAction) -> PerAction) -> PerAction {
-        let mut sums = [0.0; Action::COUNT];
-        for deviates in &self.deviates {
-            let drawn = self.of_utilities(&utilities(deviates));
-            sums.iter_mut().zip(drawn).for_each(|(sum, p)| *sum += p);
+    /// Writes the mean, over the job's deviates, of the action probabilities given the utilities of one
+    /// draw, which `utilities` writes.
+    fn by_draws(
+        &mut self,
+        probabilities: &mut [f64],
+        utilities: impl Fn(&Sampler, &[f64], &mut [f64]),
+    ) {
+        let (mut of_draw, mut given) =
+            (std::mem::take(&mut self.utilities), std::mem::take(&mut self.given));
+        probabilities.fill(0.0);
+        for draw in self.deviates.chunks_exact(of_draw.len()) {
+            utilities(self, draw, &mut of_draw);
+            of_utilities(&of_draw, self.smoothing, &mut given);
+            probabilities.iter_mut().zip(&given).for_each(|(sum, p)| *sum += p);
         }
-        sums.map(|sum| sum / self.deviates.len() as f64)
-    }
-
-    /// The probabilities of actions given their utilities: 1 for the largest, or the softmax.
-    fn of_utilities(&self, utilities: &PerAction) -> PerAction {
-        let best = largest(utilities);
-        if self.smoothing == 0.0 {
-            return certain(best);
-        }
-        let highest = utilities[best.index()];
-        let weights = utilities.map(|utility| libm::exp(self.smoothing * (utility - highest)));
-        let total: f64 = weights.iter().sum();
-        weights.map(|weight| weight / total)
+        let draws = (self.deviates.len() / of_draw.len()) as f64;
+        probabilities.iter_mut().for_each(|sum| *sum /= draws);
+        (self.utilities, self.given) = (of_draw, given);
     }
 }
 
-/// The lower triangular Cholesky factor of the Gram matrix of rows of this width.
-fn root_of_products(rows: &[f64], width: usize) -> [[f64; MESSAGES]; MESSAGES] {
+/// Writes the probabilities of actions given their utilities: 1 for the largest, or the softmax with a slope above 0.
+fn of_utilities(utilities: &[f64], smoothing: f64, probabilities: &mut [f64]) {
+    let best = largest(utilities);
+    if smoothing == 0.0 {
+        return certain(best, probabilities);
+    }
+    let highest = utilities[best.index()];
+    for (weight, utility) in probabilities.iter_mut().zip(utilities) {
+        *weight = libm::exp(smoothing * (utility - highest));
+    }
+    let total: f64 = probabilities.iter().sum();
+    probabilities.iter_mut().for_each(|weight| *weight /= total);
+}
+
+/// Computes the lower triangular Cholesky factor of the Gram matrix of rows of this width, \[rows, rows\].
+fn root_of_products(rows: &[f64], width: usize, root: &mut Vec<f64>) {
+    let count = rows.len() / width;
     let row = |index: usize| &rows[index * width..(index + 1) * width];
-    let mut root = [[0.0; MESSAGES]; MESSAGES];
-    for one in 0..MESSAGES {
+    root.clear();
+    root.resize(count * count, 0.0);
+    for one in 0..count {
         for other in 0..=one {
-            let known: f64 = (0..other).map(|k| root[one][k] * root[other][k]).sum();
-            let rest = dot(row(one), row(other)) - known;
-            root[one][other] = match one == other {
+            let (ours, theirs) = (&root[one * count..], &root[other * count..]);
+            let rest = dot(row(one), row(other)) - dot(&ours[..other], &theirs[..other]);
+            root[one * count + other] = match one == other {
                 true => rest.max(0.0).sqrt(),
                 // A variable without variance has no covariances.
-                false if root[other][other] == 0.0 => 0.0,
-                false => rest / root[other][other],
+                false if theirs[other] == 0.0 => 0.0,
+                false => rest / theirs[other],
             };
         }
     }
-    root
 }
 
 /// The action of the largest number; ties go to the first.
-fn largest(numbers: &PerAction) -> Action {
-    let mut best = 0;
-    for index in 1..numbers.len() {
-        if numbers[index] > numbers[best] {
-            best = index;
-        }
-    }
-    Action::from_index(best).expect("a number per action")
+fn largest(numbers: &[f64]) -> Action {
+    let better =
+        |best: usize, index: usize| if numbers[index] > numbers[best] { index } else { best };
+    Action::from_index((1..numbers.len()).fold(0, better)).expect("a number per action")
 }
 
 /// The action at which the cumulative probabilities exceed a number in [0, 1).
-pub fn pick(probabilities: &PerAction, unit: f64) -> Action {
+pub fn pick(probabilities: &[f64], unit: f64) -> Action {
     let mut cumulated = 0.0;
     let mut picked = 0;
     for (index, probability) in probabilities.iter().enumerate() {

@@ -4,10 +4,10 @@ use nalgebra::{DMatrix, DVector};
 
 use super::posterior::{Acting, Decision};
 use super::regression::{Factored, Regression, dot};
-use super::sampler::{PerAction, Sampler, normal, pick};
+use super::sampler::{Sampler, normal, pick};
 use super::*;
 use crate::agent::registry::trained_linear_thompson;
-use crate::agent::{Actions, Actor, Learner, LearnerError};
+use crate::agent::{Actions, Actor, Learner, LearnerError, Shape};
 use crate::env::{
     Action, LaneSet, LaneStreams, PhysicalActivity, Scenario, StepCount, VectorEnvironment,
 };
@@ -115,12 +115,13 @@ const WIDTH: usize = 4;
 
 /// The posterior after steps as in the simulation.
 fn learned(parameters: &LinearThompson, steps: usize) -> Acting {
-    let mut posterior = Posterior::prior(parameters, WIDTH);
+    let mut posterior = Posterior::prior(parameters, Shape::of_four(WIDTH));
     let mut stream = stream(4);
     for (features, reward) in data(steps, WIDTH, &mut stream) {
         let probabilities = [0.4, 0.1, 0.3, 0.2];
         let action = pick(&probabilities, stream.unit());
         let reward = reward * (0.3 + 0.1 * action.index() as f64);
+        let probabilities = probabilities.to_vec();
         posterior.learn(&Decision { features, probabilities, action }, reward);
     }
     Acting::new(posterior).unwrap()
@@ -128,17 +129,20 @@ fn learned(parameters: &LinearThompson, steps: usize) -> Acting {
 
 const FEATURES: [f64; WIDTH] = [1.0, 0.5, 0.4, 0.7];
 
-fn probabilities(parameters: &LinearThompson, acting: &mut Acting) -> PerAction {
-    Sampler::new(parameters, 9).probabilities((acting, &mut Vec::new()), &FEATURES, 77)
+fn probabilities(parameters: &LinearThompson, acting: &mut Acting) -> [f64; 4] {
+    let mut out = [f64::NAN; 4];
+    let mut sampler = Sampler::new(parameters, 4, 9);
+    sampler.probabilities((acting, &mut Vec::new()), &FEATURES, 77, &mut out);
+    out
 }
 
 /// The share of draws of all coefficients in which each action is chosen.
-fn by_monte_carlo(parameters: &LinearThompson, acting: &mut Acting, draws: u64) -> PerAction {
+fn by_monte_carlo(parameters: &LinearThompson, acting: &mut Acting, draws: u64) -> [f64; 4] {
     let one = LinearThompson { draw: BanditDraw::Episode, ..parameters.clone() };
-    let mut sampler = Sampler::new(&one, 9);
-    let mut sums = [0.0; Action::COUNT];
+    let mut sampler = Sampler::new(&one, 4, 9);
+    let (mut sums, mut drawn) = ([0.0; 4], [0.0; 4]);
     for word in 0..draws {
-        let drawn = sampler.probabilities((acting, &mut Vec::new()), &FEATURES, word);
+        sampler.probabilities((acting, &mut Vec::new()), &FEATURES, word, &mut drawn);
         sums.iter_mut().zip(drawn).for_each(|(sum, p)| *sum += p / draws as f64);
     }
     sums
@@ -201,7 +205,7 @@ fn equal_biases_change_nothing() {
 fn confounded(parameters: &LinearThompson) -> Acting {
     const STEPS: usize = 60_000;
     let effects = [[0.0, 0.0], [1.0, 0.5], [2.0, -1.0], [0.0, 1.5]];
-    let mut posterior = Posterior::prior(parameters, 2);
+    let mut posterior = Posterior::prior(parameters, Shape::of_four(2));
     let mut stream = stream(5);
     for step in 0..STEPS {
         let s = 2.0 * stream.unit() - 1.0;
@@ -213,7 +217,8 @@ fn confounded(parameters: &LinearThompson) -> Acting {
         let action = pick(&probabilities, stream.unit());
         let [intercept, slope] = effects[action.index()];
         let reward = baseline + intercept + slope * s + normal(&mut stream);
-        posterior.learn(&Decision { features: vec![1.0, s], probabilities, action }, reward);
+        let (features, probabilities) = (vec![1.0, s], probabilities.to_vec());
+        posterior.learn(&Decision { features, probabilities, action }, reward);
     }
     Acting::new(posterior).unwrap()
 }
@@ -288,8 +293,8 @@ fn a_policy_of_stored_weights_acts_as_the_learner_does() {
         learner.train(5).unwrap();
         let bytes = learner.weights().to_bytes();
         let weights = crate::agent::Weights::from_bytes(&bytes).unwrap();
-        let spec = simulation(1).observation_spec();
-        let stored = trained_linear_thompson(&parameters, &spec, &weights, choice, 3).unwrap();
+        let interface = simulation(1).interface();
+        let stored = trained_linear_thompson(&parameters, &interface, &weights, choice, 3).unwrap();
         let ours = decisions(&mut *learner.policy(choice));
         assert_eq!(ours, decisions_of(stored));
         let distinct: std::collections::HashSet<usize> = ours.iter().map(|one| one.0).collect();
@@ -314,7 +319,12 @@ fn decisions(policy: &mut dyn Actor) -> Vec<(usize, u64)> {
         environment.reset(LaneSet::All, &mut streams);
         policy.reset(LaneSet::All);
         for step in 0..environment.parameters().horizon {
-            policy.act(&environment, &mut choices, &mut actions, Some(&mut probabilities));
+            policy.act(
+                &environment,
+                &mut choices,
+                &mut actions,
+                Some(probabilities.as_flattened_mut()),
+            );
             environment.step(&actions, &mut rewards, &mut streams);
             policy.observe(&environment, &rewards);
             let made = actions.iter().zip(&probabilities);
@@ -344,7 +354,12 @@ fn a_frozen_posterior_stays_and_one_that_is_reset_learns_in_the_episode() {
         let mut act = || {
             let (mut action, mut probability) = ([Action::default()], [[0.0; 4]]);
             let mut choices = Stream::new(1, Purpose::TestActions);
-            policy.act(&environment, &mut choices, &mut action, Some(&mut probability));
+            policy.act(
+                &environment,
+                &mut choices,
+                &mut action,
+                Some(probability.as_flattened_mut()),
+            );
             policy.observe(&environment, &[-500.0]);
             (action[0], probability[0])
         };
@@ -386,7 +401,12 @@ fn a_posterior_that_is_reset_keeps_its_last_root_in_the_test() {
         while environment.any_running() {
             let (mut action, mut probability) = ([Action::default()], [[0.0; 4]]);
             let mut reward = [0.0];
-            policy.act(&environment, &mut choices, &mut action, Some(&mut probability));
+            policy.act(
+                &environment,
+                &mut choices,
+                &mut action,
+                Some(probability.as_flattened_mut()),
+            );
             let taken = probability[0][action[0].index()];
             assert!(taken > 0.0 && taken <= 1.0, "episode {episode}");
             assert!((probability[0].iter().sum::<f64>() - 1.0).abs() < 1e-9, "episode {episode}");

@@ -9,8 +9,7 @@ use crate::agent::ppo::rollout::Rollout;
 use crate::agent::ppo::{AtHorizon, Losses, Ppo, PpoEngine};
 use crate::agent::weights::Weights;
 use crate::env::{
-    Action, ActionProbabilities, EpisodeStatus, LaneSet, LaneStreams, Observations,
-    PhysicalActivity, VectorEnvironment,
+    Action, EpisodeStatus, LaneSet, LaneStreams, Observations, PhysicalActivity, VectorEnvironment,
 };
 use crate::kernel::math;
 use crate::rng::{Purpose, Stream};
@@ -74,7 +73,9 @@ struct Workspace {
     values: Vec<f32>,
     /// \[lanes\].
     actions: Vec<Action>,
-    probabilities: Vec<ActionProbabilities>,
+    /// \[lanes, actions\].
+    probabilities: Vec<f64>,
+    /// \[lanes\].
     rewards: Vec<f64>,
     restarted: Vec<bool>,
     /// \[lanes\]: whether the step is the first of an episode, and whether the agent chooses in it.
@@ -88,7 +89,7 @@ impl<E: PpoEngine, Env: VectorEnvironment> PpoLearner<E, Env> {
     /// A learner before its first step, in an environment with as many lanes as its parameters say.
     pub fn new(engine: E, parameters: &Ppo, environment: Env, seed: u64) -> Self {
         let none = environment.observation_spec().observations();
-        let lanes = environment.lanes();
+        let (lanes, count) = (environment.lanes(), environment.action_spec().count);
         PpoLearner {
             parameters: parameters.clone(),
             environment,
@@ -114,7 +115,7 @@ impl<E: PpoEngine, Env: VectorEnvironment> PpoLearner<E, Env> {
                 logits: Vec::new(),
                 values: Vec::new(),
                 actions: vec![Action::default(); lanes],
-                probabilities: vec![ActionProbabilities::default(); lanes],
+                probabilities: vec![0.0; lanes * count],
                 rewards: vec![0.0; lanes],
                 restarted: vec![false; lanes],
                 marks: [vec![false; lanes], vec![false; lanes]],
@@ -188,10 +189,11 @@ impl<E: PpoEngine, Env: VectorEnvironment> PpoLearner<E, Env> {
         self.engine.evaluate(observations, &mut self.memory, logits, values);
         sample(self.engine.isa(), logits, actions, halves, &mut self.exploration_stream);
         // [`sample`] has replaced the logits by the preferences that it sampled from.
-        sampling_probabilities(logits, probabilities);
+        let count = logits.len() / actions.len();
+        sampling_probabilities(logits, count, probabilities);
         let unavailable = self.parameters.unavailable;
         unavailable.withhold(&self.environment, actions, probabilities);
-        let each = probabilities.iter().zip(&*actions);
+        let each = probabilities.chunks_exact(count).zip(&*actions);
         let log_probabilities = each.map(|(p, action)| math::ln(p[action.index()]) as f32);
         let [firsts, chosen] = marks;
         for (lane, length) in self.lengths.iter().enumerate() {

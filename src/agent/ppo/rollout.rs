@@ -1,11 +1,9 @@
 //! Rollouts: the steps of all lanes between two phases of learning, and the advantages of their
 //! actions.
 
-use std::io;
-
 use crate::agent::memory::{self, OutOfMemory, reserve};
 use crate::env::{Action, EpisodeStatus, Observations};
-use crate::state::{Resumable, StateError, StateReader, StateWriter};
+use crate::state::{StateError, resumable};
 
 /// The purpose of the memory, for messages.
 const ROLLOUT: &str = "a rollout";
@@ -162,40 +160,17 @@ pub fn advantages(
     }
 }
 
-/// Saves the steps so far. A complete rollout includes its advantages.
-impl Resumable for Rollout {
-    fn save(&self, out: &mut StateWriter<'_>) -> io::Result<()> {
-        out.many(&self.memory)?;
-        self.observations.save(out)?;
-        out.each(self.actions.iter(), |out, action| out.one(action.index() as u8))?;
-        out.many(&self.log_probabilities)?;
-        out.many(&self.values)?;
-        out.many(&self.rewards)?;
-        out.each(self.real.iter(), |out, real| out.one(u8::from(*real)))?;
-        out.each(self.chosen.iter(), |out, chosen| out.one(u8::from(*chosen)))?;
-        out.each(self.firsts.iter(), |out, first| out.one(u8::from(*first)))?;
-        out.each(self.ended.iter(), |out, ended| out.one(u8::from(*ended)))?;
-        out.many(&self.advantages)
-    }
+// Saves the steps so far. A complete rollout includes its advantages.
+resumable!([] Rollout {
+    observations, actions, real, chosen, firsts, ended;
+    grown memory, log_probabilities, values, rewards, advantages;
+    then fit
+});
 
-    fn restore(&mut self, from: &mut StateReader<'_>) -> Result<(), StateError> {
-        const WHAT: &str = "rollout";
-        self.memory = from.many(usize::MAX, WHAT)?;
-        self.observations.restore(from)?;
+impl Rollout {
+    /// Checks that the restored arrays are of one length.
+    fn fit(&self) -> Result<(), StateError> {
         let rows = self.observations.rows();
-        self.actions = from.each(rows, WHAT, |from| {
-            let action = Action::from_index(usize::from(from.one::<u8>()?));
-            action.ok_or(StateError::Misfit(WHAT))
-        })?;
-        self.log_probabilities = from.many(rows, WHAT)?;
-        self.values = from.many(rows, WHAT)?;
-        self.rewards = from.many(rows, WHAT)?;
-        let flag = |from: &mut StateReader<'_>| Ok(from.one::<u8>()? != 0);
-        self.real = from.each(rows, WHAT, flag)?;
-        self.chosen = from.each(rows, WHAT, flag)?;
-        self.firsts = from.each(rows, WHAT, flag)?;
-        self.ended = from.each(rows, WHAT, flag)?;
-        self.advantages = from.many(rows, WHAT)?;
         let each = [
             self.actions.len(),
             self.log_probabilities.len(),
@@ -209,7 +184,7 @@ impl Resumable for Rollout {
         let fits = rows.is_multiple_of(self.lanes)
             && each.iter().all(|len| *len == rows)
             && [0, rows].contains(&self.advantages.len());
-        if fits { Ok(()) } else { Err(StateError::Misfit(WHAT)) }
+        if fits { Ok(()) } else { Err(StateError::Misfit("rollout")) }
     }
 }
 

@@ -43,7 +43,7 @@ impl PpoEngine for Noting {
         logits: &mut Vec<f32>,
         values: &mut Vec<f32>,
     ) {
-        let mut row = [0.0; Action::COUNT];
+        let mut row = [0.0; 4];
         row[self.preferred.index()] = 60.0;
         *logits = row.repeat(observations.rows());
         *values = vec![VALUE; observations.rows()];

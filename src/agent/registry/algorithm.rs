@@ -7,6 +7,7 @@ use std::marker::PhantomData;
 use crate::agent::actor::Actor;
 use crate::agent::architecture::NetworkPolicy;
 use crate::agent::constraint::{OF_TESTING, OF_TRAINING};
+use crate::agent::layers::Shape;
 use crate::agent::learner::{Actions, Learner};
 use crate::agent::memory::OutOfMemory;
 use crate::agent::network::Engine;
@@ -14,8 +15,8 @@ use crate::agent::rule::RuleParameters;
 use crate::agent::unavailable::{UNAVAILABLE, Unavailable};
 use crate::agent::weights::{Weights, WeightsError};
 use crate::env::{
-    Action, ObservationSpec, Observer, PhysicalActivity, Population, PopulationPhases, Scenario,
-    StepCount, VectorEnvironment,
+    Action, Interface, OPTIONS, ObservationSpec, Observer, PhysicalActivity, Population,
+    PopulationPhases, Scenario, StepCount, VectorEnvironment,
 };
 use crate::key::{Constraint, Key, Keyed, Kind, Size, Value};
 use crate::optimum::NoOptimum;
@@ -40,6 +41,16 @@ impl Task<'_> {
     /// The specification of the agent's observations.
     pub fn observations(&self) -> ObservationSpec {
         Observer::new(self.environment, self.scenario).spec().stacked(self.history as usize)
+    }
+
+    /// What the agent sees and chooses among.
+    pub fn interface(&self) -> Interface {
+        Interface { observations: self.observations(), actions: OPTIONS }
+    }
+
+    /// The sizes of the agent's networks.
+    pub fn shape(&self) -> Shape {
+        Shape::from(&self.interface())
     }
 
     /// Number of steps of this number of episodes, if no episode ends early.
@@ -72,11 +83,8 @@ pub enum StartError {
     /// The agent acts optimally, and the optimum cannot be computed.
     #[error(transparent)]
     NoOptimum(#[from] NoOptimum),
-    /// The environment has a different number of actions.
-    #[error(
-        "the environment has {actions} actions; the agents choose among exactly {}",
-        Action::COUNT
-    )]
+    /// The environment has too few or too many actions.
+    #[error("the environment has {actions} actions; agents choose among 2 to 256")]
     Actions {
         /// Number of actions.
         actions: usize,
@@ -110,13 +118,13 @@ pub enum StartError {
     },
 }
 
-/// Fails unless an environment has the expected number of lanes and the agents' number of actions.
+/// Fails unless an environment has the expected number of lanes, and actions to choose among.
 pub(super) fn unless_fit(
     environment: &impl VectorEnvironment,
     expected: usize,
 ) -> Result<(), StartError> {
     let (actions, lanes) = (environment.action_spec().count, environment.lanes());
-    if actions != Action::COUNT {
+    if !Action::COUNTS.contains(&actions) {
         return Err(StartError::Actions { actions });
     }
     if lanes == expected { Ok(()) } else { Err(StartError::Lanes { lanes, expected }) }
@@ -214,11 +222,11 @@ pub trait AlgorithmParameters: Keyed + 'static {
     /// **Errors**: memory is short, or an optimal rule cannot be computed.
     fn start(&self, task: &Task) -> Result<Start, StartError>;
 
-    /// The network of a previously trained agent, on the engine that trained it, for observations
-    /// of `inputs` entries. The default is an agent without a network.
+    /// The network of a previously trained agent, on the engine that trained it. The default is
+    /// an agent without a network.
     ///
     /// **Errors**: the weights do not fit the agent, or it has no network.
-    fn network(&self, _inputs: usize, _weights: &Weights) -> Result<NetworkPolicy, WeightsError> {
+    fn network(&self, _shape: Shape, _weights: &Weights) -> Result<NetworkPolicy, WeightsError> {
         Err(WeightsError::NoNetwork)
     }
 
@@ -227,8 +235,8 @@ pub trait AlgorithmParameters: Keyed + 'static {
     /// **Errors**: the weights do not fit the agent; an algorithm that does not train has no
     /// weights.
     fn trained(&self, task: &Task, weights: &Weights, actions: Actions) -> Trained {
-        let spec = task.observations();
-        Ok(self.network(spec.inputs(), weights)?.actor(spec.observations(), actions))
+        let observations = task.observations().observations();
+        Ok(self.network(task.shape(), weights)?.actor(observations, actions))
     }
 }
 
@@ -255,7 +263,7 @@ pub struct Algorithm {
 }
 
 /// [`AlgorithmParameters::network`] of the parameters with these values.
-type NetworkOf = fn(&[Value], usize, &Weights) -> Result<NetworkPolicy, WeightsError>;
+type NetworkOf = fn(&[Value], Shape, &Weights) -> Result<NetworkPolicy, WeightsError>;
 
 /// [`AlgorithmParameters::trained`] of the parameters with these values.
 type TrainedBy = fn(&[Value], &Task, &Weights, Actions) -> Trained;
@@ -283,7 +291,7 @@ impl Algorithm {
             speed: |values| typed::<P>(values).speed(),
             sizes: |values, task| typed::<P>(values).sizes(task),
             start: |values, task| typed::<P>(values).start(task),
-            network: |values, inputs, weights| typed::<P>(values).network(inputs, weights),
+            network: |values, shape, weights| typed::<P>(values).network(shape, weights),
             trained: |values, task, weights, actions| {
                 typed::<P>(values).trained(task, weights, actions)
             },
@@ -506,8 +514,8 @@ impl Agent {
     /// The network of a previously trained agent; see [`AlgorithmParameters::network`].
     ///
     /// **Errors**: the weights do not fit the agent, or it has no network.
-    pub fn network(&self, inputs: usize, weights: &Weights) -> Result<NetworkPolicy, WeightsError> {
-        (self.algorithm.network)(&self.values, inputs, weights)
+    pub fn network(&self, shape: Shape, weights: &Weights) -> Result<NetworkPolicy, WeightsError> {
+        (self.algorithm.network)(&self.values, shape, weights)
     }
 
     /// The actor of a previously trained agent; see [`AlgorithmParameters::trained`].

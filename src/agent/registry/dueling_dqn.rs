@@ -12,12 +12,13 @@ use crate::agent::dueling_dqn::{DuelingDqn, DuelingDqnLearner, RecurrentDqnLearn
 use crate::agent::fused::{
     FusedDuelingDqn, FusedDuelingNetwork, FusedRecurrentDqn, FusedRecurrentDuelingNetwork,
 };
+use crate::agent::layers::{self, Shape};
 use crate::agent::learner::Learner;
 use crate::agent::network::{Engine, Recurrent};
+use crate::agent::orthogonal;
 use crate::agent::policy::{ActionNetwork, Choice};
 use crate::agent::unavailable::Unavailable;
 use crate::agent::weights::{Weights, WeightsError};
-use crate::agent::{layers, orthogonal};
 use crate::env::VectorEnvironment;
 use crate::kernel::Isa;
 use crate::key::{Constraint, Parameter, Size, Violation};
@@ -116,7 +117,7 @@ impl AlgorithmParameters for DuelingDqn {
         // With a GRU, a batch holds episodes with the state after each.
         let each = if self.recurrent == Recurrent::Gru { episode + 1 } else { 1 };
         let rows = u64::from(self.batch).saturating_mul(each);
-        let layers = layers::dueling_layers(self, spec.inputs());
+        let layers = layers::dueling_layers(self, task.shape());
         let transitions = u64::from(self.buffer).min(task.steps(self.episodes));
         let replay = replay_size(transitions, spec.features.len() as u64);
         layers::sizes(&layers, rows).into_iter().chain([replay]).collect()
@@ -137,7 +138,7 @@ impl AlgorithmParameters for DuelingDqn {
     /// evaluates a transition once per period, which is neglected; with a GRU it evaluates every
     /// batch.
     fn work(&self, task: &Task) -> Work {
-        let layers = layers::dueling_layers(self, task.observations().inputs());
+        let layers = layers::dueling_layers(self, task.shape());
         let weights = layers::numbers(&layers) as u64;
         let steps = task.steps(self.episodes);
         let updates = steps / u64::from(self.update_interval.max(1));
@@ -167,27 +168,27 @@ impl AlgorithmParameters for DuelingDqn {
         Ok(Start::Learner(learner_in(&parameters, task.simulation(LANES), task.seed)?))
     }
 
-    fn network(&self, inputs: usize, weights: &Weights) -> Result<NetworkPolicy, WeightsError> {
+    fn network(&self, shape: Shape, weights: &Weights) -> Result<NetworkPolicy, WeightsError> {
         let (isa, device) = (Isa::chosen(), inference());
         let network: Box<dyn ActionNetwork + Send> = match (self.engine, self.recurrent) {
             (Engine::Fused, Recurrent::None) => {
-                Box::new(FusedDuelingNetwork::new(self, inputs, weights, isa)?)
+                Box::new(FusedDuelingNetwork::new(self, shape, weights, isa)?)
             }
             (Engine::Fused, Recurrent::Gru) => {
-                Box::new(FusedRecurrentDuelingNetwork::new(self, inputs, weights, isa)?)
+                Box::new(FusedRecurrentDuelingNetwork::new(self, shape, weights, isa)?)
             }
             (Engine::Burn, Recurrent::None) => {
-                Box::new(DuelingQNetwork::from_weights(self, inputs, weights, &device)?)
+                Box::new(DuelingQNetwork::from_weights(self, shape, weights, &device)?)
             }
             (Engine::Burn, Recurrent::Gru) => {
-                Box::new(RecurrentDuelingQNetwork::from_weights(self, inputs, weights, &device)?)
+                Box::new(RecurrentDuelingQNetwork::from_weights(self, shape, weights, &device)?)
             }
         };
         // The exploration rate at the end of training.
         let choice = Choice::EpsilonGreedy { epsilon: weights.number("epsilon")? };
         let architecture = match self.recurrent {
             Recurrent::None => {
-                Some(layers::architecture(self.activation, layers::dueling(self, inputs)))
+                Some(layers::architecture(self.activation, layers::dueling(self, shape)))
             }
             Recurrent::Gru => None,
         };
@@ -198,7 +199,7 @@ impl AlgorithmParameters for DuelingDqn {
 /// A dueling DQN before its first episode in any environment of one lane, on the engine given by
 /// its parameters.
 ///
-/// **Errors**: the environment does not have one lane and four actions; memory for the network is
+/// **Errors**: the environment does not have one lane and 2 to 256 actions; memory for the network is
 /// short.
 pub fn learner_in<Env: VectorEnvironment + 'static>(
     parameters: &DuelingDqn,
@@ -206,32 +207,32 @@ pub fn learner_in<Env: VectorEnvironment + 'static>(
     seed: u64,
 ) -> Result<Box<dyn Learner<Env>>, StartError> {
     unless_fit(&environment, LANES)?;
-    let inputs = environment.observation_spec().inputs();
+    let shape = Shape::from(&environment.interface());
     let copies = COPIES + parameters.engine.further_copies();
     let weights = match parameters.recurrent {
-        Recurrent::None => layers::initial(&layers::dueling(parameters, inputs), copies, seed)?,
+        Recurrent::None => layers::initial(&layers::dueling(parameters, shape), copies, seed)?,
         Recurrent::Gru => {
-            orthogonal::initial(&layers::dueling_layers(parameters, inputs), copies, seed)?
+            orthogonal::initial(&layers::dueling_layers(parameters, shape), copies, seed)?
         }
     };
     let isa = Isa::chosen();
     Ok(match (parameters.engine, parameters.recurrent) {
         (Engine::Fused, Recurrent::None) => {
-            let engine = FusedDuelingDqn::new(parameters, inputs, &weights, isa);
+            let engine = FusedDuelingDqn::new(parameters, shape, &weights, isa);
             let engine = engine.expect(layers::DRAWN);
             Box::new(DuelingDqnLearner::new(engine, parameters, environment, seed))
         }
         (Engine::Fused, Recurrent::Gru) => {
-            let engine = FusedRecurrentDqn::new(parameters, inputs, &weights, isa);
+            let engine = FusedRecurrentDqn::new(parameters, shape, &weights, isa);
             let engine = engine.expect(layers::DRAWN);
             Box::new(RecurrentDqnLearner::new(engine, parameters, environment, seed))
         }
         (Engine::Burn, Recurrent::None) => {
-            let engine = BurnDuelingDqn::new(parameters, inputs, &weights).expect(layers::DRAWN);
+            let engine = BurnDuelingDqn::new(parameters, shape, &weights).expect(layers::DRAWN);
             Box::new(DuelingDqnLearner::new(engine, parameters, environment, seed))
         }
         (Engine::Burn, Recurrent::Gru) => {
-            let engine = BurnRecurrentDqn::new(parameters, inputs, &weights).expect(layers::DRAWN);
+            let engine = BurnRecurrentDqn::new(parameters, shape, &weights).expect(layers::DRAWN);
             Box::new(RecurrentDqnLearner::new(engine, parameters, environment, seed))
         }
     })

@@ -10,6 +10,7 @@ use std::sync::{Mutex, PoisonError};
 
 use crate::agent::architecture::NetworkPolicy;
 use crate::agent::external::External;
+use crate::agent::layers::Shape;
 use crate::agent::weights::{Weights, WeightsError};
 use crate::key::{Key, Kind, Value};
 
@@ -102,7 +103,7 @@ impl AlgorithmParameters for External {
         Err(StartError::Outside)
     }
 
-    fn network(&self, _: usize, _: &Weights) -> Result<NetworkPolicy, WeightsError> {
+    fn network(&self, _: Shape, _: &Weights) -> Result<NetworkPolicy, WeightsError> {
         Err(WeightsError::Outside)
     }
 }

@@ -2,13 +2,14 @@
 
 use crate::agent::actor::Actor;
 use crate::agent::constraint::EPISODES;
+use crate::agent::layers::Shape;
 use crate::agent::learner::{Actions, Learner};
 use crate::agent::linear_thompson::{
     BanditDraw, BanditPosterior, Design, LinearThompson, LinearThompsonLearner,
-    LinearThompsonPolicy, Posterior,
+    LinearThompsonPolicy, Posterior, Sampler,
 };
 use crate::agent::weights::{Weights, WeightsError};
-use crate::env::{Action, ObservationSpec, VectorEnvironment};
+use crate::env::{Interface, VectorEnvironment};
 use crate::key::{Constraint, Parameter, Size, Violation};
 
 use super::algorithm::{AlgorithmParameters, Start, StartError, Task, Work, unless_fit};
@@ -92,7 +93,8 @@ impl AlgorithmParameters for LinearThompson {
     /// unless coefficients are drawn per episode, the probabilities by an integral or by draws.
     fn work(&self, task: &Task) -> Work {
         let width = self.regressors(task);
-        let choices = if self.action_centring { 3 } else { Action::COUNT as u64 };
+        let actions = task.interface().actions as u64;
+        let choices = if self.action_centring { actions - 1 } else { actions };
         let predicted = choices * width * (width + PER_PREDICTION);
         let learned = width * width * width / 6 + 4 * width * width + PER_FACTOR;
         let drawn = u64::from(self.probability_draws) * PER_DRAW;
@@ -116,7 +118,7 @@ impl AlgorithmParameters for LinearThompson {
         weights: &Weights,
         actions: Actions,
     ) -> Result<Box<dyn Actor>, WeightsError> {
-        trained(self, &task.observations(), weights, actions, task.seed)
+        trained(self, &task.interface(), weights, actions, task.seed)
     }
 }
 
@@ -124,13 +126,14 @@ impl LinearThompson {
     /// Number of coefficients of a regression.
     fn regressors(&self, task: &Task) -> u64 {
         let width = Design::new(self.features, &task.observations()).width() as u64;
-        if self.action_centring { 7 * width } else { width }
+        let blocks = 2 * task.interface().actions as u64 - 1;
+        if self.action_centring { blocks * width } else { width }
     }
 }
 
 /// Linear Thompson sampling before its first episode in any environment of one lane.
 ///
-/// **Errors**: the environment does not have one lane and four actions.
+/// **Errors**: the environment does not have one lane and 2 to 256 actions.
 pub fn learner_in<Env: VectorEnvironment + 'static>(
     parameters: &LinearThompson,
     environment: Env,
@@ -145,15 +148,18 @@ pub fn learner_in<Env: VectorEnvironment + 'static>(
 /// **Errors**: the weights are not a posterior of this agent.
 pub fn trained<Env: VectorEnvironment>(
     parameters: &LinearThompson,
-    observations: &ObservationSpec,
+    interface: &Interface,
     weights: &Weights,
     actions: Actions,
     seed: u64,
 ) -> Result<Box<dyn Actor<Env>>, WeightsError> {
+    let Interface { observations, actions: count } = interface;
     let design = Design::new(parameters.features, observations);
-    let posterior = Posterior::trained(parameters, design.width(), weights)?;
-    let shape = (design, observations.observations());
-    Ok(Box::new(LinearThompsonPolicy::new(parameters, shape, posterior, actions, seed)?))
+    let shape = Shape { inputs: design.width(), actions: *count };
+    let posterior = Posterior::trained(parameters, shape, weights)?;
+    let sampler = Sampler::new(parameters, *count, seed);
+    let parts = (design, sampler, observations.observations());
+    Ok(Box::new(LinearThompsonPolicy::new(parameters, parts, posterior, actions)?))
 }
 
 /// Number of lanes in training.

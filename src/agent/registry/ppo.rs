@@ -5,12 +5,13 @@ use crate::agent::burn::device::{inference, training};
 use crate::agent::burn::{ActorCritic, BurnPpo, RecurrentActorCritic};
 use crate::agent::constraint::{GRU_HAS_ITS_LAYERS, RECURRENT, has_gru};
 use crate::agent::fused::{FusedActorCritic, FusedPpo, FusedRecurrentActorCritic};
+use crate::agent::layers::{self, Shape};
 use crate::agent::learner::Learner;
 use crate::agent::network::{Engine, Recurrent};
+use crate::agent::orthogonal;
 use crate::agent::policy::{ActionNetwork, Choice};
 use crate::agent::ppo::{Ppo, PpoEngine, PpoLearner};
 use crate::agent::weights::{Weights, WeightsError};
-use crate::agent::{layers, orthogonal};
 use crate::env::VectorEnvironment;
 use crate::kernel::Isa;
 use crate::key::{Constraint, Parameter, Size, Violation};
@@ -54,7 +55,7 @@ impl AlgorithmParameters for Ppo {
 
     fn sizes(&self, task: &Task) -> Vec<Size> {
         let rows = u64::from(self.lanes).saturating_mul(u64::from(self.steps));
-        layers::sizes(&layers::ppo(self, task.observations().inputs()), rows).to_vec()
+        layers::sizes(&layers::ppo(self, task.shape()), rows).to_vec()
     }
 
     fn version(&self) -> u32 {
@@ -70,8 +71,7 @@ impl AlgorithmParameters for Ppo {
 
     /// The networks process every step once for the choice of an action and once per epoch.
     fn work(&self, task: &Task) -> Work {
-        let inputs = task.observations().inputs();
-        let weights = layers::numbers(&layers::ppo(self, inputs)) as u64;
+        let weights = layers::numbers(&layers::ppo(self, task.shape())) as u64;
         let steps = task.steps(self.episodes);
         let rollouts = steps.div_ceil(u64::from(self.lanes.max(1)) * u64::from(self.steps.max(1)));
         let passes = u64::from(self.epochs);
@@ -90,26 +90,26 @@ impl AlgorithmParameters for Ppo {
         Ok(Start::Learner(learner_in(self, task.simulation(lanes), task.seed)?))
     }
 
-    fn network(&self, inputs: usize, weights: &Weights) -> Result<NetworkPolicy, WeightsError> {
+    fn network(&self, shape: Shape, weights: &Weights) -> Result<NetworkPolicy, WeightsError> {
         let (isa, device) = (Isa::chosen(), inference());
         let network: Box<dyn ActionNetwork + Send> = match (self.engine, self.recurrent) {
             (Engine::Fused, Recurrent::None) => {
-                Box::new(FusedActorCritic::new(self, inputs, weights, isa)?)
+                Box::new(FusedActorCritic::new(self, shape, weights, isa)?)
             }
             (Engine::Fused, Recurrent::Gru) => {
-                Box::new(FusedRecurrentActorCritic::new(self, inputs, weights, isa)?)
+                Box::new(FusedRecurrentActorCritic::new(self, shape, weights, isa)?)
             }
             (Engine::Burn, Recurrent::None) => {
-                Box::new(ActorCritic::from_weights(self, inputs, weights, &device)?)
+                Box::new(ActorCritic::from_weights(self, shape, weights, &device)?)
             }
             (Engine::Burn, Recurrent::Gru) => {
-                Box::new(RecurrentActorCritic::from_weights(self, inputs, weights, &device)?)
+                Box::new(RecurrentActorCritic::from_weights(self, shape, weights, &device)?)
             }
         };
         let architecture = match self.recurrent {
             Recurrent::None => {
                 // The critic chooses no action.
-                let [policy, _] = layers::actor_critic(self, inputs);
+                let [policy, _] = layers::actor_critic(self, shape);
                 Some(layers::architecture(self.activation, [policy]))
             }
             Recurrent::Gru => None,
@@ -121,7 +121,7 @@ impl AlgorithmParameters for Ppo {
 /// PPO before its first step in any environment of `lanes` lanes, on the engine given by its
 /// parameters.
 ///
-/// **Errors**: the environment does not have this number of lanes and four actions; memory for the
+/// **Errors**: the environment does not have this number of lanes and 2 to 256 actions; memory for the
 /// networks is short.
 pub fn learner_in<Env: VectorEnvironment + 'static>(
     parameters: &Ppo,
@@ -129,30 +129,30 @@ pub fn learner_in<Env: VectorEnvironment + 'static>(
     seed: u64,
 ) -> Result<Box<dyn Learner<Env>>, StartError> {
     unless_fit(&environment, parameters.lanes as usize)?;
-    let inputs = environment.observation_spec().inputs();
+    let shape = Shape::from(&environment.interface());
     let weights = orthogonal::initial(
-        &layers::ppo(parameters, inputs),
+        &layers::ppo(parameters, shape),
         COPIES + parameters.engine.further_copies(),
         seed,
     )?;
     let (isa, device) = (Isa::chosen(), training());
     Ok(match (parameters.engine, parameters.recurrent) {
         (Engine::Fused, Recurrent::None) => {
-            let engine = FusedPpo::<FusedActorCritic>::new(parameters, inputs, &weights, isa);
+            let engine = FusedPpo::<FusedActorCritic>::new(parameters, shape, &weights, isa);
             learner(engine, parameters, environment, seed)
         }
         (Engine::Fused, Recurrent::Gru) => {
             let engine =
-                FusedPpo::<FusedRecurrentActorCritic>::new(parameters, inputs, &weights, isa);
+                FusedPpo::<FusedRecurrentActorCritic>::new(parameters, shape, &weights, isa);
             learner(engine, parameters, environment, seed)
         }
         (Engine::Burn, Recurrent::None) => {
-            let network = ActorCritic::from_weights(parameters, inputs, &weights, &device);
+            let network = ActorCritic::from_weights(parameters, shape, &weights, &device);
             let engine = network.map(|network| BurnPpo::new(parameters, network));
             learner(engine, parameters, environment, seed)
         }
         (Engine::Burn, Recurrent::Gru) => {
-            let network = RecurrentActorCritic::from_weights(parameters, inputs, &weights, &device);
+            let network = RecurrentActorCritic::from_weights(parameters, shape, &weights, &device);
             let engine = network.map(|network| BurnPpo::new(parameters, network));
             learner(engine, parameters, environment, seed)
         }

@@ -5,7 +5,7 @@ use crate::agent::burn::device::inference;
 use crate::agent::burn::{BurnReinforce, PolicyNetwork};
 use crate::agent::constraint::EPISODES;
 use crate::agent::fused::{FusedPolicyNetwork, FusedReinforce};
-use crate::agent::layers;
+use crate::agent::layers::{self, Shape};
 use crate::agent::learner::Learner;
 use crate::agent::network::Engine;
 use crate::agent::policy::{ActionNetwork, Choice};
@@ -33,7 +33,7 @@ impl AlgorithmParameters for Reinforce {
     }];
 
     fn sizes(&self, task: &Task) -> Vec<Size> {
-        let layers = layers::listed(&[layers::policy(self, task.observations().inputs())]);
+        let layers = layers::listed(&[layers::policy(self, task.shape())]);
         layers::sizes(&layers, task.steps(self.trajectories_per_update)).to_vec()
     }
 
@@ -51,7 +51,7 @@ impl AlgorithmParameters for Reinforce {
     /// Counts one update per batch of trajectories. The network processes every step twice: to
     /// choose an action, and to learn.
     fn work(&self, task: &Task) -> Work {
-        let weights = layers::weights(&[layers::policy(self, task.observations().inputs())]) as u64;
+        let weights = layers::weights(&[layers::policy(self, task.shape())]) as u64;
         let steps = task.steps(self.episodes);
         let updates = self.episodes.div_ceil(self.trajectories_per_update.max(1));
         Work::of_network(weights, steps, updates.into())
@@ -68,16 +68,16 @@ impl AlgorithmParameters for Reinforce {
         Ok(Start::Learner(learner_in(self, task.simulation(lanes), task.seed)?))
     }
 
-    fn network(&self, inputs: usize, weights: &Weights) -> Result<NetworkPolicy, WeightsError> {
+    fn network(&self, shape: Shape, weights: &Weights) -> Result<NetworkPolicy, WeightsError> {
         let network: Box<dyn ActionNetwork + Send> = match self.engine {
             Engine::Fused => {
-                Box::new(FusedPolicyNetwork::new(self, inputs, weights, Isa::chosen())?)
+                Box::new(FusedPolicyNetwork::new(self, shape, weights, Isa::chosen())?)
             }
             Engine::Burn => {
-                Box::new(PolicyNetwork::from_weights(self, inputs, weights, &inference())?)
+                Box::new(PolicyNetwork::from_weights(self, shape, weights, &inference())?)
             }
         };
-        let stacks = [layers::policy(self, inputs)];
+        let stacks = [layers::policy(self, shape)];
         let architecture = Some(layers::architecture(self.activation, stacks));
         Ok(NetworkPolicy { network, choice: Choice::Softmax, architecture })
     }
@@ -86,7 +86,7 @@ impl AlgorithmParameters for Reinforce {
 /// REINFORCE before its first update in any environment of `trajectories_per_update` lanes, on the
 /// engine given by its parameters.
 ///
-/// **Errors**: the environment does not have this number of lanes and four actions; memory for the
+/// **Errors**: the environment does not have this number of lanes and 2 to 256 actions; memory for the
 /// network is short.
 pub fn learner_in<Env: VectorEnvironment + 'static>(
     parameters: &Reinforce,
@@ -94,17 +94,17 @@ pub fn learner_in<Env: VectorEnvironment + 'static>(
     seed: u64,
 ) -> Result<Box<dyn Learner<Env>>, StartError> {
     unless_fit(&environment, parameters.trajectories_per_update as usize)?;
-    let inputs = environment.observation_spec().inputs();
-    let stacks = [layers::policy(parameters, inputs)];
+    let shape = Shape::from(&environment.interface());
+    let stacks = [layers::policy(parameters, shape)];
     let weights = layers::initial(&stacks, COPIES + parameters.engine.further_copies(), seed)?;
     Ok(match parameters.engine {
         Engine::Fused => {
-            let engine = FusedReinforce::new(parameters, inputs, &weights, Isa::chosen());
+            let engine = FusedReinforce::new(parameters, shape, &weights, Isa::chosen());
             let engine = engine.expect(layers::DRAWN);
             Box::new(ReinforceLearner::new(engine, parameters, environment, seed))
         }
         Engine::Burn => {
-            let engine = BurnReinforce::new(parameters, inputs, &weights).expect(layers::DRAWN);
+            let engine = BurnReinforce::new(parameters, shape, &weights).expect(layers::DRAWN);
             Box::new(ReinforceLearner::new(engine, parameters, environment, seed))
         }
     })

@@ -6,6 +6,7 @@ use std::io;
 use pulp::{Simd, WithSimd};
 
 use crate::env::step_count::dynamics::{Dynamics, Effect, LaneDynamics};
+use crate::env::step_count::intervention::OPTIONS;
 use crate::env::step_count::noise::Noise;
 use crate::env::step_count::parameters::{
     DisengagementReward, RewardHabituation, StateNoise, StepCount, StepNoise,
@@ -80,7 +81,7 @@ impl Resumable for Memory {
         out.each(0..self.steps.len(), |out, lane| {
             out.one(u8::from(self.available[lane]))?;
             out.one(self.messages[lane])?;
-            out.one(self.actions[lane].map_or(Action::COUNT, Action::index) as u8)?;
+            out.one(self.actions[lane].map_or(OPTIONS, Action::index) as u8)?;
             out.one(self.steps[lane])
         })
     }
@@ -92,7 +93,8 @@ impl Resumable for Memory {
             let lane = lanes.next().ok_or(StateError::Misfit(WHAT))?;
             self.available[lane] = from.one::<u8>()? != 0;
             self.messages[lane] = from.one()?;
-            self.actions[lane] = Action::from_index(from.one::<u8>()?.into());
+            let index = usize::from(from.one::<u8>()?);
+            self.actions[lane] = Action::from_index(index).filter(|_| index < OPTIONS);
             self.steps[lane] = from.one()?;
             Ok(())
         })?;

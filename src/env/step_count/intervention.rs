@@ -2,6 +2,9 @@
 
 use crate::env::Action;
 
+/// The number of intervention options.
+pub const OPTIONS: usize = 4;
+
 /// The intervention options of the paper (table 1).
 impl Action {
     /// Send nothing.

@@ -26,6 +26,7 @@ pub use context::{
 };
 pub use dynamics::{Effect, apply_action, fewest_steps};
 pub use full_step::INITIAL_STEPS;
+pub use intervention::OPTIONS;
 pub use noise::ForcedNoise;
 pub use observer::{LaneStates, Observer};
 pub use parameters::{

@@ -1,6 +1,7 @@
 //! Observations of a scenario from the simulation's state.
 
 use crate::env::observation::{FeatureSpec, ObservationSpec, Observations};
+use crate::env::step_count::intervention::OPTIONS;
 use crate::env::step_count::parameters::{StepCount, TimeIndicator};
 use crate::env::step_count::scenario::{Feature, Scenario};
 use crate::env::vector::Action;
@@ -46,7 +47,7 @@ enum Entry {
 fn entries(scenario: &Scenario) -> Vec<Entry> {
     let of = |feature: &Feature| match feature {
         Feature::PreviousAction => {
-            (0..Action::COUNT).filter_map(Action::from_index).map(Entry::PreviousAction).collect()
+            (0..OPTIONS).filter_map(Action::from_index).map(Entry::PreviousAction).collect()
         }
         feature => vec![Entry::Of(*feature)],
     };

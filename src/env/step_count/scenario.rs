@@ -5,7 +5,7 @@ use std::str::FromStr;
 
 use serde::{Deserialize, Serialize};
 
-use crate::env::vector::Action;
+use crate::env::step_count::intervention::OPTIONS;
 
 /// A feature of the state that observations can show.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
@@ -66,7 +66,7 @@ impl Feature {
     /// The number of entries of an observation that the feature takes.
     pub fn width(self) -> usize {
         match self {
-            Feature::PreviousAction => Action::COUNT,
+            Feature::PreviousAction => OPTIONS,
             Feature::Context
             | Feature::Probability
             | Feature::Likely

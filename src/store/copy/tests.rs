@@ -117,7 +117,7 @@ fn decisions() -> Vec<Decision> {
             can_send: true,
             chosen: 3,
             action: 3,
-            probabilities: [0.125, 0.25, 0.125, 0.5],
+            probabilities: [0.125, 0.25, 0.125, 0.5].into(),
             reward: f64::from(step),
         })
     };

@@ -1,7 +1,7 @@
 //! Actions and probabilities as programs write them.
 
 use crate::agent::certain;
-use crate::env::{Action, ActionProbabilities, PhysicalActivity, VectorEnvironment};
+use crate::env::{Action, PhysicalActivity, VectorEnvironment};
 
 /// Whether a message can be sent in each of these lanes; `None` if messages are available in all of them.
 pub(super) fn available(simulation: &PhysicalActivity, lanes: &[usize]) -> Option<Vec<bool>> {
@@ -9,27 +9,26 @@ pub(super) fn available(simulation: &PhysicalActivity, lanes: &[usize]) -> Optio
     available.contains(&false).then_some(available)
 }
 
-/// The action with this number.
+/// The action with this number, among the first `count`.
 ///
 /// **Errors**: a description, if no action has this number.
-pub(super) fn action(number: Option<i64>, lane: usize) -> Result<Action, String> {
-    let last = Action::COUNT - 1;
+pub(super) fn action(number: Option<i64>, count: usize, lane: usize) -> Result<Action, String> {
     let index = number.and_then(|number| usize::try_from(number).ok());
-    index.and_then(Action::from_index).ok_or_else(|| {
-        let found = number.map_or_else(|| "null".to_owned(), |number| number.to_string());
+    index.filter(|index| *index < count).and_then(Action::from_index).ok_or_else(|| {
+        let (last, found) =
+            (count - 1, number.map_or_else(|| "null".to_owned(), |number| number.to_string()));
         format!("expected an action from 0 to {last} for lane {lane}, found {found}")
     })
 }
 
-/// The probabilities of all actions, given the probability of the chosen one: the others are known only if
-/// it is 1.
-pub(super) fn of_one(chosen: Action, probability: f64) -> ActionProbabilities {
+/// Writes the probabilities of all actions, given the probability of the chosen one: the others are known only if
+/// it is 1, and NaN otherwise.
+pub(super) fn of_one(chosen: Action, probability: f64, probabilities: &mut [f64]) {
     if probability == 1.0 {
-        return certain(chosen);
+        return certain(chosen, probabilities);
     }
-    let mut probabilities = [f64::NAN; Action::COUNT];
+    probabilities.fill(f64::NAN);
     probabilities[chosen.index()] = probability;
-    probabilities
 }
 
 /// Checks the probability of an action that was taken.

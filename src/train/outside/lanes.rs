@@ -1,9 +1,8 @@
 //! The training episodes of a program in jitai's simulation.
 
-use crate::agent::{StepObserver, certain};
+use crate::agent::StepObserver;
 use crate::env::{
-    Action, ActionProbabilities, EpisodeStatus, LaneSet, LaneStreams, Observations,
-    PhysicalActivity, VectorEnvironment,
+    Action, EpisodeStatus, LaneSet, LaneStreams, Observations, PhysicalActivity, VectorEnvironment,
 };
 use crate::external::{Program, Reset, Rows, Step, ToProgram};
 use crate::job::{Job, counted};
@@ -19,7 +18,8 @@ pub(super) struct Lanes {
     streams: LaneStreams,
     observations: Observations,
     actions: Vec<Action>,
-    probabilities: Vec<ActionProbabilities>,
+    /// \[lanes, actions\].
+    probabilities: Vec<f64>,
     rewards: Vec<f64>,
     /// The return and length of every lane's episode so far.
     episodes: Vec<(f64, u32)>,
@@ -32,7 +32,7 @@ impl Lanes {
             streams: LaneStreams::Shared(Stream::new(job.seed, Purpose::Environment)),
             observations: simulation.observation_spec().observations(),
             actions: vec![Action::default(); lanes],
-            probabilities: vec![certain(Action::default()); lanes],
+            probabilities: vec![0.0; lanes * simulation.action_spec().count],
             rewards: vec![0.0; lanes],
             episodes: vec![(0.0, 0); lanes],
             simulation,
@@ -158,13 +158,15 @@ impl Lanes {
             let noun = if lanes == 1 { "probability" } else { "probabilities" };
             return Err(format!("expected {lanes} {noun}, found {found}"));
         }
+        let count = self.probabilities.len() / lanes;
         for lane in 0..lanes {
             if !self.is_running(lane) {
                 continue;
             }
-            self.actions[lane] = action(step.actions[lane], lane)?;
+            self.actions[lane] = action(step.actions[lane], count, lane)?;
             let with = step.probabilities.as_ref().map_or(1.0, |given| given[lane]);
-            self.probabilities[lane] = of_one(self.actions[lane], probability(with, lane)?);
+            let row = &mut self.probabilities[lane * count..][..count];
+            of_one(self.actions[lane], probability(with, lane)?, row);
         }
         Ok(())
     }

@@ -1,7 +1,7 @@
 //! The test of a program, on the same episodes as for every agent of the seed.
 
 use crate::agent::{Actions, certain};
-use crate::env::{Action, ActionProbabilities, EpisodeStatus, PhysicalActivity, VectorEnvironment};
+use crate::env::{Action, EpisodeStatus, PhysicalActivity, VectorEnvironment};
 use crate::external::{
     Choices, FromProgram, Probabilities, Program, ProgramError, Rows, ToProgram,
 };
@@ -30,7 +30,7 @@ pub(super) fn play(
         let mut choose = |simulation: &PhysicalActivity,
                           stream: &mut Stream,
                           actions: &mut [Action],
-                          probabilities: &mut [ActionProbabilities]|
+                          probabilities: &mut [f64]|
          -> Result<(), Broken> {
             if !std::mem::replace(&mut is_announced, true) {
                 program.send(&ToProgram::Test { lanes: simulation.lanes() });
@@ -73,7 +73,8 @@ pub(super) fn play(
 struct Chosen<'a> {
     running: &'a [usize],
     actions: &'a mut [Action],
-    probabilities: &'a mut [ActionProbabilities],
+    /// \[lanes, actions\].
+    probabilities: &'a mut [f64],
 }
 
 impl Chosen<'_> {
@@ -82,7 +83,7 @@ impl Chosen<'_> {
     ///
     /// **Errors**: a description of the fault in the choices.
     fn read(self, choices: &Choices, how: Actions, stream: &mut Stream) -> Result<(), String> {
-        let count = self.running.len();
+        let (count, width) = (self.running.len(), self.probabilities.len() / self.actions.len());
         let sized = |what: &str, found: usize| match found == count {
             true => Ok(()),
             false => {
@@ -106,53 +107,55 @@ impl Chosen<'_> {
                     sized("probabilities", with.len())?;
                 }
                 for (place, lane) in self.running.iter().enumerate() {
-                    self.actions[*lane] = action(Some(actions[place]), *lane)?;
+                    let row = &mut self.probabilities[*lane * width..][..width];
+                    self.actions[*lane] = action(Some(actions[place]), width, *lane)?;
                     let with = probability(with.map_or(1.0, |with| with[place]), *lane)?;
-                    self.probabilities[*lane] = of_one(self.actions[*lane], with);
+                    of_one(self.actions[*lane], with, row);
                 }
             }
             (None, Some(Probabilities::OfAll(rows))) => {
                 sized("rows of probabilities", rows.len())?;
-                for (row, lane) in rows.iter().zip(self.running) {
-                    let row = shares(row, *lane)?;
+                for (given, lane) in rows.iter().zip(self.running) {
+                    let row = &mut self.probabilities[*lane * width..][..width];
+                    share(given, row, *lane)?;
                     let chosen = match how {
-                        Actions::AsTrained => drawn(&row, stream.unit()),
-                        Actions::Greedy => likeliest(&row),
+                        Actions::AsTrained => drawn(row, stream.unit()),
+                        Actions::Greedy => likeliest(row),
                     };
-                    self.actions[*lane] = Action::from_index(chosen).expect("one of four");
-                    self.probabilities[*lane] = match how {
-                        Actions::AsTrained => row,
-                        Actions::Greedy => certain(self.actions[*lane]),
-                    };
+                    self.actions[*lane] = Action::from_index(chosen).expect("one of the actions");
+                    match how {
+                        Actions::AsTrained => {}
+                        Actions::Greedy => certain(self.actions[*lane], row),
+                    }
                 }
             }
             (None, Some(Probabilities::OfActions(_)) | None) => {
-                return Err(
-                    "expected `actions`, or `probabilities` with a list of 4 for each lane; found \
-                     neither"
-                        .to_owned(),
-                );
+                return Err(format!(
+                    "expected `actions`, or `probabilities` with a list of {width} for each lane; \
+                     found neither"
+                ));
             }
         }
         Ok(())
     }
 }
 
-/// The probabilities of a row, normalised to sum to 1.
-fn shares(row: &[f64], lane: usize) -> Result<ActionProbabilities, String> {
-    let sum: f64 = row.iter().sum();
-    let four: Option<ActionProbabilities> = row.try_into().ok();
-    let fits = row.iter().all(|share| *share >= 0.0) && (sum - 1.0).abs() <= TOLERANCE;
-    four.filter(|_| fits).map(|four| four.map(|share| share / sum)).ok_or_else(|| {
-        format!(
-            "expected {} probabilities that sum to 1 for lane {lane}, found {row:?}",
-            Action::COUNT
-        )
-    })
+/// Writes the probabilities of a row, normalised to sum to 1.
+fn share(given: &[f64], row: &mut [f64], lane: usize) -> Result<(), String> {
+    let sum: f64 = given.iter().sum();
+    let fits = given.iter().all(|share| *share >= 0.0) && (sum - 1.0).abs() <= TOLERANCE;
+    if !fits || given.len() != row.len() {
+        let count = row.len();
+        return Err(format!(
+            "expected {count} probabilities that sum to 1 for lane {lane}, found {given:?}"
+        ));
+    }
+    row.iter_mut().zip(given).for_each(|(own, share)| *own = share / sum);
+    Ok(())
 }
 
 /// The action that a number in [0, 1) selects.
-fn drawn(shares: &ActionProbabilities, unit: f64) -> usize {
+fn drawn(shares: &[f64], unit: f64) -> usize {
     let mut below = 0.0;
     let found = shares.iter().position(|share| {
         below += share;
@@ -165,9 +168,9 @@ fn drawn(shares: &ActionProbabilities, unit: f64) -> usize {
 }
 
 /// The action with the highest probability; ties go to the first.
-fn likeliest(shares: &ActionProbabilities) -> usize {
+fn likeliest(shares: &[f64]) -> usize {
     let best = |best: usize, one: usize| if shares[one] > shares[best] { one } else { best };
-    (0..Action::COUNT).fold(0, best)
+    (0..shares.len()).fold(0, best)
 }
 
 #[cfg(test)]
@@ -177,11 +180,11 @@ mod tests {
 
     fn read(choices: Choices, how: Actions) -> Result<(Vec<usize>, Vec<f64>), String> {
         let mut actions = [Action::default(); 3];
-        let mut probabilities = [certain(Action::default()); 3];
+        let mut probabilities = [1.0, 0.0, 0.0, 0.0].repeat(3);
         let chosen =
             Chosen { running: &[0, 2], actions: &mut actions, probabilities: &mut probabilities };
         chosen.read(&choices, how, &mut Stream::new(1, Purpose::TestActions))?;
-        let with = actions.iter().zip(&probabilities).map(|(action, p)| p[action.index()]);
+        let with = actions.iter().zip(probabilities.chunks(4)).map(|(action, p)| p[action.index()]);
         Ok((actions.iter().map(|action| action.index()).collect(), with.collect()))
     }
 

@@ -1,9 +1,12 @@
 //! Tests of the dueling DQN's learner: the batches that it gives its engine.
 
+use std::io;
+
 use super::*;
 use crate::agent::policy::ActionNetwork;
 use crate::agent::replay::{TerminalTarget, Transition};
 use crate::env::{EpisodeStatus, FirstContext, StepCount, TimeIndicator};
+use crate::state::{Resumable, StateReader, StateWriter};
 
 /// An engine whose values are a formula of the state and of the number of target renewals. It
 /// checks every batch that it receives.
@@ -25,7 +28,7 @@ impl ActionNetwork for Nothing {
     }
 }
 
-fn values(state: &[f32], renewals: u32) -> [f32; Action::COUNT] {
+fn values(state: &[f32], renewals: u32) -> [f32; 4] {
     let sum: f32 = state.iter().sum();
     std::array::from_fn(|action| sum * (action as f32 - 1.0) + renewals as f32)
 }

@@ -6,6 +6,7 @@ use super::{Moment, PhysicalActivity};
 use crate::env::observation::{ObservationSpec, Observations};
 use crate::env::step_count::context::{ContextDraw, ContextDrawsAhead};
 use crate::env::step_count::dynamics::Dynamics;
+use crate::env::step_count::intervention::OPTIONS;
 use crate::env::step_count::parameters::{FirstContext, StepNoise};
 use crate::env::step_count::population::Extreme;
 use crate::env::vector::{
@@ -36,7 +37,7 @@ impl VectorEnvironment for PhysicalActivity {
             false => [least, most],
         };
         ActionSpec {
-            count: Action::COUNT,
+            count: OPTIONS,
             lowest_reward: least - largest.message_cost,
             highest_reward: most,
         }
