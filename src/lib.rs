@@ -138,8 +138,11 @@ pub mod results {
     pub use crate::analyse::declared::{
         AgentSummary, Arm, ArmId, ArmSummary, summarise_agents, summarise_arms,
     };
-    pub use crate::job::{ActionCount, CURVE_METRICS, Failure, FailureKind, METRICS, Provenance};
-    pub use crate::job::{Scalar, first_return};
+    pub use crate::job::metric::{METRICS, first_return, metrics_of};
+    pub use crate::job::{
+        ActionCount, Failure, FailureKind, Measure, MetricName, MetricPlace, MetricUnit,
+        Provenance, Scalar,
+    };
     pub use crate::record::{
         AmongParticipants, CompletedRun, DataSet, JobRecord, JobStatus, Settings,
     };

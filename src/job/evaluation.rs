@@ -1,6 +1,6 @@
 //! How trained agents are tested, as one job holds it: single values, every key present.
 
-use super::first_episodes::first_return;
+use super::metric::{MetricName, first_return};
 use crate::agent::Actions;
 use crate::key::{Keyed, Kind, choices, keys};
 
@@ -24,9 +24,9 @@ keys! {
 }
 
 impl Evaluation {
-    /// Every number of first episodes, smallest first, with the metric that is their mean return.
-    pub fn first_returns(&self) -> impl Iterator<Item = (u32, &'static str)> {
-        self.first_episodes.iter().map(|episodes| (*episodes, first_return(*episodes)))
+    /// The metrics of first episodes, fewest episodes first.
+    pub fn first_returns(&self) -> impl Iterator<Item = MetricName> {
+        self.first_episodes.iter().map(|episodes| first_return(*episodes))
     }
 }
 

@@ -7,9 +7,9 @@
 mod condition;
 mod content;
 mod evaluation;
-mod first_episodes;
 mod identity;
 mod implied;
+pub mod metric;
 mod named;
 mod outcome;
 mod participant_range;
@@ -18,14 +18,13 @@ mod scalar;
 pub use condition::{Condition, Described, short_name};
 pub use content::{Job, JobError};
 pub use evaluation::{Evaluation, RecordedDecisions, TestActions};
-pub use first_episodes::{first_episodes, first_return};
 pub use identity::{CanonicalForm, JobKey, Parts, Versions, agent_text, text, without_seed};
 pub use implied::{ImpliedParameter, implied_parameters};
+pub use metric::{Measure, MetricName, MetricPlace, MetricUnit};
 pub use named::{PlannedJob, counted, shown, value_of};
 pub use outcome::{
-    ActionCount, CURVE_METRICS, CurvePoint, DataPart, Decision, Failure, FailureKind, METRICS,
-    Metric, Outcome, PROBABILITY_BINS, ParticipantValue, Phase, Provenance, Results, TestEpisode,
-    is_metric,
+    ActionCount, CurvePoint, DataPart, Decision, Failure, FailureKind, Metric, Outcome,
+    PROBABILITY_BINS, ParticipantValue, Phase, Provenance, Results, TestEpisode,
 };
 pub use participant_range::ParticipantRange;
 pub use scalar::Scalar;

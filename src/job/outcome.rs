@@ -4,58 +4,24 @@
 
 use std::fmt;
 
-use super::{ParticipantRange, first_episodes};
+use super::{MetricName, ParticipantRange};
 
 /// A named number about a completed run.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Metric {
-    /// Its name: one of [`METRICS`], or a name from [`crate::job::first_return`].
-    pub name: &'static str,
+    /// Its name.
+    pub name: MetricName,
     /// Finite value.
     pub value: f64,
 }
-
-/// Names and meanings of the metrics of a run over its test episodes. [`crate::job::first_return`] names
-/// the metrics of its first training episodes.
-pub const METRICS: &[(&str, &str)] = &[
-    ("mean_return", "mean undiscounted return, in steps walked"),
-    (
-        "sd_return",
-        "standard deviation of the return (n - 1), in steps walked; absent for one episode",
-    ),
-    ("mean_length", "mean episode length, in steps of the simulation"),
-    ("disengagement_rate", "share of episodes that ended in disengagement"),
-    ("message_rate", "share of steps on which a message was sent (actions 1 to 3)"),
-    (
-        "mean_net_return",
-        "mean undiscounted return minus the cost of messages, in steps walked; absent if messages \
-         cost nothing",
-    ),
-];
-
-/// Whether a run or its learning curve can have this metric.
-pub fn is_metric(name: &str) -> bool {
-    let listed = METRICS.iter().chain(CURVE_METRICS).any(|(metric, _)| *metric == name);
-    listed || first_episodes(name).is_some()
-}
-
-/// Names and meanings of the metrics of a learning curve; each covers the training episodes since the
-/// previous point.
-pub const CURVE_METRICS: &[(&str, &str)] = &[
-    ("mean_return", "mean undiscounted return, in steps walked"),
-    ("mean_length", "mean episode length, in steps of the simulation"),
-    ("disengagement_rate", "share of episodes that ended in disengagement"),
-    ("mean_loss", "mean loss of the updates; absent if there were none"),
-    ("epsilon", "exploration rate at the last of these episodes (DQN)"),
-];
 
 /// One value of a learning curve.
 #[derive(Clone, Debug, PartialEq)]
 pub struct CurvePoint {
     /// Training episodes finished, counted from 1.
     pub episode: u32,
-    /// Name, one of [`CURVE_METRICS`].
-    pub metric: &'static str,
+    /// The metric, one of the metrics of learning curves.
+    pub metric: MetricName,
     /// Finite value.
     pub value: f64,
 }
@@ -63,7 +29,7 @@ pub struct CurvePoint {
 /// One episode of the test, by its position.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct TestEpisode {
-    /// Undiscounted return, in steps walked.
+    /// Undiscounted return.
     pub total_reward: f64,
     /// Steps of the simulation.
     pub length: u32,
@@ -110,7 +76,7 @@ pub struct Decision {
     /// Probabilities of all actions when the agent chose. All but the chosen action's are NaN where only
     /// this one is known.
     pub probabilities: Box<[f64]>,
-    /// Reward, in steps walked.
+    /// Reward.
     pub reward: f64,
 }
 
@@ -175,7 +141,7 @@ pub struct Results {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum DataPart {
     /// A metric.
-    Metric(&'static str),
+    Metric(MetricName),
     /// The learning curve of the mean return.
     LearningCurve,
     /// Choices of action.

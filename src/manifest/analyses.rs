@@ -7,24 +7,21 @@ use toml::de::DeTable;
 
 use super::analysed_jobs;
 use super::analysis::{Analysis, AnalysisDraft};
-use super::analysis_keys::{ANALYSED_METRICS, ERROR_AXIS, KindName, WINDOW};
-use super::analysis_kind::{AnalysisKind, CurveAxis, Recovery};
+use super::analysis_field::{AnalysisTable, Fields};
+use super::analysis_kind::{AnalysisKind, KINDS, KindDeclaration, LearningCurve, SHARED};
 use super::declared::{DeclaredAgent, Manifest};
 use super::draft::Draft;
 use super::fault::{Fault, FaultList, near};
+use super::figure_keys::FigureKeys;
 use super::limits::MOST_COMPARISONS;
-use super::parameter::{meant, named};
 use super::presence::absent;
 use super::read::shortened;
 use super::respelt::respelt;
-use super::section::Section;
-use super::sides::Sides;
 use super::source::{Located, Span};
 use super::sweep::{Node, Reader};
-use crate::agent::free_key;
-use crate::job::Condition;
-use crate::job::{first_episodes, first_return};
-use crate::key::{Distribution, Kind, Parameter, Value};
+use crate::job::metric::{MEAN_RETURN, metrics_of};
+use crate::job::{Condition, MetricName, MetricPlace};
+use crate::key::{Distribution, Parameter, Value};
 
 /// The probability of context 1.
 const CONTEXT_PROBABILITY: Parameter = Parameter::Environment("context_probability");
@@ -34,12 +31,11 @@ impl Reader<'_> {
     pub fn analyses(&mut self, draft: &mut Draft, node: &Node) {
         let mut names = HashSet::new();
         for (place, (span, written)) in self.tables("analysis", node).into_iter().enumerate() {
-            let shared = KindName::ALL[0].key_names();
-            let kind = self.kind(span, &respelt(written, &shared));
+            let kind = self.kind(span, &respelt(written, &SHARED));
+            let known = kind.map_or_else(|| SHARED.to_vec(), KindDeclaration::key_names);
             if let Some(kind) = kind {
-                self.analysis_keys(kind, written);
+                self.analysis_keys(kind.word, &known, written);
             }
-            let known = kind.map_or(shared, KindName::key_names);
             let table = &*respelt(written, &known);
             let name = match table.get("name") {
                 Some(node) => self.name("name", node),
@@ -59,8 +55,8 @@ impl Reader<'_> {
     }
 
     /// The kind of an analysis; for an unknown word, the kind with the nearest one.
-    fn kind(&mut self, span: Span, table: &DeTable) -> Option<KindName> {
-        let words: Vec<&str> = KindName::ALL.iter().map(|kind| kind.word()).collect();
+    fn kind(&mut self, span: Span, table: &DeTable) -> Option<&'static KindDeclaration> {
+        let words: Vec<&str> = KINDS.iter().map(|kind| kind.word).collect();
         let Some(node) = table.get("kind") else {
             let fault = Fault::at(span, "missing key `kind` in an [[analysis]]");
             self.faults.add(fault.help(format!("expected one of {}", words.join(", "))));
@@ -68,20 +64,18 @@ impl Reader<'_> {
         };
         let word = self.word("kind", &words, node);
         let word = word.or_else(|| near(node.get_ref().as_str()?, words))?;
-        KindName::ALL.iter().find(|kind| kind.word() == word).copied()
+        KINDS.iter().find(|kind| kind.word == word)
     }
 
-    fn analysis_keys(&mut self, kind: KindName, table: &DeTable) {
-        let keys = kind.key_names();
+    fn analysis_keys(&mut self, kind: &str, keys: &[&'static str], table: &DeTable) {
         for key in table.keys() {
             let found = key.get_ref().as_ref();
             if !keys.contains(&found) {
                 let found = shortened(found);
-                let kind = kind.word();
                 let message =
                     format!("unknown key `{found}` in an [[analysis]] of kind \"{kind}\"");
                 let fault = Fault::at(key.span().into(), message);
-                self.faults.add(fault.one_of("its", &keys, &found));
+                self.faults.add(fault.one_of("its", keys, &found));
             }
         }
     }
@@ -89,188 +83,55 @@ impl Reader<'_> {
     /// The analysis in a table. A faulty part has been reported, and is replaced by one that always holds.
     fn analysis(
         &mut self,
-        (place, kind): (usize, Option<KindName>),
+        (place, kind): (usize, Option<&KindDeclaration>),
         name: &str,
         span: Span,
         table: &DeTable,
     ) -> AnalysisDraft {
         let title = table.get("title").and_then(|node| self.text("title", node));
-        let metric = table.get("metric").map(|node| {
-            match node.get_ref().as_str().and_then(first_episodes) {
-                Some(episodes) => Some(first_return(episodes)),
-                None => self.word("metric", ANALYSED_METRICS, node),
-            }
-        });
+        let metric = table.get("metric").map(|node| self.metric(node));
         let jobs = table.get("where").and_then(|node| self.table("where", node));
-        let mut located = jobs.map(|jobs| self.conditions(jobs, "`where`")).unwrap_or_default();
-        let conditions = located.iter().map(|condition| condition.value.clone()).collect();
-        let mut axes = Vec::new();
-        let kind =
-            kind.and_then(|kind| AnalysisKind::read(kind, self, name, (span, table), &mut axes));
-        let kind = kind.unwrap_or(AnalysisKind::LearningCurve { window: WINDOW });
-        if let (Some(sides), Some(node)) = (kind.sides(), table.get("between")) {
-            for side in [&sides.first, &sides.second] {
-                located.push(Located { value: side.clone(), span: node.span().into() });
-            }
+        let located = jobs.map(|jobs| self.conditions(jobs, "`where`")).unwrap_or_default();
+        let participants = self.participants(metric.unwrap_or(Some(MEAN_RETURN)), table);
+        let mut parts = AnalysisTable {
+            reader: self,
+            name,
+            span,
+            table,
+            conditions: located.clone(),
+            panels: Vec::new(),
+            axes: Vec::new(),
+        };
+        let kind = kind.and_then(|kind| (kind.read)(&mut parts));
+        let figure = FigureKeys::read(&mut parts);
+        let AnalysisTable { conditions, panels, axes, .. } = parts;
+        let figure = figure.unwrap_or_default();
+        if let (Some(low), Some(high), Some(node)) =
+            (figure.y_min, figure.y_max, table.get("y_max"))
+            && low >= high
+        {
+            self.expected("y_max", "a number above `y_min`", node);
         }
-        if let AnalysisKind::Recovery(Recovery { with, without }) = &kind {
-            for (side, conditions) in [("with", with), ("without", without)] {
-                let span = table.get(side).map_or(span, |node| node.span().into());
-                let values = conditions.iter().cloned();
-                located.extend(values.map(|value| Located { value, span }));
-            }
-        }
-        let participants = self.participants(metric.unwrap_or(Some(ANALYSED_METRICS[0])), table);
-        let mut panels = Vec::new();
-        let figure = self.figure_keys(table, &mut panels);
         let analysis = Analysis {
             name: name.to_owned(),
             title,
-            metric: metric.flatten().unwrap_or(ANALYSED_METRICS[0]),
+            metric: metric.flatten().unwrap_or(MEAN_RETURN),
             participants: participants.as_ref().map(|range| range.value),
-            conditions,
+            conditions: located.into_iter().map(|condition| condition.value).collect(),
             figure,
-            kind,
+            kind: kind.unwrap_or(AnalysisKind::LearningCurve(LearningCurve { window: 1 })),
         };
-        AnalysisDraft { place, analysis, conditions: located, participants, panels, axes, span }
+        AnalysisDraft { place, analysis, conditions, participants, panels, axes, span }
     }
 
-    /// The conditions on the arms of a recovery, under the key `key`.
-    pub fn arms(&mut self, key: &str, span: Span, table: &DeTable) -> Option<Vec<Condition>> {
-        let Some(node) = table.get(key) else {
-            let fault = Fault::at(span, format!("missing key `{key}` in an [[analysis]]"));
-            let help = "write conditions: { agent.name = \"ppo\", scenario = \"P-T\" }";
-            self.faults.add(fault.help(help));
-            return None;
-        };
-        let table = self.table(key, node)?;
-        if table.is_empty() {
-            self.expected(key, "at least one condition, as in { agent.name = \"ppo\" }", node);
-        }
-        let conditions = self.conditions(table, &format!("`{key}`"));
-        if conditions.is_empty() {
-            return None;
-        }
-        Some(conditions.into_iter().map(|condition| condition.value).collect())
-    }
-
-    /// The two sides, from the keys `by` and `between`.
-    pub fn sides(&mut self, span: Span, table: &DeTable) -> Option<Sides> {
-        let (Some(by), Some(between)) = (table.get("by"), table.get("between")) else {
-            let fault = Fault::at(span, "a difference needs `by` and `between`");
-            let help = "write by = \"scenario\" and between = [\"P-H-D\", \"L-H-D\"]";
-            self.faults.add(fault.help(help));
-            return None;
-        };
-        let items = between.get_ref().as_array().map_or(&[][..], |items| &items[..]);
-        let [one, other] = items else {
-            self.expected("between", "a list of two values, as in [\"P-H-D\", \"L-H-D\"]", between);
-            return None;
-        };
-        let parameter = by.get_ref().as_str().unwrap_or_default();
-        let is_known = matches!(parameter, "agent" | "agent.name") || named(parameter).is_some();
-        let first = self.side(parameter, by, one);
-        // An unknown parameter is reported once.
-        let (first, second) = (first, is_known.then(|| self.side(parameter, by, other)).flatten());
-        let (first, second) = (first?, second?);
-        if first == second {
-            self.expected("between", "two different values", other);
-            return None;
-        }
-        Some(Sides { first, second })
-    }
-
-    /// The condition that the parameter named in `by` has the value of `node`.
-    fn side(&mut self, name: &str, by: &Node, node: &Node) -> Option<Condition> {
-        if matches!(name, "agent" | "agent.name") {
-            let Some(agent) = node.get_ref().as_str() else {
-                self.expected("between", "an agent's name in quotes", node);
-                return None;
-            };
-            return Some(Condition::texts(Parameter::AGENT_NAME, [agent]));
-        }
-        match named(name) {
-            Some(parameter @ Parameter::SCENARIO) => {
-                let values = self.scenarios("between", node);
-                (!values.is_empty()).then_some(Condition { parameter, values })
-            }
-            Some(
-                parameter @ (Parameter::Environment(_)
-                | Parameter::Population(_)
-                | Parameter::Agent(_)
-                | Parameter::Evaluation(_)),
-            ) => {
-                let value = self.value("between", kind_of(parameter)?, node)?;
-                Some(Condition { parameter, values: vec![value] })
-            }
-            // Seeds are replications: means are taken over them, so they are no side.
-            Some(Parameter::Job(_)) | None => {
-                self.unknown_parameter("by", by, &["agent.name"]);
-                None
-            }
-        }
-    }
-
-    pub fn curve_axis(
-        &mut self,
-        span: Span,
-        table: &DeTable,
-        axes: &mut Vec<Located<Parameter>>,
-    ) -> Option<CurveAxis> {
-        let node = table.get("x");
-        if node.is_none_or(|node| node.get_ref().as_str() == Some(ERROR_AXIS)) {
-            let parameter = Parameter::Environment("sigma");
-            let span = node.map_or(span, |node| node.span().into());
-            axes.push(Located { value: parameter, span });
-            return Some(CurveAxis::ContextInferenceError);
-        }
-        self.axis("x", span, table, axes).map(CurveAxis::Swept)
-    }
-
-    /// A parameter with numeric values.
-    pub fn axis(
-        &mut self,
-        key: &str,
-        span: Span,
-        table: &DeTable,
-        axes: &mut Vec<Located<Parameter>>,
-    ) -> Option<Parameter> {
-        let Some(node) = table.get(key) else {
-            let fault = Fault::at(span, format!("missing key `{key}` in an [[analysis]]"));
-            self.faults.add(fault.help("write the dotted name of a swept parameter"));
-            return None;
-        };
-        let named = node.get_ref().as_str().and_then(named);
-        let numeric = named.filter(|parameter| {
-            matches!(
-                kind_of(*parameter),
-                Some(
-                    Kind::Real { .. }
-                        | Kind::PositiveReal { .. }
-                        | Kind::Integer { .. }
-                        | Kind::Scalar
-                )
-            )
-        });
-        match numeric {
-            Some(parameter) => axes.push(Located { value: parameter, span: node.span().into() }),
-            None => self.unknown_parameter(key, node, &[ERROR_AXIS]),
-        }
-        numeric
-    }
-
-    fn unknown_parameter(&mut self, key: &str, node: &Node, others: &[&str]) {
-        let found = self.found(node);
-        let message = format!("`{key}`: expected the dotted name of a parameter, found {found}");
-        let dotted = node.get_ref().as_str().unwrap_or_default();
-        let fault = Fault::at(node.span().into(), message);
-        // The section alone means its only name among the others.
-        let section = others.iter().copied().find(|name| name.split('.').next() == Some(dotted));
-        let meant = section.map(str::to_owned).or_else(|| meant(dotted, others));
-        self.faults.add(match meant.filter(|name| name != dotted) {
-            Some(name) => fault.help(format!("did you mean `{name}`?")),
-            None => fault,
-        });
+    /// A metric that an analysis can have.
+    fn metric(&mut self, node: &Node) -> Option<MetricName> {
+        let named = node.get_ref().as_str().and_then(MetricName::named);
+        named.filter(|metric| metric.is_in(MetricPlace::Analyses)).or_else(|| {
+            let words: Vec<_> = metrics_of(MetricPlace::Analyses).map(MetricName::text).collect();
+            self.not_one_of("metric", &words, node);
+            None
+        })
     }
 
     /// One of `words`.
@@ -283,24 +144,20 @@ impl Reader<'_> {
         let found = node.get_ref().as_str();
         let word = words.iter().find(|word| Some(**word) == found).copied();
         if word.is_none() {
-            let quoted: Vec<String> = words.iter().map(|word| format!("\"{word}\"")).collect();
-            let message =
-                format!("`{name}`: expected {}, found {}", quoted.join(" or "), self.found(node));
-            let fault = Fault::at(node.span().into(), message);
-            self.faults.add(fault.nearest(found.unwrap_or_default(), words.iter().copied()));
+            self.not_one_of(name, words, node);
         }
         word
     }
-}
 
-/// The type of a parameter's values; `None` for scenario and seed, which no table declares.
-fn kind_of(parameter: Parameter) -> Option<Kind> {
-    let sections = Section::all().into_iter();
-    let of = |section: Section| {
-        let (_, key) = section.find(parameter.key())?;
-        (section.parameter(key.name) == parameter).then_some(key.kind)
-    };
-    sections.filter_map(of).next().or_else(|| free_key(parameter.key()).map(|key| key.kind))
+    /// Reports a value that is none of `words`.
+    fn not_one_of(&mut self, name: &str, words: &[impl AsRef<str>], node: &Node) {
+        let words = || words.iter().map(AsRef::as_ref);
+        let quoted: Vec<String> = words().map(|word| format!("\"{word}\"")).collect();
+        let message =
+            format!("`{name}`: expected {}, found {}", quoted.join(" or "), self.found(node));
+        let fault = Fault::at(node.span().into(), message);
+        self.faults.add(fault.nearest(node.get_ref().as_str().unwrap_or_default(), words()));
+    }
 }
 
 /// The faults of each analysis that refers to something that the manifest does not declare, by its index;
@@ -355,7 +212,7 @@ impl Checked<'_> {
     /// Reports a metric or participants that no job records.
     fn metric(&self, faults: &mut FaultList) {
         let Checked { draft, manifest, analysis } = self;
-        if let Some(episodes) = first_episodes(analysis.analysis.metric) {
+        if let Some(episodes) = analysis.analysis.metric.first_episodes() {
             const LISTS: &str = "first_episodes";
             let lists = manifest.evaluation.get(LISTS).unwrap_or_default();
             let has =

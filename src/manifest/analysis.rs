@@ -5,9 +5,9 @@
 use super::analysis_kind::AnalysisKind;
 use super::figure_keys::FigureKeys;
 use super::source::{Located, Span};
-use crate::job::Condition;
 use crate::job::DataPart;
 use crate::job::ParticipantRange;
+use crate::job::{Condition, MetricName};
 use crate::key::Parameter;
 
 /// A figure or table that an author declares with `[[analysis]]`.
@@ -17,8 +17,8 @@ pub struct Analysis {
     pub name: String,
     /// The heading in the report; the name if none was given.
     pub title: Option<String>,
-    /// The metric to analyse, one of [`super::ANALYSED_METRICS`].
-    pub metric: &'static str,
+    /// The metric to analyse.
+    pub metric: MetricName,
     /// The participants whose test episodes are analysed; `None` for all.
     pub participants: Option<ParticipantRange>,
     /// The conditions that a job must meet to be analysed.

@@ -1,291 +1,389 @@
-//! The kinds of analyses: what each computes, from which results, and how it is read and written.
+//! The kinds of analyses: the keys of each, and the results from which each is computed.
 
-use toml::de::DeTable;
+use serde_json::{Value as Json, json};
 
-use super::analysis_keys::{BINS, ERROR_AXIS, KindName, Pairing, SelectionRule, WINDOW};
+use super::analysis_field::{AnalysisKey, AnalysisTable, Field, Fields, fields};
+use super::axis::CurveAxis;
 use super::fault::Fault;
+use super::figure_keys::FigureKeys;
+use super::limits::MOST_JOBS;
 use super::parameter::seed_of;
+use super::participant_range;
 use super::sides::Sides;
-use super::source::{Located, Span};
-use super::sweep::{Node, Reader, whole};
+use super::sweep::whole;
 use super::written::{condition, list, quoted};
-use crate::job::{Condition, DataPart};
-use crate::key::{Kind, Parameter, Value};
+use crate::job::metric::{LOWER_QUARTILE_RETURN, MEAN_RETURN, metrics_of};
+use crate::job::{Condition, DataPart, MetricName, MetricPlace};
+use crate::key::{FixedKind, Kind, Parameter, choices};
 
-/// The kind of an analysis.
-#[derive(Clone, Debug, PartialEq)]
-pub enum AnalysisKind {
+/// Declares the kinds: the word of each in manifests, the shared keys that it has, the keys of figures that it
+/// follows, and its own keys.
+macro_rules! kinds {
+    ($(
+        $(#[$attribute:meta])+
+        $Kind:ident = $word:literal, [$($shared:ident),*], $figure:expr, { $($fields:tt)* }
+    )+) => {
+        $(
+            fields! {
+                $(#[$attribute])+
+                pub struct $Kind { $($fields)* }
+            }
+        )+
+
+        /// The kind of an analysis.
+        #[derive(Clone, Debug, PartialEq)]
+        pub enum AnalysisKind {
+            $($(#[$attribute])+ $Kind($Kind),)+
+        }
+
+        /// Every kind, in the order of the documentation.
+        pub(super) const KINDS: &[KindDeclaration] = &[$(
+            KindDeclaration {
+                word: $word,
+                shared: &[NAME, TITLE, WHERE, $($shared),*],
+                own: $Kind::keys,
+                figure: &$figure,
+                read: |table| $Kind::read(table).map(AnalysisKind::$Kind),
+            },
+        )+];
+
+        impl AnalysisKind {
+            /// The word of the kind in manifests.
+            pub fn word(&self) -> &'static str {
+                match self {
+                    $(AnalysisKind::$Kind(_) => $word,)+
+                }
+            }
+
+            /// The keys of the kind with their values, as a manifest writes them.
+            pub(super) fn written(&self) -> Vec<(&'static str, String)> {
+                match self {
+                    $(AnalysisKind::$Kind(kind) => kind.written(),)+
+                }
+            }
+        }
+    };
+}
+
+/// Keys of figures that have a frame without axes of their own.
+const FRAME: [&str; 5] = ["panel", "width", "height", "font_size", "theme"];
+/// Keys of figures with lines along an axis.
+const LINES: [&str; 8] =
+    ["x_scale", "panel", "width", "height", "font_size", "y_min", "y_max", "theme"];
+
+kinds! {
     /// Differences of means between two sides, at every setting of the other parameters.
-    Contrast(Contrast),
+    Contrast = "contrast", [METRIC, PARTICIPANTS], FRAME, {
+        /// the two sides, first minus second
+        sides: Sides;
+        /// whether seeds are compared in pairs
+        pairing: Pairing = Pairing::Automatic, in Pairing::KIND;
+        /// the contrasts whose p values are corrected together; the name by default
+        family: FamilyName;
+    }
+
     /// A metric along a parameter, one line per agent and scenario.
-    Curve {
-        /// The horizontal axis.
-        axis: CurveAxis,
-    },
-    /// A moving mean of the metric over training episodes.
-    LearningCurve {
-        /// Training episodes per moving mean.
-        window: u32,
-    },
+    Curve = "curve", [METRIC, PARTICIPANTS], LINES, {
+        /// the horizontal axis
+        x: CurveAxis;
+    }
+
+    /// A moving mean of the return over training episodes.
+    LearningCurve = "learning_curve", [], LINES, {
+        /// training episodes in the moving mean
+        window: u32 = 100, in Kind::Integer { min: 1, max: 10_000_000 };
+    }
+
     /// A mean, or a difference of means, over two parameters; one map per agent.
-    HeatMap {
-        /// The parameter along the columns.
-        x: Parameter,
-        /// The parameter along the rows.
-        y: Parameter,
-        /// The sides of the difference; `None` to show the mean itself.
-        sides: Option<Sides>,
-    },
+    HeatMap = "heat_map", [METRIC, PARTICIPANTS], FRAME, {
+        /// the horizontal axis
+        x: Parameter;
+        /// the vertical axis
+        y: Parameter;
+        /// the sides of a difference; without them, the mean itself is shown
+        sides: Option<Sides>;
+    }
+
     /// Shares of the actions chosen in the test, by bins of the probability of context 0.
-    ActionChoice {
-        /// Number of bins of [0, 1]; divides 10.
-        bins: u8,
-    },
+    ActionChoice = "action_choice", [], FRAME, {
+        /// bins of the context probability
+        bins: Bins = Bins(5);
+    }
+
     /// The hyper-parameters selected for each agent.
-    Selection {
-        /// How the settings are ranked.
-        rule: SelectionRule,
-        /// Seeds on which the selected settings are evaluated; disjoint from the manifest's own.
-        reporting_seeds: Vec<u64>,
-    },
+    Selection = "selection", [METRIC], [], {
+        /// how settings are ranked
+        rule: SelectionRule = SelectionRule::HighestMean, in SelectionRule::KIND;
+        /// seeds for reporting the chosen settings; none may be a seed of this manifest
+        reporting_seeds: Vec<u64>;
+    }
+
     /// The share of the distance to the optimum that some arms recover relative to others.
-    Recovery(Recovery),
+    Recovery = "recovery", [], [], {
+        /// the arms that recover part of the loss
+        with: Vec<Condition>;
+        /// the arms whose distance to the optimum is the loss
+        without: Vec<Condition>;
+    }
+
     /// The rate at which the most likely context is wrong, along sigma.
-    InferenceError,
+    InferenceError = "inference_error", [], ["width", "height", "font_size", "theme"], {}
 }
 
-/// The two groups of arms of a recovery, each as conditions on jobs.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Recovery {
-    /// Conditions on the arms whose recovery is measured.
-    pub with: Vec<Condition>,
-    /// Conditions on the arms whose distance to the optimum is the loss.
-    pub without: Vec<Condition>,
+/// The declaration of a kind.
+pub(super) struct KindDeclaration {
+    /// The word of the kind in manifests.
+    pub word: &'static str,
+    shared: &'static [AnalysisKey],
+    own: fn() -> Vec<AnalysisKey>,
+    figure: &'static [&'static str],
+    /// Reads the keys of the kind; `None` if one is faulty, which is reported.
+    pub read: fn(&mut AnalysisTable<'_, '_>) -> Option<AnalysisKind>,
 }
 
-/// A difference between two sides, first minus second.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Contrast {
-    /// The sides.
-    pub sides: Sides,
-    /// Whether the seeds of the sides are paired.
-    pub pairing: Pairing,
-    /// The family of contrasts whose p values are corrected together.
-    pub family: String,
+impl KindDeclaration {
+    /// All keys of the kind except `kind`.
+    pub fn keys(&self) -> Vec<AnalysisKey> {
+        let of_figure = FigureKeys::keys().into_iter();
+        let of_figure = of_figure.filter(|key| self.figure.contains(&key.name));
+        self.shared.iter().copied().chain((self.own)()).chain(of_figure).collect()
+    }
+
+    /// The names of all keys of the kind; `kind` comes second, after the name.
+    pub fn key_names(&self) -> Vec<&'static str> {
+        let mut names: Vec<&str> = self.keys().iter().map(|key| key.name).collect();
+        names.insert(1, "kind");
+        names
+    }
 }
 
-/// The horizontal axis of a curve.
+/// The names of the keys that every kind has.
+pub(super) const SHARED: [&str; 4] = [NAME.name, "kind", TITLE.name, WHERE.name];
+
+const NAME: AnalysisKey = AnalysisKey {
+    name: "name",
+    doc: "the name in files and links",
+    schema: || json!({ "$ref": "#/$defs/name" }),
+};
+
+const TITLE: AnalysisKey = AnalysisKey {
+    name: "title",
+    doc: "the heading in the report",
+    schema: || json!({ "type": "string" }),
+};
+
+const WHERE: AnalysisKey = AnalysisKey {
+    name: "where",
+    doc: "the jobs to analyse; all by default",
+    schema: || json!({ "$ref": "#/$defs/exclude" }),
+};
+
+const METRIC: AnalysisKey = AnalysisKey {
+    name: "metric",
+    doc: "the metric to analyse",
+    schema: || {
+        let words: Vec<_> = metrics_of(MetricPlace::Analyses).map(MetricName::text).collect();
+        json!({
+            "anyOf": [
+                { "enum": words },
+                { "type": "string", "pattern": "^mean_return_first_[1-9][0-9]*$" },
+            ],
+            "default": MEAN_RETURN.text(),
+        })
+    },
+};
+
+const PARTICIPANTS: AnalysisKey = AnalysisKey {
+    name: "participants",
+    doc: "the test episodes of participants between two quantiles of a parameter",
+    schema: participant_range::schema,
+};
+
+choices! {
+    /// How the seeds of two arms are compared.
+    pub enum Pairing {
+        /// Paired by seed if both sides were given the same seeds, and unpaired otherwise.
+        Automatic = "automatic",
+        /// As two independent samples.
+        Unpaired = "unpaired",
+        /// Paired by seed; a seed that one side lacks is left out.
+        BySeed = "by_seed",
+    }
+}
+
+choices! {
+    /// How settings of hyper-parameters are ranked.
+    pub enum SelectionRule {
+        /// By the mean over seeds.
+        HighestMean = "highest_mean",
+        /// By the lower end of the 95 % interval of the mean over seeds.
+        HighestLowerBound = "highest_lower_bound",
+        /// By the mean over seeds, the lowest first.
+        LowestMean = "lowest_mean",
+    }
+}
+
+/// A family of contrasts whose p values are corrected together.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct FamilyName(pub String);
+
+impl Field for FamilyName {
+    fn schema(_: Option<Kind>) -> Json {
+        json!({ "$ref": "#/$defs/name" })
+    }
+
+    fn read(table: &mut AnalysisTable<'_, '_>, key: &str, _: Option<Kind>) -> Option<FamilyName> {
+        Some(FamilyName(match table.node(key) {
+            Some(node) => table.reader.name(key, node).value,
+            None => table.name.to_owned(),
+        }))
+    }
+
+    fn written(&self, key: &'static str) -> Vec<(&'static str, String)> {
+        vec![(key, quoted(&self.0))]
+    }
+}
+
+/// A number of bins into which the ten bins of the store can be merged.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum CurveAxis {
-    /// Phi(-1 / (2 sigma)), the exact rate at which the most likely context is wrong.
-    ContextInferenceError,
-    /// A swept parameter with numeric values.
-    Swept(Parameter),
+pub struct Bins(pub u8);
+
+impl Bins {
+    const ALL: [u8; 4] = [1, 2, 5, 10];
+}
+
+impl Field for Bins {
+    fn schema(_: Option<Kind>) -> Json {
+        json!({ "enum": Bins::ALL })
+    }
+
+    fn read(table: &mut AnalysisTable<'_, '_>, key: &str, _: Option<Kind>) -> Option<Bins> {
+        let node = table.node(key)?;
+        let bins = whole(node).and_then(|bins| u8::try_from(bins).ok());
+        let bins = bins.filter(|bins| Bins::ALL.contains(bins));
+        if bins.is_none() {
+            table.reader.expected(key, "1, 2, 5 or 10", node);
+        }
+        bins.map(Bins)
+    }
+
+    fn written(&self, key: &'static str) -> Vec<(&'static str, String)> {
+        vec![(key, self.0.to_string())]
+    }
+}
+
+/// Seeds on which selected settings are evaluated.
+impl Field for Vec<u64> {
+    fn schema(_: Option<Kind>) -> Json {
+        json!({ "anyOf": [
+            { "type": "integer", "minimum": 1, "maximum": MOST_JOBS },
+            {
+                "type": "array",
+                "minItems": 1,
+                "uniqueItems": true,
+                "items": { "$ref": "#/$defs/seed" },
+            },
+        ] })
+    }
+
+    fn read(table: &mut AnalysisTable<'_, '_>, key: &str, _: Option<Kind>) -> Option<Vec<u64>> {
+        let Some(node) = table.node(key) else {
+            let message = format!("missing key `{key}` in an [[analysis]] of kind \"selection\"");
+            let help = "list the seeds of the manifests that report the chosen settings; results on \
+                        the seeds of the search are biased upwards";
+            table.reader.faults.add(Fault::at(table.span, message).help(help));
+            return None;
+        };
+        // A few characters can request millions of seeds, and a manifest can have a thousand analyses.
+        let count = whole(node).map(|count| usize::try_from(count).unwrap_or(usize::MAX));
+        let fits = count.is_none_or(|count| table.reader.count_in(key, count, node));
+        let seeds = if fits { table.reader.seeds(key, node) } else { Vec::new() };
+        Some(seeds.iter().map(seed_of).collect())
+    }
+
+    fn written(&self, key: &'static str) -> Vec<(&'static str, String)> {
+        vec![(key, list(self))]
+    }
+}
+
+/// Conditions on the arms of a recovery.
+impl Field for Vec<Condition> {
+    fn schema(_: Option<Kind>) -> Json {
+        json!({ "$ref": "#/$defs/exclude" })
+    }
+
+    fn read(table: &mut AnalysisTable<'_, '_>, key: &str, _: Option<Kind>) -> Option<Self> {
+        let Some(node) = table.node(key) else {
+            table.missing(key, "write conditions: { agent.name = \"ppo\", scenario = \"P-T\" }");
+            return None;
+        };
+        let keys = table.reader.table(key, node)?;
+        if keys.is_empty() {
+            let expected = "at least one condition, as in { agent.name = \"ppo\" }";
+            table.reader.expected(key, expected, node);
+        }
+        let conditions = table.reader.conditions(keys, &format!("`{key}`"));
+        let conditions: Vec<Condition> = conditions.into_iter().map(|one| one.value).collect();
+        table.locate(node.span().into(), &conditions);
+        (!conditions.is_empty()).then_some(conditions)
+    }
+
+    fn written(&self, key: &'static str) -> Vec<(&'static str, String)> {
+        let written: Vec<String> = self.iter().map(condition).collect();
+        vec![(key, format!("{{ {} }}", written.join(", ")))]
+    }
 }
 
 impl AnalysisKind {
-    /// Reads the keys of a kind, and records faults and the parameters along axes.
-    pub(super) fn read(
-        kind: KindName,
-        reader: &mut Reader,
-        name: &str,
-        (span, table): (Span, &DeTable),
-        axes: &mut Vec<Located<Parameter>>,
-    ) -> Option<AnalysisKind> {
-        match kind {
-            KindName::Contrast => contrast(reader, name, span, table).map(AnalysisKind::Contrast),
-            KindName::Curve => {
-                reader.curve_axis(span, table, axes).map(|axis| AnalysisKind::Curve { axis })
-            }
-            KindName::LearningCurve => {
-                let window = match table.get("window") {
-                    Some(node) => window(reader, node)?,
-                    None => WINDOW,
-                };
-                Some(AnalysisKind::LearningCurve { window })
-            }
-            KindName::HeatMap => {
-                let x = reader.axis("x", span, table, axes);
-                let y = reader.axis("y", span, table, axes);
-                let wanted = table.contains_key("by") || table.contains_key("between");
-                let sides = if wanted { Some(reader.sides(span, table)) } else { None };
-                let sides = match sides {
-                    Some(sides) => Some(sides?),
-                    None => None,
-                };
-                Some(AnalysisKind::HeatMap { x: x?, y: y?, sides })
-            }
-            KindName::ActionChoice => {
-                let bins = match table.get("bins") {
-                    Some(node) => bins(reader, node)?,
-                    None => 5,
-                };
-                Some(AnalysisKind::ActionChoice { bins })
-            }
-            KindName::Selection => selection(reader, span, table),
-            KindName::Recovery => {
-                let with = reader.arms("with", span, table);
-                let without = reader.arms("without", span, table);
-                Some(AnalysisKind::Recovery(Recovery { with: with?, without: without? }))
-            }
-            KindName::InferenceError => Some(AnalysisKind::InferenceError),
-        }
+    /// The declaration of the kind.
+    pub(super) fn declaration(&self) -> &'static KindDeclaration {
+        let declared = KINDS.iter().find(|kind| kind.word == self.word());
+        declared.expect("every kind is declared")
     }
 
     /// Whether the analysis shows the rate at which the most likely context is wrong.
     pub(super) fn shows_inference_error(&self) -> bool {
-        match self {
-            AnalysisKind::InferenceError => true,
-            AnalysisKind::Curve { axis } => *axis == CurveAxis::ContextInferenceError,
-            AnalysisKind::Contrast(_)
-            | AnalysisKind::LearningCurve { .. }
-            | AnalysisKind::HeatMap { .. }
-            | AnalysisKind::ActionChoice { .. }
-            | AnalysisKind::Recovery(_)
-            | AnalysisKind::Selection { .. } => false,
-        }
+        matches!(
+            self,
+            AnalysisKind::InferenceError(_)
+                | AnalysisKind::Curve(Curve { x: CurveAxis::ContextInferenceError })
+        )
     }
 
     /// The part of the results that an analysis of this kind is computed from.
-    pub(super) fn part(&self, metric: &'static str) -> DataPart {
+    pub(super) fn part(&self, metric: MetricName) -> DataPart {
         match self {
-            AnalysisKind::LearningCurve { .. } => DataPart::LearningCurve,
-            AnalysisKind::ActionChoice { .. } | AnalysisKind::InferenceError => {
+            AnalysisKind::LearningCurve(_) => DataPart::LearningCurve,
+            AnalysisKind::ActionChoice(_) | AnalysisKind::InferenceError(_) => {
                 DataPart::ActionChoice
             }
             AnalysisKind::Contrast(_)
-            | AnalysisKind::Curve { .. }
-            | AnalysisKind::HeatMap { .. }
+            | AnalysisKind::Curve(_)
+            | AnalysisKind::HeatMap(_)
             | AnalysisKind::Recovery(_)
-            | AnalysisKind::Selection { .. } => match metric {
-                "lower_quartile_return" => DataPart::Returns,
-                metric => DataPart::Metric(metric),
+            | AnalysisKind::Selection(_) => match metric == LOWER_QUARTILE_RETURN {
+                true => DataPart::Returns,
+                false => DataPart::Metric(metric),
             },
         }
     }
 
-    /// The name of the kind.
-    pub(super) fn name(&self) -> KindName {
-        match self {
-            AnalysisKind::Contrast(_) => KindName::Contrast,
-            AnalysisKind::Curve { .. } => KindName::Curve,
-            AnalysisKind::LearningCurve { .. } => KindName::LearningCurve,
-            AnalysisKind::HeatMap { .. } => KindName::HeatMap,
-            AnalysisKind::ActionChoice { .. } => KindName::ActionChoice,
-            AnalysisKind::Selection { .. } => KindName::Selection,
-            AnalysisKind::Recovery(_) => KindName::Recovery,
-            AnalysisKind::InferenceError => KindName::InferenceError,
-        }
-    }
-
-    /// The keys of the kind except the metric, with their values as a manifest writes them.
-    pub(super) fn written(&self) -> Vec<(&'static str, String)> {
-        let mut written = self.sides().map_or_else(Vec::new, Sides::written);
-        match self {
-            AnalysisKind::Contrast(contrast) => {
-                written.push(("pairing", quoted(&contrast.pairing.word())));
-                written.push(("family", quoted(&contrast.family)));
-            }
-            AnalysisKind::Curve { axis: CurveAxis::ContextInferenceError } => {
-                written.push(("x", quoted(&ERROR_AXIS)));
-            }
-            AnalysisKind::Curve { axis: CurveAxis::Swept(parameter) } => {
-                written.push(("x", quoted(parameter)));
-            }
-            AnalysisKind::LearningCurve { window } => written.push(("window", window.to_string())),
-            AnalysisKind::HeatMap { x, y, sides: _ } => {
-                written.extend([("x", quoted(x)), ("y", quoted(y))]);
-            }
-            AnalysisKind::ActionChoice { bins } => written.push(("bins", bins.to_string())),
-            AnalysisKind::Selection { rule, reporting_seeds } => {
-                written.push(("rule", quoted(&rule.word())));
-                written.push(("reporting_seeds", list(reporting_seeds)));
-            }
-            AnalysisKind::Recovery(Recovery { with, without }) => {
-                written.extend([("with", conditions(with)), ("without", conditions(without))]);
-            }
-            AnalysisKind::InferenceError => {}
-        }
-        written
-    }
-
     /// Seeds that the analysis needs in addition to the seeds of the manifest.
     pub(super) fn reporting_seeds(&self) -> &[u64] {
-        match self {
-            AnalysisKind::Selection { reporting_seeds, .. } => reporting_seeds,
-            AnalysisKind::Contrast(_)
-            | AnalysisKind::Curve { .. }
-            | AnalysisKind::LearningCurve { .. }
-            | AnalysisKind::HeatMap { .. }
-            | AnalysisKind::ActionChoice { .. }
-            | AnalysisKind::Recovery(_)
-            | AnalysisKind::InferenceError => &[],
-        }
+        if let AnalysisKind::Selection(selection) = self { &selection.reporting_seeds } else { &[] }
     }
 
     /// The sides of the difference; `None` if the analysis shows no difference.
     pub fn sides(&self) -> Option<&Sides> {
         match self {
             AnalysisKind::Contrast(contrast) => Some(&contrast.sides),
-            AnalysisKind::HeatMap { sides, .. } => sides.as_ref(),
-            AnalysisKind::Curve { .. }
-            | AnalysisKind::LearningCurve { .. }
-            | AnalysisKind::ActionChoice { .. }
-            | AnalysisKind::Selection { .. }
+            AnalysisKind::HeatMap(map) => map.sides.as_ref(),
+            AnalysisKind::Curve(_)
+            | AnalysisKind::LearningCurve(_)
+            | AnalysisKind::ActionChoice(_)
+            | AnalysisKind::Selection(_)
             | AnalysisKind::Recovery(_)
-            | AnalysisKind::InferenceError => None,
+            | AnalysisKind::InferenceError(_) => None,
         }
     }
-}
-
-/// Conditions as an inline table.
-fn conditions(conditions: &[Condition]) -> String {
-    let written: Vec<String> = conditions.iter().map(condition).collect();
-    format!("{{ {} }}", written.join(", "))
-}
-
-fn contrast(reader: &mut Reader, name: &str, span: Span, table: &DeTable) -> Option<Contrast> {
-    let sides = reader.sides(span, table);
-    let pairing =
-        table.get("pairing").and_then(|node| reader.word("pairing", Pairing::WORDS, node));
-    let pairing = pairing.and_then(Pairing::named).unwrap_or(Pairing::Automatic);
-    let family = match table.get("family") {
-        Some(node) => reader.name("family", node).value,
-        None => name.to_owned(),
-    };
-    Some(Contrast { sides: sides?, pairing, family })
-}
-
-fn window(reader: &mut Reader, node: &Node) -> Option<u32> {
-    match reader.value("window", Kind::Integer { min: 1, max: 10_000_000 }, node)? {
-        Value::Integer(window) => u32::try_from(window).ok(),
-        _ => None,
-    }
-}
-
-fn bins(reader: &mut Reader, node: &Node) -> Option<u8> {
-    let bins = whole(node).filter(|bins| BINS.contains(bins));
-    if bins.is_none() {
-        reader.expected("bins", "1, 2, 5 or 10", node);
-    }
-    bins.and_then(|bins| u8::try_from(bins).ok())
-}
-
-fn selection(reader: &mut Reader, span: Span, table: &DeTable) -> Option<AnalysisKind> {
-    let rule = table.get("rule").and_then(|node| reader.word("rule", SelectionRule::WORDS, node));
-    let rule = rule.and_then(SelectionRule::named).unwrap_or(SelectionRule::HighestMean);
-    let Some(node) = table.get("reporting_seeds") else {
-        let message = "missing key `reporting_seeds` in an [[analysis]] of kind \"selection\"";
-        let help = "list the seeds of the manifests that report the chosen settings; results on \
-                    the seeds of the search are biased upwards";
-        reader.faults.add(Fault::at(span, message).help(help));
-        return None;
-    };
-    // A few characters can request millions of seeds, and a manifest can have a thousand analyses.
-    let count = whole(node).map(|count| usize::try_from(count).ok());
-    let counted = count
-        .is_none_or(|count| reader.count_in("reporting_seeds", count.unwrap_or(usize::MAX), node));
-    let reporting_seeds = if counted { reader.seeds("reporting_seeds", node) } else { Vec::new() };
-    let reporting_seeds = reporting_seeds.iter().map(seed_of).collect();
-    Some(AnalysisKind::Selection { rule, reporting_seeds })
 }

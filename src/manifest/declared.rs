@@ -5,7 +5,7 @@ use std::path::Path;
 use super::analysis::Analysis;
 use super::parameter::{Parameters, scenario_of, seed_of};
 use crate::agent::Algorithm;
-use crate::env::Scenario;
+use crate::env::{RETURN_UNIT, Scenario};
 use crate::job::Condition;
 use crate::key::{Parameter, Value};
 
@@ -84,6 +84,11 @@ impl Manifest {
     /// The folder of its file.
     pub fn folder(&self) -> &Path {
         Path::new(&self.path).parent().unwrap_or(Path::new(""))
+    }
+
+    /// The unit of the return in its environment.
+    pub fn return_unit(&self) -> &'static str {
+        RETURN_UNIT
     }
 
     /// The scenarios, in the order of the manifest.

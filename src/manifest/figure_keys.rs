@@ -1,35 +1,41 @@
 //! The keys that set the layout of an analysis's figures: panels, size, letters, limits, theme.
 
 use serde_json::{Value as Json, json};
-use toml::de::DeTable;
 
+use super::analysis_field::{AnalysisTable, Field, fields};
 use super::fault::Fault;
 use super::parameter::{meant, named};
 use super::source::Located;
-use super::sweep::{Node, Reader};
 use super::written::quoted;
-use crate::key::{Kind, Parameter, Value, choices};
+use crate::key::{FixedKind, Kind, Parameter, choices};
 
-/// The layout of the figures of an analysis; `None` stands for the default.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct FigureKeys {
-    /// What distinguishes panels.
-    pub panel: Option<PanelKey>,
-    /// Width in millimetres.
-    pub width: Option<f64>,
-    /// Height in millimetres.
-    pub height: Option<f64>,
-    /// Size of the letters in points.
-    pub font_size: Option<f64>,
-    /// The lower end of the vertical axis.
-    pub y_min: Option<f64>,
-    /// The upper end of the vertical axis.
-    pub y_max: Option<f64>,
-    /// The scale of the horizontal axis; chosen by its numbers if `None`.
-    pub x_scale: Option<XScale>,
-    /// The medium of the figures.
-    pub theme: Theme,
+fields! {
+    /// The layout of the figures of an analysis; `None` stands for the default.
+    #[derive(Copy, Default)]
+    pub struct FigureKeys {
+        /// the scale of the horizontal axis; chosen by its numbers by default
+        x_scale: Option<XScale>, in XScale::KIND;
+        /// the key by whose values figures are split into panels
+        panel: Option<PanelKey>;
+        /// the width of a figure in mm
+        width: Option<f64>, in MILLIMETRES;
+        /// the height of a figure in mm
+        height: Option<f64>, in MILLIMETRES;
+        /// the font size in points
+        font_size: Option<f64>, in Kind::Real { min: 4.0, max: 24.0 };
+        /// the lower end of the vertical axis
+        y_min: Option<f64>, in LIMIT;
+        /// the upper end of the vertical axis
+        y_max: Option<f64>, in LIMIT;
+        /// "print" for figures without heading and note, "screen" by default
+        theme: Option<Theme>, in Theme::KIND;
+    }
 }
+
+/// Widths and heights.
+const MILLIMETRES: Kind = Kind::Real { min: 30.0, max: 600.0 };
+/// Ends of an axis.
+const LIMIT: Kind = Kind::Real { min: -1e9, max: 1e9 };
 
 /// What distinguishes the panels of a figure.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -62,50 +68,16 @@ choices! {
     }
 }
 
-#[expect(clippy::derivable_impls, reason = "`choices` takes no attribute of a variant")]
-impl Default for Theme {
-    fn default() -> Theme {
-        Theme::Screen
-    }
-}
-
-/// Limits of a figure in millimetres, and of its letters in points.
-pub(super) const SIDES: (f64, f64) = (30.0, 600.0);
-pub(super) const LETTERS: (f64, f64) = (4.0, 24.0);
-
-impl Reader<'_> {
-    /// Reads the keys of a figure.
-    pub(super) fn figure_keys(
-        &mut self,
-        table: &DeTable,
-        panels: &mut Vec<Located<Parameter>>,
-    ) -> FigureKeys {
-        let mut number = |name: &str, (min, max): (f64, f64)| {
-            let node = table.get(name)?;
-            match self.value(name, Kind::Real { min, max }, node)? {
-                Value::Real(number) => Some(number),
-                _ => None,
-            }
-        };
-        let all = (-1e9, 1e9);
-        let (width, height) = (number("width", SIDES), number("height", SIDES));
-        let font_size = number("font_size", LETTERS);
-        let (y_min, y_max) = (number("y_min", all), number("y_max", all));
-        if let (Some(low), Some(high), Some(node)) = (y_min, y_max, table.get("y_max"))
-            && low >= high
-        {
-            self.expected("y_max", "a number above `y_min`", node);
-        }
-        let theme = table.get("theme").and_then(|node| self.word("theme", Theme::WORDS, node));
-        let theme = theme.and_then(Theme::named).unwrap_or_default();
-        let x_scale =
-            table.get("x_scale").and_then(|node| self.word("x_scale", XScale::WORDS, node));
-        let x_scale = x_scale.and_then(XScale::named);
-        let panel = table.get("panel").and_then(|node| self.panel(node, panels));
-        FigureKeys { panel, width, height, font_size, y_min, y_max, x_scale, theme }
+impl Field for PanelKey {
+    fn schema(_: Option<Kind>) -> Json {
+        json!({ "anyOf": [
+            { "enum": ["agent", "agent.name"] },
+            { "$ref": "#/$defs/parameter" },
+        ] })
     }
 
-    fn panel(&mut self, node: &Node, panels: &mut Vec<Located<Parameter>>) -> Option<PanelKey> {
+    fn read(table: &mut AnalysisTable<'_, '_>, key: &str, _: Option<Kind>) -> Option<PanelKey> {
+        let node = table.node(key)?;
         let found = node.get_ref().as_str().unwrap_or_default();
         if matches!(found, "agent" | "agent.name") {
             return Some(PanelKey::Agent);
@@ -118,14 +90,16 @@ impl Reader<'_> {
                 | Parameter::Agent(_)
                 | Parameter::Evaluation(_)),
             ) => {
-                panels.push(Located { value: swept, span: node.span().into() });
+                table.panels.push(Located { value: swept, span: node.span().into() });
                 Some(PanelKey::Key(swept))
             }
             Some(Parameter::Job(_)) | None => {
                 let expected = "\"agent\", \"scenario\" or the dotted name of a swept key";
-                let message = format!("`panel`: expected {expected}, found {}", self.found(node));
+                let found_words = table.reader.found(node);
+                let message = format!("`{key}`: expected {expected}, found {found_words}");
                 let fault = Fault::at(node.span().into(), message);
-                self.faults.add(match meant(found, &["agent"]).filter(|name| name != "seed") {
+                let meant = meant(found, &["agent"]).filter(|name| name != "seed");
+                table.reader.faults.add(match meant {
                     Some(name) => fault.help(format!("did you mean `{name}`?")),
                     None => fault,
                 });
@@ -133,43 +107,13 @@ impl Reader<'_> {
             }
         }
     }
-}
 
-impl FigureKeys {
-    /// The declared keys with their values, as a manifest writes them.
-    pub(super) fn written(&self) -> Vec<(&'static str, String)> {
-        let panel = self.panel.map(|panel| match panel {
+    fn written(&self, key: &'static str) -> Vec<(&'static str, String)> {
+        let word = match self {
             PanelKey::Agent => quoted(&"agent"),
             PanelKey::Scenario => quoted(&"scenario"),
-            PanelKey::Key(parameter) => quoted(&parameter),
-        });
-        let number = |number: Option<f64>| number.map(|number| format!("{number:?}"));
-        let theme = (self.theme != Theme::default()).then(|| quoted(&self.theme.word()));
-        let all = [
-            ("panel", panel),
-            ("width", number(self.width)),
-            ("height", number(self.height)),
-            ("font_size", number(self.font_size)),
-            ("y_min", number(self.y_min)),
-            ("y_max", number(self.y_max)),
-            ("x_scale", self.x_scale.map(|scale| quoted(&scale.word()))),
-            ("theme", theme),
-        ];
-        all.into_iter().filter_map(|(key, value)| Some((key, value?))).collect()
-    }
-
-    pub(super) fn theme_schema() -> Json {
-        json!({ "enum": Theme::WORDS, "default": Theme::WORDS[0] })
-    }
-
-    pub(super) fn x_scale_schema() -> Json {
-        json!({ "enum": XScale::WORDS })
-    }
-
-    pub(super) fn panel_schema() -> Json {
-        json!({ "anyOf": [
-            { "enum": ["agent", "agent.name"] },
-            { "$ref": "#/$defs/parameter" },
-        ] })
+            PanelKey::Key(parameter) => quoted(parameter),
+        };
+        vec![(key, word)]
     }
 }

@@ -5,15 +5,14 @@ use std::path::{Path, PathBuf};
 use std::{env, fs};
 
 use super::analysis::Analysis;
-use super::analysis_keys::SelectionRule;
-use super::analysis_kind::AnalysisKind;
+use super::analysis_kind::{AnalysisKind, LearningCurve, SelectionRule};
 use super::declared::{DeclaredAgent, Manifest};
 use super::fault::Fault;
 use super::grid::Grid;
 use super::repair::decimal_lists;
 use super::written::share;
 use crate::agent::{UNAVAILABLE, longest_episode};
-use crate::job::Condition;
+use crate::job::{Condition, MetricUnit};
 use crate::key::printable;
 use crate::key::{Constraint, Key, Parameter, Value, Violation};
 
@@ -60,9 +59,9 @@ fn large_sigma(manifest: &Manifest) -> Option<String> {
 
 /// A hint for a search for the highest rate of something that is rarely wanted.
 fn highest_rate(analysis: &Analysis) -> Option<String> {
-    let AnalysisKind::Selection { rule, .. } = &analysis.kind else { return None };
-    let is_rate = ["disengagement_rate", "message_rate"].contains(&analysis.metric);
-    (is_rate && *rule != SelectionRule::LowestMean).then(|| {
+    let AnalysisKind::Selection(selection) = &analysis.kind else { return None };
+    let is_rate = analysis.metric.unit() == MetricUnit::Share;
+    (is_rate && selection.rule != SelectionRule::LowestMean).then(|| {
         format!(
             "analysis {} selects the settings with the highest {}; `rule = \"{}\"` selects those with the \
              lowest",
@@ -75,7 +74,9 @@ fn highest_rate(analysis: &Analysis) -> Option<String> {
 
 /// Hints for agents whose training is shorter than the window of a learning curve.
 fn long_windows(manifest: &Manifest, analysis: &Analysis) -> Vec<String> {
-    let AnalysisKind::LearningCurve { window } = analysis.kind else { return Vec::new() };
+    let AnalysisKind::LearningCurve(LearningCurve { window }) = analysis.kind else {
+        return Vec::new();
+    };
     let strides = manifest.evaluation.get("curve_stride").unwrap_or_default();
     if let Some(Value::Integer(stride)) = strides.iter().max_by(by_size)
         && *stride > u64::from(window)

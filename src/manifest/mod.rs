@@ -14,8 +14,9 @@
 mod analysed_jobs;
 mod analyses;
 mod analysis;
-mod analysis_keys;
+mod analysis_field;
 mod analysis_kind;
+mod axis;
 mod cells;
 mod check;
 mod companions;
@@ -48,12 +49,16 @@ mod set;
 mod sides;
 mod source;
 mod sweep;
+mod value_schema;
 mod varying;
 mod written;
 
 pub use analysis::Analysis;
-pub use analysis_keys::{ANALYSED_METRICS, ERROR_AXIS, Pairing, SelectionRule};
-pub use analysis_kind::{AnalysisKind, Contrast, CurveAxis, Recovery};
+pub use analysis_kind::{
+    ActionChoice, AnalysisKind, Bins, Contrast, Curve, FamilyName, HeatMap, InferenceError,
+    LearningCurve, Pairing, Recovery, Selection, SelectionRule,
+};
+pub use axis::{CurveAxis, ERROR_AXIS};
 pub use companions::companions;
 pub use declared::{DeclaredAgent, Exclusion, Manifest, Zip};
 pub(crate) use document::{Document, document};
@@ -69,11 +74,11 @@ pub use published::{
     Equivalence, Published, PublishedCurve, PublishedErrors, PublishedHeatMap, PublishedTest,
 };
 pub use schema::schema;
-pub(crate) use schema::value as value_schema;
 pub use section::Section;
 pub use set::{Overridden, Override, OverrideForm, load_with};
 pub use sides::Sides;
 pub use source::Position;
 pub(crate) use source::{Source, Span};
 pub(crate) use sweep::{Node, single, unexpected};
+pub(crate) use value_schema::value as value_schema;
 pub use varying::Varying;

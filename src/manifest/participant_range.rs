@@ -8,12 +8,9 @@ use super::respelt::respelt;
 use super::source::{Located, Span};
 use super::sweep::{Node, Reader};
 use crate::env::ParticipantSampler;
-use crate::job::ParticipantRange;
+use crate::job::metric::metrics_of;
+use crate::job::{MetricName, MetricPlace, ParticipantRange};
 use crate::key::{Kind, Value};
-
-/// Metrics that are known for single test episodes.
-pub(super) const METRICS: [&str; 4] =
-    ["mean_return", "lower_quartile_return", "mean_length", "disengagement_rate"];
 
 /// The range as a manifest writes it.
 pub(super) fn written(range: &ParticipantRange) -> String {
@@ -42,7 +39,7 @@ impl Reader<'_> {
     /// is absent or faulty.
     pub(super) fn participants(
         &mut self,
-        metric: Option<&str>,
+        metric: Option<MetricName>,
         table: &DeTable,
     ) -> Option<Located<ParticipantRange>> {
         const KEYS: [&str; 3] = ["parameter", "from_quantile", "to_quantile"];
@@ -59,9 +56,11 @@ impl Reader<'_> {
         }
         let here = Span::from(node.span());
         let keys = &*respelt(keys, &KEYS);
-        if let Some(metric) = metric.filter(|metric| !METRICS.contains(metric)) {
+        if let Some(metric) = metric.filter(|one| !one.is_in(MetricPlace::Participants)) {
             let message = format!("`participants`: `{metric}` is not recorded per episode");
-            let help = format!("use one of {}", METRICS.join(", "));
+            let words: Vec<_> =
+                metrics_of(MetricPlace::Participants).map(MetricName::text).collect();
+            let help = format!("use one of {}", words.join(", "));
             self.faults.add(Fault::at(here, message).help(help));
         }
         let names: Vec<&'static str> = ParticipantSampler::all_names().collect();

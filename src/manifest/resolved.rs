@@ -3,6 +3,7 @@
 use std::fmt::{self, Write};
 
 use super::analysis::Analysis;
+use super::analysis_field::Fields;
 use super::declared::{DeclaredAgent, Manifest};
 use super::parameter::Parameters;
 use super::participant_range;
@@ -32,8 +33,7 @@ impl Manifest {
         }
         let limit = self.time_limit_seconds;
         limit.iter().try_for_each(|seconds| writeln!(out, "time_limit_seconds = {seconds}"))?;
-        let scenarios: Vec<String> = self.scenarios.iter().map(quoted).collect();
-        writeln!(out, "scenarios = {}", list(&scenarios))?;
+        writeln!(out, "scenarios = {}", list(&self.scenarios))?;
         let is_count = self.seeds().eq(1..=self.seeds.len() as u64);
         match is_count {
             true => writeln!(out, "seeds = {}", self.seeds.len())?,
@@ -103,18 +103,18 @@ fn write_parameters(out: &mut String, parameters: &Parameters) -> fmt::Result {
 }
 
 fn write_analysis(out: &mut String, analysis: &Analysis) -> fmt::Result {
-    let kind = analysis.kind.name();
-    let (name, word) = (quoted(&analysis.name), kind.word());
+    let (name, word) = (quoted(&analysis.name), analysis.kind.word());
     writeln!(out, "\n[[analysis]]\nname = {name}\nkind = \"{word}\"")?;
     analysis.title.iter().try_for_each(|title| writeln!(out, "title = {}", quoted(title)))?;
-    if kind.key_names().contains(&"metric") {
+    if analysis.kind.declaration().key_names().contains(&"metric") {
         writeln!(out, "metric = \"{}\"", analysis.metric)?;
     }
     let range = analysis.participants.as_ref();
     range.iter().try_for_each(|range| {
         writeln!(out, "participants = {}", participant_range::written(range))
     })?;
-    for (key, value) in analysis.kind.written().into_iter().chain(analysis.figure.written()) {
+    for (key, value) in analysis.kind.written().into_iter().chain(Fields::written(&analysis.figure))
+    {
         writeln!(out, "{key} = {value}")?;
     }
     // Written last, because keys below its header belong to it.

@@ -1,8 +1,15 @@
 //! The two sides of a difference.
 
+use serde_json::{Value as Json, json};
+
+use super::analysis_field::{AnalysisKey, AnalysisTable, Field};
+use super::axis::kind_of;
+use super::fault::Fault;
+use super::parameter::named;
+use super::sweep::{Node, Reader};
 use super::written::quoted;
 use crate::job::Condition;
-use crate::key::Parameter;
+use crate::key::{Kind, Parameter};
 
 /// Two sides of a difference: two conditions on the same parameter, with one value each.
 #[derive(Clone, Debug, PartialEq)]
@@ -14,13 +21,6 @@ pub struct Sides {
 }
 
 impl Sides {
-    /// `by` and `between`, as a manifest writes them.
-    pub(super) fn written(&self) -> Vec<(&'static str, String)> {
-        let value = |condition: &Condition| condition.values[0].to_string();
-        let between = format!("[{}, {}]", value(&self.first), value(&self.second));
-        vec![("by", quoted(&self.first.name())), ("between", between)]
-    }
-
     /// Both sides.
     pub(super) fn both(&self) -> [&Condition; 2] {
         [&self.first, &self.second]
@@ -31,6 +31,97 @@ impl Sides {
         match self.first.parameter {
             Parameter::Job(_) | Parameter::AGENT_NAME => String::new(),
             parameter => parameter.to_string(),
+        }
+    }
+}
+
+const BY: AnalysisKey = AnalysisKey {
+    name: "by",
+    doc: "the parameter in which the two sides of a difference differ",
+    schema: || json!({ "anyOf": [{ "const": "agent.name" }, { "$ref": "#/$defs/parameter" }] }),
+};
+
+const BETWEEN: AnalysisKey = AnalysisKey {
+    name: "between",
+    doc: "the two sides, first minus second",
+    schema: || json!({ "type": "array", "minItems": 2, "maxItems": 2 }),
+};
+
+impl Field for Sides {
+    const KEYS: Option<&'static [AnalysisKey]> = Some(&[BY, BETWEEN]);
+
+    fn schema(_: Option<Kind>) -> Json {
+        (BETWEEN.schema)()
+    }
+
+    fn read(table: &mut AnalysisTable<'_, '_>, _: &str, _: Option<Kind>) -> Option<Sides> {
+        let (Some(by), Some(between)) = (table.node(BY.name), table.node(BETWEEN.name)) else {
+            let fault = Fault::at(table.span, "a difference needs `by` and `between`");
+            let help = "write by = \"scenario\" and between = [\"P-H-D\", \"L-H-D\"]";
+            table.reader.faults.add(fault.help(help));
+            return None;
+        };
+        let sides = table.reader.sides(by, between)?;
+        table.locate(between.span().into(), sides.both());
+        Some(sides)
+    }
+
+    fn written(&self, _: &'static str) -> Vec<(&'static str, String)> {
+        let value = |condition: &Condition| condition.values[0].to_string();
+        let between = format!("[{}, {}]", value(&self.first), value(&self.second));
+        vec![(BY.name, quoted(&self.first.name())), (BETWEEN.name, between)]
+    }
+}
+
+impl Reader<'_> {
+    /// The two sides, from the values of `by` and `between`.
+    fn sides(&mut self, by: &Node, between: &Node) -> Option<Sides> {
+        let items = between.get_ref().as_array().map_or(&[][..], |items| &items[..]);
+        let [one, other] = items else {
+            self.expected("between", "a list of two values, as in [\"P-H-D\", \"L-H-D\"]", between);
+            return None;
+        };
+        let parameter = by.get_ref().as_str().unwrap_or_default();
+        let is_known = matches!(parameter, "agent" | "agent.name") || named(parameter).is_some();
+        let first = self.side(parameter, by, one);
+        // An unknown parameter is reported once.
+        let (first, second) = (first, is_known.then(|| self.side(parameter, by, other)).flatten());
+        let (first, second) = (first?, second?);
+        if first == second {
+            self.expected("between", "two different values", other);
+            return None;
+        }
+        Some(Sides { first, second })
+    }
+
+    /// The condition that the parameter named in `by` has the value of `node`.
+    fn side(&mut self, name: &str, by: &Node, node: &Node) -> Option<Condition> {
+        if matches!(name, "agent" | "agent.name") {
+            let Some(agent) = node.get_ref().as_str() else {
+                self.expected("between", "an agent's name in quotes", node);
+                return None;
+            };
+            return Some(Condition::texts(Parameter::AGENT_NAME, [agent]));
+        }
+        match named(name) {
+            Some(parameter @ Parameter::SCENARIO) => {
+                let values = self.scenarios("between", node);
+                (!values.is_empty()).then_some(Condition { parameter, values })
+            }
+            Some(
+                parameter @ (Parameter::Environment(_)
+                | Parameter::Population(_)
+                | Parameter::Agent(_)
+                | Parameter::Evaluation(_)),
+            ) => {
+                let value = self.value("between", kind_of(parameter)?, node)?;
+                Some(Condition { parameter, values: vec![value] })
+            }
+            // Seeds are replications: means are taken over them, so they are no side.
+            Some(Parameter::Job(_)) | None => {
+                self.unknown_parameter("by", by, &["agent.name"]);
+                None
+            }
         }
     }
 }

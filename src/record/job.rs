@@ -1,5 +1,6 @@
 //! A job with its parameters, status and results.
 
+use crate::job::metric::{DISENGAGEMENT_RATE, MEAN_LENGTH, MEAN_RETURN};
 use std::sync::Arc;
 
 use super::settings::{Settings, SharedSettings};
@@ -25,7 +26,7 @@ pub struct JobRecord {
     pub settings: Arc<Settings>,
     /// The exact error rate of the most likely context; `None` if participants differ.
     pub context_error: Option<f64>,
-    /// The best mean return of any policy in this environment and scenario, in steps walked; `None` if
+    /// The best mean return of any policy in this environment and scenario; `None` if
     /// unknown.
     pub optimum: Option<f64>,
     /// Its status.
@@ -154,9 +155,9 @@ impl AmongParticipants {
         }
         let mean = |of: fn(&TestEpisode) -> f64| self.episodes.iter().map(of).sum::<f64>() / n;
         vec![
-            ("disengagement_rate".into(), mean(|one| f64::from(u8::from(one.disengaged)))),
-            ("mean_length".into(), mean(|one| f64::from(one.length))),
-            ("mean_return".into(), mean(|one| one.total_reward)),
+            (DISENGAGEMENT_RATE.text().into(), mean(|one| f64::from(u8::from(one.disengaged)))),
+            (MEAN_LENGTH.text().into(), mean(|one| f64::from(one.length))),
+            (MEAN_RETURN.text().into(), mean(|one| one.total_reward)),
         ]
     }
 }

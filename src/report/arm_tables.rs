@@ -1,10 +1,11 @@
 //! The tables of an experiment's arms and agents.
 
-use super::data_table::{DataTable, Entry, shown};
+use super::data_table::{DataTable, Entry};
 use super::figure::arm_label;
-use super::tables::{between, high, in_unit, low, percent_between};
+use super::tables::{between, high, in_unit, low};
 use crate::analyse::declared::{AgentSummary, ArmSummary, share_of_optimum};
 use crate::analyse::{Aggregate, Interval, Undefined};
+use crate::job::MetricUnit;
 
 /// The number of values from which on an inter-quartile mean leaves any out.
 const FOUR: usize = 4;
@@ -53,19 +54,19 @@ fn arm(row: &ArmSummary) -> Vec<Entry> {
         Entry::text(arm_label(&row.name)),
         Entry::number(row.returns.n() as f64, 0),
         Entry::number(f64::from(row.returns.lost().ended()), 0),
-        in_unit(mean, "mean_return"),
-        between(interval, "mean_return"),
+        in_unit(mean, MetricUnit::Return),
+        between(interval, MetricUnit::Return),
         low(interval),
         high(interval),
         called_mean(
-            in_unit(interquartile.map(|middle| middle.value), "mean_return"),
+            in_unit(interquartile.map(|middle| middle.value), MetricUnit::Return),
             row.returns.n(),
         ),
-        between(middle, "mean_return"),
+        between(middle, MetricUnit::Return),
         low(middle),
         high(middle),
-        in_unit(row.lower_quartiles.mean(), "mean_return"),
-        in_unit(row.disengagement.mean(), "disengagement_rate"),
+        in_unit(row.lower_quartiles.mean(), MetricUnit::Return),
+        in_unit(row.disengagement.mean(), MetricUnit::Share),
         Entry::of(row.messages.mean(), 1),
         optimum(row.optimum),
         share(row.net_returns.mean()),
@@ -113,17 +114,19 @@ pub fn agents(rows: &[AgentSummary]) -> DataTable {
             Entry::text(&row.scenario),
             Entry::number(row.arms as f64, 0),
             Entry::number(row.runs as f64, 0),
-            called_mean(in_unit(row.returns.map(|all| all.value), "mean_return"), row.runs),
-            between(returns, "mean_return"),
+            called_mean(in_unit(row.returns.map(|all| all.value), MetricUnit::Return), row.runs),
+            between(returns, MetricUnit::Return),
             low(returns),
             high(returns),
             called_mean(
-                row.shares.map_or_else(unknown, |shares| percent(shares.map(|all| all.value))),
+                row.shares.map_or_else(unknown, |shares| {
+                    in_unit(shares.map(|all| all.value), MetricUnit::Share)
+                }),
                 row.shared,
             ),
-            of_shares(&percent_between),
-            of_shares(&|interval| percent(interval.map(|interval| interval.low))),
-            of_shares(&|interval| percent(interval.map(|interval| interval.high))),
+            of_shares(&|interval| between(interval, MetricUnit::Share)),
+            of_shares(&|interval| in_unit(interval.map(|it| it.low), MetricUnit::Share)),
+            of_shares(&|interval| in_unit(interval.map(|it| it.high), MetricUnit::Share)),
         ]);
     }
     table
@@ -137,21 +140,16 @@ pub fn optimum(optimum: Option<f64>) -> Entry {
 /// A net return as a share of the optimum.
 pub fn share(value: Result<f64, Undefined>, optimum: Option<f64>) -> Entry {
     match value.map(|value| share_of_optimum(value, optimum)) {
-        Ok(Some(share)) => percent(Ok(share)),
-        Err(reason) if share_of_optimum(0.0, optimum).is_some() => percent(Err(reason)),
+        Ok(Some(share)) => in_unit(Ok(share), MetricUnit::Share),
+        Err(reason) if share_of_optimum(0.0, optimum).is_some() => {
+            in_unit(Err(reason), MetricUnit::Share)
+        }
         Ok(None) | Err(_) => unknown(),
     }
 }
 
 fn unknown() -> Entry {
     Entry::Missing("no optimum computed".to_owned())
-}
-
-fn percent(value: Result<f64, Undefined>) -> Entry {
-    match value {
-        Ok(value) => Entry::Number { value, shown: shown(value * 100.0, 1) },
-        Err(reason) => Entry::Missing(reason.to_string()),
-    }
 }
 
 fn interval_of(aggregate: Result<Aggregate, Undefined>) -> Result<Interval, Undefined> {

@@ -56,7 +56,7 @@ pub fn assemble(
         };
         let concerned = queries.iter().map(|query| query.among(&data.jobs));
         let analyses = manifest.analyses.iter().zip(concerned).collect::<Vec<_>>();
-        let findings = carry_out(&analyses, published.as_ref());
+        let findings = carry_out(&analyses, published.as_ref(), manifest.return_unit());
         Ok(ReportedExperiment {
             name: manifest.name.clone(),
             question: manifest.question.clone(),

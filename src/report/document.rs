@@ -7,7 +7,7 @@ use super::arm_tables;
 use super::data_table::DataTable;
 use super::escape::{unused, unused_stem};
 use super::figure::{Looks, Style};
-use super::kinds::{Sheet, caption, drawn, table};
+use super::kinds::{Sheet, caption, displayed, drawn, table};
 use super::latex::{is_printed, latex};
 use super::legend::Legend;
 use super::names::Names;
@@ -32,7 +32,7 @@ pub fn report(experiments: &[ReportedExperiment], store: &str, hosts: Hosts) -> 
     let names: Vec<Names> = experiments.iter().map(Names::of).collect();
     let displayed = experiments.iter().zip(&names).map(|(experiment, names)| {
         let findings = experiment.findings.iter();
-        findings.map(|(finding, _)| names.finding(finding)).collect()
+        findings.map(|(finding, _)| displayed(finding, names)).collect()
     });
     let displayed: Vec<Vec<Finding>> = displayed.collect();
     let looks =

@@ -3,27 +3,19 @@
 //! CSV files keep the names of keys. Everything else is made from findings with displayed names.
 
 use super::section::ReportedExperiment;
-use crate::analyse::declared::{
-    ActionPanel, AgentSummary, ArmId, ArmSummary, Content, ContrastFigure, CurveFigure, Finding,
-    HeatFigure, LearningFigure, Ranking, implied,
-};
+use crate::analyse::declared::{AgentSummary, ArmId, ArmSummary, implied};
+use crate::env::{SYMBOLS, Symbol};
 use crate::job::{Scalar, short_name};
 use crate::manifest::PanelKey;
 use crate::record::JobRecord;
 
-/// Keys that papers write as symbols; `_` begins a subscript.
-const SYMBOLS: [(&str, &str); 10] = [
-    ("sigma", "σ"),
-    ("sigma_s", "σ_s"),
-    ("mu", "μ"),
-    ("gamma", "γ"),
-    ("delta_h", "δ_h"),
-    ("delta_d", "δ_d"),
-    ("epsilon_h", "ε_h"),
-    ("epsilon_d", "ε_d"),
-    ("rho_1", "ρ_1"),
-    ("rho_2", "ρ_2"),
-];
+/// The discount of learners, which papers write as a symbol.
+const DISCOUNT: Symbol = Symbol { key: "gamma", symbol: "γ", quantity: Some("discount") };
+
+/// The keys that papers write as symbols. Symbols that begin with another symbol come first.
+fn symbols() -> impl Iterator<Item = Symbol> {
+    SYMBOLS.iter().copied().chain([DISCOUNT])
+}
 
 /// The labels of an experiment's agents, and the keys that names of arms leave out.
 #[derive(Clone, Debug, Default)]
@@ -52,23 +44,30 @@ impl Names {
             Some((section, key)) => (Some(section), key),
             None => (None, dotted),
         };
-        let symbol = SYMBOLS.iter().find(|(known, _)| *known == key);
+        let symbol = symbols().find(|symbol| symbol.key == key);
         match (section, symbol) {
             (_, None) => dotted.to_owned(),
-            (None, Some((_, symbol))) => (*symbol).to_owned(),
-            (Some(section), Some((_, symbol))) => format!("{section}.{symbol}"),
+            (None, Some(Symbol { symbol, .. })) => symbol.to_owned(),
+            (Some(section), Some(Symbol { symbol, .. })) => format!("{section}.{symbol}"),
+        }
+    }
+
+    /// The name of a parameter's quantity, as axes have it.
+    pub fn quantity(dotted: &str) -> String {
+        let short = short_name(dotted);
+        match symbols().find(|one| one.symbol == short).and_then(|one| one.quantity) {
+            Some(quantity) => format!("{quantity} {short}"),
+            None => short.replace('_', " "),
         }
     }
 
     /// A text with symbols replaced by the names of their keys, for file names.
     pub fn plain(text: &str) -> String {
-        // Symbols that begin with another symbol come first.
-        let symbols = SYMBOLS.iter().filter(|(key, _)| key.contains('_'));
-        let symbols = symbols.chain(SYMBOLS.iter().filter(|(key, _)| !key.contains('_')));
-        symbols.fold(text.to_owned(), |text, (key, symbol)| text.replace(symbol, key))
+        symbols().fold(text.to_owned(), |text, one| text.replace(one.symbol, one.key))
     }
 
-    fn agent(&self, name: &str) -> String {
+    /// The label of an agent.
+    pub fn agent(&self, name: &str) -> String {
         let label = self.labels.iter().find(|(known, _)| known == name);
         label.map_or(name, |(_, label)| label).to_owned()
     }
@@ -83,10 +82,11 @@ impl Names {
         text.split(' ').map(word).collect::<Vec<_>>().join(" ")
     }
 
-    fn arm(&self, name: &mut ArmId) {
+    /// The name of an arm as it is displayed.
+    pub fn arm(&self, name: &mut ArmId) {
         name.agent = self.agent(&name.agent);
         name.settings.retain(|(key, _)| !self.implied.contains(key));
-        settings(&mut name.settings);
+        Names::settings(&mut name.settings);
     }
 
     /// The summaries as they are displayed.
@@ -103,69 +103,27 @@ impl Names {
         summaries
     }
 
-    /// The finding as it is displayed.
-    pub fn finding(&self, finding: &Finding) -> Finding {
-        let mut finding = finding.clone();
-        match &mut finding.content {
-            Content::Contrast(ContrastFigure { sides, rows }) => {
-                // The sides are agents if the rows have none.
-                let has_agents = rows.iter().all(|row| row.name.agent.is_empty());
-                self.sides(sides, has_agents);
-                for row in rows {
-                    self.sides(&mut row.sides, has_agents);
-                    self.arm(&mut row.name);
-                }
-            }
-            Content::Curve(CurveFigure { axis, lines }) => {
-                *axis = Names::key(axis);
-                lines.iter_mut().for_each(|line| self.arm(&mut line.name));
-            }
-            Content::LearningCurve(LearningFigure { panels, .. }) => {
-                let lines = panels.iter_mut().flat_map(|panel| &mut panel.lines);
-                lines.for_each(|line| self.arm(&mut line.name));
-            }
-            Content::HeatMap(maps) => maps.iter_mut().for_each(|map| self.map(map)),
-            Content::ActionChoice(panels) => {
-                panels.iter_mut().for_each(|panel: &mut ActionPanel| self.arm(&mut panel.name));
-            }
-            Content::Selection(rankings) => {
-                rankings.iter_mut().for_each(|ranking: &mut Ranking| {
-                    self.arm(&mut ranking.place);
-                    ranking.candidates.iter_mut().for_each(|one| settings(&mut one.settings));
-                })
-            }
-            Content::Recovery(rows) => rows.iter_mut().for_each(|row| {
-                self.arm(&mut row.with);
-                self.arm(&mut row.without);
-            }),
-            Content::InferenceError(_) => {}
-        }
-        finding
-    }
-
-    fn sides(&self, (first, second): &mut (String, String), has_agents: bool) {
+    /// The sides of a difference as they are displayed; of agents if `has_agents`.
+    pub fn sides(&self, (first, second): &mut (String, String), has_agents: bool) {
         for side in [first, second] {
             *side = self.words(side, has_agents);
         }
     }
 
-    fn map(&self, map: &mut HeatFigure) {
-        let is_implied = |word: &str| {
+    /// The subject of a map as it is displayed, without implied settings.
+    pub fn subject(&self, subject: &str, has_agents: bool) -> String {
+        let is_implied = |word: &&str| {
             let key = word.split_once('=').map(|(key, _)| key);
             key.is_some_and(|key| self.implied.iter().any(|one| short_name(one) == key))
         };
-        let words = map.subject.split(' ').filter(|word| !is_implied(word));
-        let subject = words.collect::<Vec<_>>().join(" ");
-        map.subject = self.words(&subject, map.agent.is_empty());
-        map.agent = self.agent(&map.agent);
-        self.arm(&mut map.name);
-        map.x.0 = Names::key(&map.x.0);
-        map.y.0 = Names::key(&map.y.0);
+        let words = subject.split(' ').filter(|word| !is_implied(word));
+        self.words(&words.collect::<Vec<_>>().join(" "), has_agents)
     }
-}
 
-fn settings(settings: &mut [(String, Scalar)]) {
-    settings.iter_mut().for_each(|(name, _)| *name = Names::key(name));
+    /// Settings as they are displayed.
+    pub fn settings(settings: &mut [(String, Scalar)]) {
+        settings.iter_mut().for_each(|(name, _)| *name = Names::key(name));
+    }
 }
 
 #[cfg(test)]

@@ -3,13 +3,13 @@
 use std::collections::HashSet;
 
 use super::figure::MOST_ARMS;
-use super::kinds::drawn;
+use super::kinds::{displayed, drawn};
 use super::names::Names;
 use crate::analyse::declared::carry_out;
 use crate::job::Condition;
 use crate::job::{PlannedJob, without_seed};
 use crate::key::Parameter;
-use crate::manifest::{AnalysisKind, Manifest};
+use crate::manifest::Manifest;
 use crate::plan::{self};
 use crate::record::{JobRecord, JobStatus, SharedSettings};
 
@@ -19,18 +19,8 @@ const MOST_JOBS: usize = 5000;
 
 /// The figures that have too many arms for one panel and are split, as sentences without their full stop.
 pub fn splits(manifest: &Manifest) -> Vec<String> {
-    let drawn_together = manifest.analyses.iter().filter(|analysis| match analysis.kind {
-        AnalysisKind::Curve { .. } | AnalysisKind::LearningCurve { .. } => {
-            analysis.figure.panel.is_none()
-        }
-        AnalysisKind::Contrast(_)
-        | AnalysisKind::HeatMap { .. }
-        | AnalysisKind::ActionChoice { .. }
-        | AnalysisKind::Selection { .. }
-        | AnalysisKind::Recovery(_)
-        | AnalysisKind::InferenceError => false,
-    });
-    let analyses: Vec<_> = drawn_together.collect();
+    let undivided = manifest.analyses.iter().filter(|analysis| analysis.figure.panel.is_none());
+    let analyses: Vec<_> = undivided.collect();
     if analyses.is_empty() {
         return Vec::new();
     }
@@ -62,7 +52,7 @@ pub fn splits(manifest: &Manifest) -> Vec<String> {
         .collect();
     let names = Names::default();
     let sentence = |finding| {
-        let finding = names.finding(finding);
+        let finding = displayed(finding, &names);
         let kind = drawn(&finding.content);
         let (arms, split) = (kind.arms().len(), kind.split()?);
         let is_split = split.panels.len() > 1 && !split.added.is_empty();
@@ -76,7 +66,7 @@ pub fn splits(manifest: &Manifest) -> Vec<String> {
             )
         })
     };
-    carry_out(&with_jobs, None).iter().filter_map(sentence).collect()
+    carry_out(&with_jobs, None, manifest.return_unit()).iter().filter_map(sentence).collect()
 }
 
 #[cfg(test)]

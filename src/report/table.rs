@@ -52,7 +52,7 @@ mod tests {
     use crate::analyse::Sample;
     use crate::analyse::declared::ArmId;
     use crate::job::Scalar;
-    use crate::manifest::{self};
+    use crate::manifest;
 
     const MANIFEST: &str = "format = 1\nname = \"t\"\nscenarios = [\"P-H-D\"]\nseeds = 3\n\
         environment.sigma = 0.6\n\

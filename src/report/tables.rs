@@ -5,12 +5,12 @@ use super::figure::{Numbers, settings_label};
 use super::words::unit_numbers;
 use crate::analyse::declared::{Comparison, Reproduction, varying};
 use crate::analyse::{Interval, Undefined, Verdict};
-use crate::job::Scalar;
+use crate::job::{MetricUnit, Scalar};
 use crate::record::{JobRecord, JobStatus};
 
-/// A metric's number in its displayed unit.
-pub fn in_unit(value: Result<f64, Undefined>, metric: &str) -> Entry {
-    match (value, unit_numbers(metric)) {
+/// A number in its displayed unit.
+pub fn in_unit(value: Result<f64, Undefined>, unit: impl Into<MetricUnit>) -> Entry {
+    match (value, unit_numbers(unit)) {
         (Ok(value), (Numbers::Percent, decimals)) => {
             Entry::Number { value, shown: shown(value * 100.0, decimals) }
         }
@@ -19,20 +19,12 @@ pub fn in_unit(value: Result<f64, Undefined>, metric: &str) -> Entry {
 }
 
 /// An interval in displayed form.
-pub fn between(interval: Result<Interval, Undefined>, metric: &str) -> Entry {
+pub fn between(interval: Result<Interval, Undefined>, unit: impl Into<MetricUnit>) -> Entry {
     match interval {
-        Ok(Interval { low, high }) => Entry::text(match unit_numbers(metric) {
+        Ok(Interval { low, high }) => Entry::text(match unit_numbers(unit) {
             (Numbers::Percent, decimals) => range(low * 100.0, high * 100.0, decimals),
             (Numbers::Plain, decimals) => range(low, high, decimals.max(1)),
         }),
-        Err(reason) => Entry::Missing(reason.to_string()),
-    }
-}
-
-/// An interval of shares in percent, in displayed form.
-pub fn percent_between(interval: Result<Interval, Undefined>) -> Entry {
-    match interval {
-        Ok(Interval { low, high }) => Entry::text(range(low * 100.0, high * 100.0, 1)),
         Err(reason) => Entry::Missing(reason.to_string()),
     }
 }

@@ -4,10 +4,9 @@
 //! from the whole store, because another experiment runs them.
 
 use super::kinds::{amount, ends, gap, gap_ends};
-use super::words::metric_title;
 use crate::analyse::declared::{Arm, ArmId, Candidate, Content, Finding, Ranking, is_at};
 use crate::analyse::{Interval, Sample};
-use crate::job::{Job, PlannedJob, counted};
+use crate::job::{Job, Measure, PlannedJob, counted};
 use crate::key::printable;
 use crate::manifest::{Analysis, AnalysisKind, Manifest};
 use crate::plan::{self};
@@ -22,11 +21,12 @@ pub fn winners(
     findings: &[Finding],
 ) -> Result<Vec<Option<String>>, StoreError> {
     let of_one = |(analysis, finding): (&Analysis, &Finding)| {
-        let (AnalysisKind::Selection { reporting_seeds, .. }, Content::Selection(rankings)) =
+        let (AnalysisKind::Selection(selection), Content::Selection(rankings)) =
             (&analysis.kind, &finding.content)
         else {
             return Ok(None);
         };
+        let reporting_seeds = &selection.reporting_seeds;
         let search = Search { reader, manifest, analysis, reporting_seeds };
         let chosen = rankings.iter().filter_map(|ranking| Some((ranking, ranking.winner()?)));
         let tables = chosen.map(|(ranking, winner)| search.table(ranking, winner));
@@ -89,7 +89,7 @@ impl Search<'_> {
     }
 
     fn comments(&self, ranking: &Ranking, winner: &Candidate, held_out: &Sample) -> Vec<String> {
-        let metric = self.analysis.metric;
+        let metric = self.analysis.metric.in_unit(self.manifest.return_unit());
         let ArmId { agent, scenario, settings } = &ranking.place;
         let written = |settings: &mut dyn Iterator<Item = &(String, crate::job::Scalar)>| {
             settings.map(|(key, value)| format!(", {key} = {value}")).collect::<String>()
@@ -102,7 +102,7 @@ impl Search<'_> {
                 "Best of {} tried, by the {} of {}",
                 counted(ranking.tried(), "setting"),
                 ranking.rule.replace('_', " "),
-                metric_title(metric)
+                metric.title()
             ),
             format!("On the seeds of the search: {}", mean(&winner.sample, metric)),
         ];
@@ -144,12 +144,12 @@ impl Search<'_> {
 }
 
 /// The mean of a sample with its interval and its number of seeds.
-fn mean(sample: &Sample, metric: &str) -> String {
+fn mean(sample: &Sample, metric: Measure) -> String {
     let shown = sample.mean().map_or_else(|reason| reason.to_string(), |it| amount(it, metric));
     let interval = sample.interval().map(|interval| between(interval, metric));
     format!("{shown}{}, n = {}", interval.unwrap_or_default(), sample.n())
 }
 
-fn between(interval: Interval, metric: &str) -> String {
+fn between(interval: Interval, metric: Measure) -> String {
     format!(" (95 % interval {})", ends(interval, metric))
 }

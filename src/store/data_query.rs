@@ -1,5 +1,6 @@
 //! The queries that a report prints with its figures, so that readers can fetch the same rows.
 
+use crate::job::metric::NET_RETURN;
 use std::fmt::Write as _;
 
 use crate::job::{Condition, DataPart, ParticipantRange, Scalar, short_name};
@@ -46,7 +47,7 @@ impl DataQuery {
         }
         let (part, join) = match self.part {
             // It is recorded only where messages cost something.
-            DataPart::Metric("mean_net_return") => (
+            DataPart::Metric(metric) if metric == NET_RETURN => (
                 "coalesce(net.value, metric.value) AS mean_net_return".to_owned(),
                 "JOIN metric ON metric.job_key = run.job_key AND metric.name = 'mean_return'\n\
                  LEFT JOIN metric AS net ON net.job_key = run.job_key AND net.name = 'mean_net_return'"
@@ -56,7 +57,7 @@ impl DataQuery {
                 format!("metric.value AS \"{name}\""),
                 format!(
                     "JOIN metric ON metric.job_key = run.job_key AND metric.name = {}",
-                    text(name)
+                    text(&name.text())
                 ),
             ),
             DataPart::LearningCurve => (
@@ -163,6 +164,7 @@ fn literal(setting: &Scalar) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::job::metric::MEAN_RETURN;
     use crate::key::{Parameter, Value};
 
     #[test]
@@ -177,7 +179,7 @@ mod tests {
                 },
             ],
             columns: vec!["environment.sigma".to_owned(), "agent.\"x".to_owned()],
-            part: DataPart::Metric("mean_return"),
+            part: DataPart::Metric(MEAN_RETURN),
         };
         let sql = query.sql();
         assert!(sql.contains("run.experiment = 'x'' OR 1=1 --' AND"), "{sql}");

@@ -1,10 +1,9 @@
 //! Storing the ends of runs, each with all its results, in one transaction.
 
-use std::collections::HashMap;
-
+use crate::job::metric::SD_RETURN;
 use rusqlite::{Connection, OptionalExtension, params};
 
-use crate::job::{ActionCount, Outcome, Results, TestEpisode};
+use crate::job::{ActionCount, MetricName, Outcome, Results, TestEpisode};
 
 use super::claim::Claim;
 use super::ending::{complete_run, end_run};
@@ -12,9 +11,6 @@ use super::error::StoreError;
 use super::insert::insert_rows;
 use super::writer::Store;
 use super::{choice, decision, participant};
-
-/// The metric that is undefined for one test episode.
-const SD_RETURN: &str = "sd_return";
 
 /// The end of a claimed run.
 #[derive(Clone, Copy, Debug)]
@@ -93,7 +89,7 @@ fn finish_one(connection: &Connection, end: &RunEnd<'_>) -> rusqlite::Result<Fin
 }
 
 fn insert_results(connection: &Connection, run: i64, results: &Results) -> rusqlite::Result<()> {
-    let mut names = MetricNames { connection, ids: HashMap::new() };
+    let mut names = MetricNames { connection, ids: Vec::new() };
     let metrics = results.metrics.iter();
     let metrics = metrics.map(|metric| Ok((names.id(metric.name)?, metric.value)));
     let mut metrics = metrics.collect::<rusqlite::Result<Vec<_>>>()?;
@@ -138,16 +134,16 @@ fn insert_results(connection: &Connection, run: i64, results: &Results) -> rusql
 /// The row ids of metric names, which are added as needed.
 struct MetricNames<'a> {
     connection: &'a Connection,
-    ids: HashMap<&'static str, i64>,
+    ids: Vec<(MetricName, i64)>,
 }
 
 impl MetricNames<'_> {
-    fn id(&mut self, name: &'static str) -> rusqlite::Result<i64> {
-        if let Some(&id) = self.ids.get(name) {
-            return Ok(id);
+    fn id(&mut self, name: MetricName) -> rusqlite::Result<i64> {
+        if let Some((_, id)) = self.ids.iter().find(|(known, _)| *known == name) {
+            return Ok(*id);
         }
-        let id = metric_id(self.connection, name)?;
-        self.ids.insert(name, id);
+        let id = metric_id(self.connection, &name.text())?;
+        self.ids.push((name, id));
         Ok(id)
     }
 }
@@ -170,7 +166,8 @@ pub(super) fn metric_id(connection: &Connection, name: &str) -> rusqlite::Result
 mod tests {
     use super::*;
     use crate::job::Job;
-    use crate::job::{CURVE_METRICS, CurvePoint, Failure, FailureKind};
+    use crate::job::metric::{EPSILON, MEAN_LOSS, MEAN_RETURN, metrics_of};
+    use crate::job::{CurvePoint, Failure, FailureKind, MetricPlace};
     use crate::store::insert::ROWS;
     use crate::store::sample::{begin_session, claim, job, results};
 
@@ -196,11 +193,11 @@ mod tests {
             // The metrics that every job has.
             metrics: metrics.filter(|metric| metric.name != "mean_net_return").collect(),
             curve: vec![
-                point(10, "mean_return", 1.5),
-                point(10, "mean_loss", 2.5),
-                point(10, "epsilon", 0.5),
-                point(20, "mean_return", -1.5),
-                point(20, "epsilon", 0.25),
+                point(10, MEAN_RETURN, 1.5),
+                point(10, MEAN_LOSS, 2.5),
+                point(10, EPSILON, 0.5),
+                point(20, MEAN_RETURN, -1.5),
+                point(20, EPSILON, 0.25),
             ],
             actions: vec![ActionCount { bin: 9, context: 1, action: 3, count: 7 }],
             ..results()
@@ -223,7 +220,7 @@ mod tests {
         let mut store = Store::open(&folder.path().join("jitai.sqlite")).unwrap();
         let session = begin_session(&mut store);
         let claim = claim(&mut store, session, &job());
-        let point = |i: u32| CurvePoint { episode: 1 + i % 63, metric: "epsilon", value: 1.0 };
+        let point = |i: u32| CurvePoint { episode: 1 + i % 63, metric: EPSILON, value: 1.0 };
         let results = Results { curve: (0..64).map(point).collect(), ..results() };
         let error = store.finish(&claim, &Outcome::Completed(results), 1.0).unwrap_err();
         assert!(format!("{error:?}").contains("UNIQUE constraint failed"), "{error:?}");
@@ -240,7 +237,7 @@ mod tests {
         let session = begin_session(&mut store);
         for (seed, count) in (1..).zip([1, ROWS - 1, ROWS, 3 * ROWS + 5]) {
             let job = Job { seed, ..job() };
-            let names = CURVE_METRICS.iter().map(|(name, _)| *name);
+            let names = metrics_of(MetricPlace::Curve);
             let curve: Vec<CurvePoint> = (1..=count as u32)
                 .flat_map(|episode| names.clone().map(move |metric| (episode, metric)))
                 .zip(0..)
@@ -281,7 +278,7 @@ mod tests {
                 .unwrap()
                 .collect::<Result<_, _>>()
                 .unwrap();
-            let expected = whole.curve.iter().map(|p| (p.episode, p.metric.to_owned(), p.value));
+            let expected = whole.curve.iter().map(|p| (p.episode, p.metric.to_string(), p.value));
             assert_eq!(stored, expected.collect::<Vec<_>>(), "{count} points of each metric");
             let mut statement = store
                 .connection

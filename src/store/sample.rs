@@ -1,7 +1,8 @@
 //! Jobs and results for the tests of this module.
 
 use crate::job::Job;
-use crate::job::{METRICS, Metric, Provenance, Results, TestEpisode};
+use crate::job::metric::metrics_of;
+use crate::job::{Metric, MetricPlace, Provenance, Results, TestEpisode};
 
 use super::{Claim, Claimed, Experiment, Isolation, RetryFailed, SessionId, Store};
 
@@ -24,7 +25,7 @@ pub(super) fn job() -> Job {
 /// Minimal results of that job.
 pub(super) fn results() -> Results {
     Results {
-        metrics: METRICS.iter().map(|(name, _)| Metric { name, value: 1.0 }).collect(),
+        metrics: metrics_of(MetricPlace::Test).map(|name| Metric { name, value: 1.0 }).collect(),
         curve: Vec::new(),
         episodes: vec![TestEpisode { total_reward: 50.0, length: 2, disengaged: true }],
         actions: Vec::new(),

@@ -1,10 +1,13 @@
 //! The learning curve: training episodes averaged over a stride.
 
+use crate::job::metric::{
+    DISENGAGEMENT_RATE, EPSILON, MEAN_LENGTH, MEAN_LOSS, MEAN_RETURN, metrics_of,
+};
 use std::collections::VecDeque;
 use std::io;
 
 use crate::agent::{OutOfMemory, TrainedEpisode, reserve};
-use crate::job::{CURVE_METRICS, CurvePoint, Metric};
+use crate::job::{CurvePoint, Metric, MetricName, MetricPlace};
 use crate::state::{Resumable, StateError, StateReader, StateWriter};
 
 /// The number of episodes in the average of the reported recent return.
@@ -28,13 +31,13 @@ pub(super) struct CurveRecorder {
 /// The sum of returns over the first episodes by start, as far as they have ended.
 #[derive(Debug)]
 struct FirstReturn {
+    metric: MetricName,
     episodes: u32,
-    metric: &'static str,
     sum: f64,
 }
 
 impl CurveRecorder {
-    pub(super) fn new(stride: u32, first: impl Iterator<Item = (u32, &'static str)>) -> Self {
+    pub(super) fn new(stride: u32, first: impl Iterator<Item = MetricName>) -> Self {
         CurveRecorder {
             stride,
             episodes: 0,
@@ -42,7 +45,10 @@ impl CurveRecorder {
             points: Vec::new(),
             recent: VecDeque::with_capacity(RECENT),
             first: first
-                .map(|(episodes, metric)| FirstReturn { episodes, metric, sum: 0.0 })
+                .map(|metric| {
+                    let episodes = metric.first_episodes().unwrap_or(u32::MAX);
+                    FirstReturn { metric, episodes, sum: 0.0 }
+                })
                 .collect(),
         }
     }
@@ -62,7 +68,7 @@ impl CurveRecorder {
         const WHAT: &str = "the learning curve";
         reserve(&mut self.since_point, 1, WHAT)?;
         // Also reserves memory for the final point, which may average fewer episodes.
-        reserve(&mut self.points, 2 * CURVE_METRICS.len(), WHAT)?;
+        reserve(&mut self.points, 2 * metrics_of(MetricPlace::Curve).count(), WHAT)?;
         self.episodes += 1;
         self.since_point.push(*episode);
         let number = episode.number.unwrap_or(self.episodes);
@@ -104,11 +110,11 @@ impl CurveRecorder {
         let updates: u64 = self.since_point.iter().map(|e| u64::from(e.updates)).sum();
         let losses: f64 = self.since_point.iter().map(|e| e.loss_sum).sum();
         let values = [
-            ("mean_return", mean(|e| e.total_reward)),
-            ("mean_length", mean(|e| f64::from(e.length))),
-            ("disengagement_rate", mean(|e| f64::from(u8::from(e.terminated)))),
-            ("mean_loss", (updates > 0).then(|| losses / updates as f64)),
-            ("epsilon", self.since_point.last().and_then(|e| e.epsilon)),
+            (MEAN_RETURN, mean(|e| e.total_reward)),
+            (MEAN_LENGTH, mean(|e| f64::from(e.length))),
+            (DISENGAGEMENT_RATE, mean(|e| f64::from(u8::from(e.terminated)))),
+            (MEAN_LOSS, (updates > 0).then(|| losses / updates as f64)),
+            (EPSILON, self.since_point.last().and_then(|e| e.epsilon)),
         ];
         for (metric, value) in values {
             if let Some(value) = value {
@@ -124,7 +130,7 @@ impl Resumable for CurveRecorder {
         out.one(self.episodes)?;
         out.each(self.since_point.iter(), |out, episode| episode.save(out))?;
         out.each(self.points.iter(), |out, point| {
-            let metric = CURVE_METRICS.iter().position(|(name, _)| *name == point.metric);
+            let metric = metrics_of(MetricPlace::Curve).position(|metric| metric == point.metric);
             out.one(point.episode)?;
             out.one(metric.expect("every metric of a curve is listed") as u8)?;
             out.one(point.value)
@@ -143,8 +149,8 @@ impl Resumable for CurveRecorder {
         })?;
         self.points = from.each(usize::MAX, WHAT, |from| {
             let episode = from.one()?;
-            let metric = CURVE_METRICS.get(usize::from(from.one::<u8>()?));
-            let (metric, _) = *metric.ok_or(StateError::Misfit(WHAT))?;
+            let metric = metrics_of(MetricPlace::Curve).nth(usize::from(from.one::<u8>()?));
+            let metric = metric.ok_or(StateError::Misfit(WHAT))?;
             Ok(CurvePoint { episode, metric, value: from.one()? })
         })?;
         self.recent = from.many::<f64>(RECENT, WHAT)?.into();
@@ -158,6 +164,7 @@ impl Resumable for CurveRecorder {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::job::metric::first_return;
 
     fn episode(total_reward: f64, updates: u32) -> TrainedEpisode {
         TrainedEpisode {
@@ -173,13 +180,17 @@ mod tests {
 
     #[test]
     fn points_average_the_episodes_since_the_point_before() {
-        let mut curve = CurveRecorder::new(2, [(1, "one"), (3, "three"), (5, "five")].into_iter());
+        let mut curve = CurveRecorder::new(2, [1, 3, 5].map(first_return).into_iter());
         for (total_reward, updates) in [(1.0, 0), (3.0, 0), (-5.0, 1), (7.0, 3), (9.0, 0)] {
             curve.add(&episode(total_reward, updates)).unwrap();
         }
         assert_eq!(curve.recent_return(), 3.0);
-        let first: Vec<(&str, f64)> = curve.first_returns().map(|m| (m.name, m.value)).collect();
-        assert_eq!(first, [("one", 1.0), ("three", -1.0 / 3.0), ("five", 3.0)]);
+        let first: Vec<(MetricName, f64)> =
+            curve.first_returns().map(|m| (m.name, m.value)).collect();
+        assert_eq!(
+            first,
+            [(first_return(1), 1.0), (first_return(3), -1.0 / 3.0), (first_return(5), 3.0)]
+        );
         let points = curve.finish();
         let of = |metric: &str| -> Vec<(u32, f64)> {
             let points = points.iter().filter(|p| p.metric == metric);
@@ -194,14 +205,15 @@ mod tests {
 
     #[test]
     fn the_first_episodes_are_the_first_to_begin() {
-        let mut curve = CurveRecorder::new(10, [(1, "one"), (2, "two"), (4, "four")].into_iter());
+        let mut curve = CurveRecorder::new(10, [1, 2, 4].map(first_return).into_iter());
         // The second and the fourth episode end before the first.
         for (number, total_reward) in [(2, 8.0), (4, 16.0), (1, 2.0), (3, 6.0), (5, 100.0)] {
             let number = Some(number);
             curve.add(&TrainedEpisode { number, ..episode(total_reward, 0) }).unwrap();
         }
-        let first: Vec<(&str, f64)> = curve.first_returns().map(|m| (m.name, m.value)).collect();
-        assert_eq!(first, [("one", 2.0), ("two", 5.0), ("four", 8.0)]);
+        let first: Vec<(MetricName, f64)> =
+            curve.first_returns().map(|m| (m.name, m.value)).collect();
+        assert_eq!(first, [(first_return(1), 2.0), (first_return(2), 5.0), (first_return(4), 8.0)]);
         let returns = curve.finish();
         assert_eq!((returns[0].episode, returns[0].value), (5, 26.4));
     }

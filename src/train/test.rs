@@ -7,10 +7,13 @@ use crate::env::{
     Action, ContextDraw, EpisodeStatus, LaneSet, OPTIONS, ParticipantSampler, PhysicalActivity,
     VectorEnvironment,
 };
-use crate::job::Job;
+use crate::job::metric::{
+    DISENGAGEMENT_RATE, MEAN_LENGTH, MEAN_RETURN, MESSAGE_RATE, NET_RETURN, SD_RETURN,
+};
 use crate::job::{
     ActionCount, Decision, Metric, PROBABILITY_BINS, ParticipantValue, Phase, TestEpisode,
 };
+use crate::job::{Job, MetricName};
 use crate::state::{Resumable, StateError, StateReader, StateWriter};
 use crate::train::decision_log::DecisionLog;
 use crate::train::roll::{Choose, RollStreams, begin, roll, roll_by};
@@ -309,7 +312,7 @@ fn restore_episode(from: &mut StateReader<'_>) -> Result<TestEpisode, StateError
 }
 
 impl Tested {
-    /// The metrics of the run, each at most once; see [`crate::job::METRICS`].
+    /// The metrics of the run, each at most once; see [`crate::job::MetricPlace::Test`].
     pub(super) fn metrics(&self) -> Vec<Metric> {
         let n = self.episodes.len() as f64;
         let mean = self.episodes.iter().map(|e| e.total_reward).sum::<f64>() / n;
@@ -317,18 +320,18 @@ impl Tested {
             self.episodes.iter().map(|e| (e.total_reward - mean) * (e.total_reward - mean)).sum();
         let steps: u64 = self.episodes.iter().map(|e| u64::from(e.length)).sum();
         let disengaged = self.episodes.iter().filter(|e| e.disengaged).count();
-        let mut metrics = vec![Metric { name: "mean_return", value: mean }];
+        let mut metrics = vec![Metric { name: MEAN_RETURN, value: mean }];
         if self.episodes.len() > 1 {
-            metrics.push(Metric { name: "sd_return", value: (squares / (n - 1.0)).sqrt() });
+            metrics.push(Metric { name: SD_RETURN, value: (squares / (n - 1.0)).sqrt() });
         }
         metrics.extend([
-            Metric { name: "mean_length", value: steps as f64 / n },
-            Metric { name: "disengagement_rate", value: disengaged as f64 / n },
-            Metric { name: "message_rate", value: self.messages as f64 / steps as f64 },
+            Metric { name: MEAN_LENGTH, value: steps as f64 / n },
+            Metric { name: DISENGAGEMENT_RATE, value: disengaged as f64 / n },
+            Metric { name: MESSAGE_RATE, value: self.messages as f64 / steps as f64 },
         ]);
         if let Some(costs) = self.costs {
             let value = mean - costs / n;
-            metrics.push(Metric { name: "mean_net_return", value });
+            metrics.push(Metric { name: NET_RETURN, value });
         }
         metrics
     }
@@ -336,9 +339,10 @@ impl Tested {
     /// The mean returns of the first test episodes, for each requested number of episodes.
     pub(super) fn first_returns(
         &self,
-        wanted: impl Iterator<Item = (u32, &'static str)>,
+        wanted: impl Iterator<Item = MetricName>,
     ) -> impl Iterator<Item = Metric> {
-        wanted.map(|(number, name)| {
+        wanted.map(|name| {
+            let number = name.first_episodes().unwrap_or(u32::MAX);
             let first = &self.episodes[..self.episodes.len().min(number as usize)];
             let sum: f64 = first.iter().map(|episode| episode.total_reward).sum();
             Metric { name, value: sum / first.len().max(1) as f64 }
@@ -379,6 +383,8 @@ impl ActionCounts {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::job::MetricPlace;
+    use crate::job::metric::{METRICS, first_return, metrics_of};
 
     #[test]
     fn metrics_by_hand() {
@@ -403,12 +409,13 @@ mod tests {
         assert!((value("disengagement_rate") - 1.0 / 3.0).abs() < 1e-12);
         assert_eq!(value("message_rate"), 0.25);
         assert_eq!(value("mean_net_return"), 30.0 - 1.5 * 5.0 / 3.0);
-        let first = tested.first_returns([(1, "one"), (2, "two")].into_iter());
-        let first: Vec<(&str, f64)> = first.map(|metric| (metric.name, metric.value)).collect();
-        assert_eq!(first, [("one", 10.0), ("two", 15.0)]);
-        let names: Vec<&str> = tested.metrics().iter().map(|m| m.name).collect();
-        let declared: Vec<&str> = crate::job::METRICS.iter().map(|(name, _)| *name).collect();
-        assert_eq!(names, declared);
+        let first = tested.first_returns([1, 2].map(first_return).into_iter());
+        let first: Vec<(MetricName, f64)> =
+            first.map(|metric| (metric.name, metric.value)).collect();
+        assert_eq!(first, [(first_return(1), 10.0), (first_return(2), 15.0)]);
+        let mut found: Vec<MetricName> = tested.metrics().iter().map(|m| m.name).collect();
+        found.sort_by_key(|name| METRICS.iter().position(|metric| metric == name));
+        assert_eq!(found, metrics_of(MetricPlace::Test).collect::<Vec<_>>());
     }
 
     #[test]
@@ -421,8 +428,8 @@ mod tests {
             messages: 0,
             costs: None,
         };
-        let names: Vec<&str> = tested.metrics().iter().map(|m| m.name).collect();
-        let defined = ["mean_return", "mean_length", "disengagement_rate", "message_rate"];
+        let names: Vec<MetricName> = tested.metrics().iter().map(|m| m.name).collect();
+        let defined = [MEAN_RETURN, MEAN_LENGTH, DISENGAGEMENT_RATE, MESSAGE_RATE];
         assert_eq!(names, defined);
         assert!(tested.metrics().iter().all(|m| m.value.is_finite()));
     }

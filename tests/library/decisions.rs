@@ -128,7 +128,7 @@ fn the_first_people_of_ppo_are_the_first_to_begin() {
     let mean = |returns: &[f64]| returns.iter().sum::<f64>() / returns.len() as f64;
     for first in [3, 9, 33] {
         let name = format!("mean_return_first_{first}");
-        let metric = results.metrics.iter().find(|metric| metric.name == name).unwrap();
+        let metric = results.metrics.iter().find(|metric| metric.name == *name).unwrap();
         assert!((metric.value - mean(&returns[..first])).abs() < 1e-9, "{name}");
         assert!((metric.value - mean(&ended[..first])).abs() > 1.0, "{name} of the first to end");
     }

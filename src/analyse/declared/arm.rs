@@ -1,10 +1,13 @@
 //! Arms: jobs that differ in their seed alone, and the parameters that distinguish them.
 
+use crate::job::metric::{
+    LOWER_QUARTILE_RETURN, MEAN_LENGTH, MEAN_RETURN, MESSAGE_RATE, MESSAGES, NET_RETURN,
+};
 use std::cmp::Reverse;
 use std::collections::{BTreeSet, HashMap, HashSet};
 
 use crate::analyse::{Sample, lower_quartile};
-use crate::job::Scalar;
+use crate::job::{MetricName, MetricUnit, Scalar};
 use crate::record::{CompletedRun, JobRecord, JobStatus};
 
 /// The identity of an arm within its analysis.
@@ -30,7 +33,7 @@ pub struct Arm<'j> {
 impl Arm<'_> {
     /// The metric of its seeds. A repeated seed counts once, because two agents of equal content share
     /// its job.
-    pub fn sample(&self, metric: &str) -> Sample {
+    pub fn sample(&self, metric: MetricName) -> Sample {
         let mut seen = HashSet::new();
         let (mut values, mut failed, mut open) = (Vec::new(), 0, 0);
         for job in &self.jobs {
@@ -48,7 +51,7 @@ impl Arm<'_> {
         }
         let sample = Sample::new(values, failed, open).expect("every seed is taken once");
         let sample = sample.with_given(seen);
-        if SHARES.contains(&metric) { sample.of_shares() } else { sample }
+        if metric.unit() == MetricUnit::Share { sample.of_shares() } else { sample }
     }
 
     /// The best mean net return that any policy can reach in the arm's environment, if it is known.
@@ -58,46 +61,32 @@ impl Arm<'_> {
 
     /// The best value of a metric that any policy can reach, if it is known: of the net return, and of the
     /// return where messages cost nothing.
-    pub fn optimum_of(&self, metric: &str) -> Option<f64> {
+    pub fn optimum_of(&self, metric: MetricName) -> Option<f64> {
         let costs =
-            || self.jobs.iter().any(|job| value(job, NET_RETURN) != value(job, "mean_return"));
-        match metric {
-            NET_RETURN => self.optimum(),
-            "mean_return" if !costs() => self.optimum(),
-            _ => None,
-        }
+            || self.jobs.iter().any(|job| value(job, NET_RETURN) != value(job, MEAN_RETURN));
+        let has_optimum = metric == NET_RETURN || (metric == MEAN_RETURN && !costs());
+        self.optimum().filter(|_| has_optimum)
     }
 }
 
-/// Mean number of messages per test episode: the product of two recorded metrics.
-pub const MESSAGES: &str = "messages_per_episode";
-
-/// Name of the mean return minus the cost of messages, as a metric.
-pub const NET_RETURN: &str = "mean_net_return";
-
-/// Metrics that are shares, from 0 to 1.
-const SHARES: [&str; 2] = ["disengagement_rate", "message_rate"];
-
-/// Name of the lower quartile of the test returns, as a metric.
-const LOWER_QUARTILE: &str = "lower_quartile_return";
-
 /// The value of a metric of a completed job.
-pub fn value(job: &JobRecord, metric: &str) -> Option<f64> {
+pub fn value(job: &JobRecord, metric: MetricName) -> Option<f64> {
     let run = job.completed()?;
-    match metric {
-        LOWER_QUARTILE => run.metric(LOWER_QUARTILE).or_else(|| lower_quartile(&run.returns).ok()),
-        MESSAGES => Some(run.metric("message_rate")? * run.metric("mean_length")?),
+    let recorded = |metric: MetricName| run.metric(&metric.text());
+    recorded(metric).or_else(|| match metric {
+        metric if metric == LOWER_QUARTILE_RETURN => lower_quartile(&run.returns).ok(),
+        metric if metric == MESSAGES => Some(recorded(MESSAGE_RATE)? * recorded(MEAN_LENGTH)?),
         // It is recorded only where messages cost something.
-        NET_RETURN => run.metric(NET_RETURN).or_else(|| run.metric("mean_return")),
-        recorded => run.metric(recorded),
-    }
+        metric if metric == NET_RETURN => recorded(MEAN_RETURN),
+        _ => None,
+    })
 }
 
 /// Replaces the test returns of a run by their lower quartile, which is all that analyses take from them.
 pub fn condense(run: &mut CompletedRun) {
     let returns = std::mem::take(&mut run.returns);
     let quartile = lower_quartile(&returns).ok();
-    run.metrics.extend(quartile.map(|quartile| (LOWER_QUARTILE.into(), quartile)));
+    run.metrics.extend(quartile.map(|quartile| (LOWER_QUARTILE_RETURN.text().into(), quartile)));
 }
 
 /// Whether a job matches a row's name. An empty agent or scenario matches any.

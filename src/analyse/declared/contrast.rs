@@ -1,5 +1,6 @@
 //! Differences of means between two sides, at every setting of the other parameters.
 
+use crate::job::metric::MEAN_RETURN;
 use std::collections::BTreeMap;
 use std::ops::Deref;
 
@@ -7,7 +8,7 @@ use super::arm::{ArmId, varying};
 use super::curve::ALPHA;
 use super::pairs::{Pair, pairs};
 use crate::analyse::{self, Corrected, Design, Detectable, Sample, Undefined, correct, detectable};
-use crate::job::Scalar;
+use crate::job::{MetricName, Scalar};
 use crate::manifest::{Contrast, Pairing, Published, Sides};
 use crate::record::JobRecord;
 
@@ -100,7 +101,7 @@ impl ContrastRow {
 /// The differences of a contrast.
 pub fn figure(
     contrast: &Contrast,
-    metric: &str,
+    metric: MetricName,
     jobs: &[&JobRecord],
     published: Option<&Published>,
 ) -> ContrastFigure {
@@ -176,7 +177,7 @@ fn name_apart(rows: &mut [ContrastRow]) {
 /// A difference.
 fn row(
     Pair { name, first, second }: Pair<'_>,
-    (contrast, metric): (&Contrast, &str),
+    (contrast, metric): (&Contrast, MetricName),
     published: Option<&Published>,
 ) -> ContrastRow {
     let of = |jobs| super::Arm { name: name.clone(), jobs };
@@ -193,13 +194,13 @@ fn row(
         Pairing::BySeed => Design::Matched,
     };
     let words = words(sides);
-    let published = published.filter(|_| metric == "mean_return");
+    let published = published.filter(|_| metric == MEAN_RETURN);
     ContrastRow {
         published: published.and_then(|known| published_test(known, &words, &name, sigma?)),
         sides: labels(sides),
         error,
         contrast: analyse::Contrast::new(&first, &second, design),
-        family: Family { name: contrast.family.clone(), members: 0 },
+        family: Family { name: contrast.family.0.clone(), members: 0 },
         corrected: Err(Undefined::NoSeeds),
         name,
         first,

@@ -3,6 +3,8 @@
 use super::arm::{ArmId, arms, by_value, decided_by};
 use crate::analyse::{Design, Sample, Undefined, t_test};
 use crate::env::inference_error;
+use crate::job::MetricName;
+use crate::job::metric::MEAN_RETURN;
 use crate::manifest::{CurveAxis, ERROR_AXIS, Published};
 use crate::record::JobRecord;
 
@@ -196,7 +198,7 @@ impl CurveFigure {
 /// The lines of the jobs.
 pub fn figure(
     axis: CurveAxis,
-    metric: &str,
+    metric: MetricName,
     jobs: &[&JobRecord],
     published: Option<&Published>,
 ) -> CurveFigure {
@@ -223,7 +225,7 @@ pub fn figure(
             CurvePoint { x: place(value), parameter: value, sample: here.sample(metric) }
         });
         let points = points.collect();
-        let comparable = parameter == "environment.sigma" && metric == "mean_return";
+        let comparable = parameter == "environment.sigma" && metric == MEAN_RETURN;
         let published = published.filter(|_| comparable && arm.name.settings.is_empty());
         let line = published
             .into_iter()

@@ -4,9 +4,9 @@ use super::arm::{arms, by_value, decided_by};
 use super::pairs::{Pair, pairs};
 use super::{Arm, ArmId};
 use crate::analyse::{Contrast, Design, Interval, Sample, Undefined};
-use crate::job::Condition;
-use crate::key::Parameter;
-use crate::manifest::{Published, Sides};
+use crate::job::metric::MEAN_RETURN;
+use crate::job::{Condition, MetricName};
+use crate::manifest::{HeatMap, Published, Sides};
 use crate::record::JobRecord;
 
 /// A map of one arm.
@@ -70,19 +70,19 @@ pub fn heat_range(figures: &[HeatFigure]) -> (f64, f64) {
 
 /// One map per arm; parameters other than axes and sides distinguish maps.
 pub fn figures(
-    (x, y): (Parameter, Parameter),
-    sides: Option<&Sides>,
-    metric: &str,
+    HeatMap { x, y, sides }: &HeatMap,
+    metric: MetricName,
     jobs: &[&JobRecord],
     published: Option<&Published>,
 ) -> Vec<HeatFigure> {
+    let sides = sides.as_ref();
     let by = sides.map_or_else(String::new, Sides::key);
     let axes = (x.to_string(), y.to_string());
     // Parameters zipped with an axis vary along it.
     let zipped = [&axes.0, &axes.1].map(|axis| decided_by(axis, jobs)).concat();
     let along: Vec<&str> =
         [&axes.0, &axes.1, &by].into_iter().chain(&zipped).map(String::as_str).collect();
-    let published = published.filter(|_| metric == "mean_return");
+    let published = published.filter(|_| metric == MEAN_RETURN);
     let figure = |(name, ours): (ArmId, Vec<&JobRecord>)| {
         figure(name, &axes, (sides, metric), &ours, published)
     };
@@ -101,7 +101,7 @@ pub fn figures(
 fn figure(
     name: ArmId,
     (x, y): &(String, String),
-    (sides, metric): (Option<&Sides>, &str),
+    (sides, metric): (Option<&Sides>, MetricName),
     jobs: &[&JobRecord],
     published: Option<&Published>,
 ) -> HeatFigure {
@@ -147,7 +147,7 @@ fn figure(
     }
 }
 
-fn tile(jobs: &[&JobRecord], sides: Option<&Sides>, metric: &str) -> HeatTile {
+fn tile(jobs: &[&JobRecord], sides: Option<&Sides>, metric: MetricName) -> HeatTile {
     let sample = |jobs: Vec<&JobRecord>| -> Sample {
         let name = ArmId { agent: String::new(), scenario: String::new(), settings: Vec::new() };
         Arm { name, jobs }.sample(metric)

@@ -3,6 +3,7 @@
 use super::arm::{ArmId, arms};
 use super::curve::Apart;
 use crate::analyse::{Design, Interval, Sample, mean_interval, moving_mean};
+use crate::job::metric::MEAN_RETURN;
 use crate::record::JobRecord;
 
 /// Learning curves, one panel per scenario.
@@ -94,12 +95,12 @@ pub fn figure(window: u32, jobs: &[&JobRecord]) -> LearningFigure {
             .unzip();
         let shortest = curves.iter().map(Vec::len).min().unwrap_or(0);
         let last = curves.iter().filter_map(|curve| Some(curve.get(shortest.checked_sub(1)?)?.1));
-        let lost = arm.sample("mean_return").lost();
+        let lost = arm.sample(MEAN_RETURN).lost();
         let end = Sample::new(seeds.into_iter().zip(last), lost.failed, lost.open);
         let end = end.map(|end| end.with_given(arm.jobs.iter().map(|job| job.seed)));
         let line = LearningLine {
             seeds: (curves.len(), arm.jobs.len()),
-            optimum: arm.optimum_of("mean_return"),
+            optimum: arm.optimum_of(MEAN_RETURN),
             end: end.expect("an arm has every seed once"),
             points: over_seeds(&curves),
             name: arm.name,

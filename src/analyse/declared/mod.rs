@@ -33,7 +33,7 @@ pub use summary::{AgentSummary, ArmSummary, share_of_optimum, summarise_agents, 
 
 use std::collections::HashSet;
 
-use crate::job::ParticipantRange;
+use crate::job::{Measure, ParticipantRange};
 use crate::manifest::{Analysis, AnalysisKind, Published};
 use crate::record::{JobRecord, JobStatus};
 
@@ -45,7 +45,7 @@ pub struct Finding {
     /// The heading in the report.
     pub title: String,
     /// The metric analysed.
-    pub metric: &'static str,
+    pub metric: Measure,
     /// The participants whose test episodes are analysed; all if `None`.
     pub participants: Option<ParticipantRange>,
     /// The numbers of jobs analysed.
@@ -125,16 +125,17 @@ impl JobCounts {
     }
 }
 
-/// Runs analyses, each on its own jobs. P values are corrected over the families that contrasts
+/// Runs analyses, each on its own jobs, whose returns have the unit `return_unit`. P values are corrected over the families that contrasts
 /// declare.
 pub fn carry_out(
     analyses: &[(&Analysis, Vec<&JobRecord>)],
     published: Option<&Published>,
+    return_unit: &'static str,
 ) -> Vec<Finding> {
     let find = |(analysis, jobs): &(&Analysis, Vec<&JobRecord>)| Finding {
         name: analysis.name.clone(),
         title: analysis.title.clone().unwrap_or_else(|| analysis.name.clone()),
-        metric: analysis.metric,
+        metric: analysis.metric.in_unit(return_unit),
         participants: analysis.participants,
         jobs: JobCounts::of(jobs.iter().copied()),
         content: content(analysis, jobs, published),
@@ -160,23 +161,23 @@ fn content_of(analysis: &Analysis, jobs: &[&JobRecord], published: Option<&Publi
         AnalysisKind::Contrast(contrast) => {
             Content::Contrast(contrast::figure(contrast, metric, jobs, published))
         }
-        AnalysisKind::Curve { axis } => {
-            Content::Curve(curve::figure(*axis, metric, jobs, published))
+        AnalysisKind::Curve(curve) => {
+            Content::Curve(curve::figure(curve.x, metric, jobs, published))
         }
-        AnalysisKind::LearningCurve { window } => {
-            Content::LearningCurve(learning_curve::figure(*window, jobs))
+        AnalysisKind::LearningCurve(curve) => {
+            Content::LearningCurve(learning_curve::figure(curve.window, jobs))
         }
-        AnalysisKind::HeatMap { x, y, sides } => {
-            Content::HeatMap(heat_map::figures((*x, *y), sides.as_ref(), metric, jobs, published))
+        AnalysisKind::HeatMap(map) => {
+            Content::HeatMap(heat_map::figures(map, metric, jobs, published))
         }
-        AnalysisKind::ActionChoice { bins } => {
-            Content::ActionChoice(action_choice::panels(*bins, jobs))
+        AnalysisKind::ActionChoice(choice) => {
+            Content::ActionChoice(action_choice::panels(choice.bins.0, jobs))
         }
-        AnalysisKind::Selection { rule, reporting_seeds: _ } => {
-            Content::Selection(selection::rankings(*rule, metric, jobs))
+        AnalysisKind::Selection(selection) => {
+            Content::Selection(selection::rankings(selection.rule, metric, jobs))
         }
         AnalysisKind::Recovery(recovery) => Content::Recovery(recovery::rows(recovery, jobs)),
-        AnalysisKind::InferenceError => {
+        AnalysisKind::InferenceError(_) => {
             Content::InferenceError(inference_error::figure(jobs, published))
         }
     }

@@ -1,8 +1,9 @@
 //! How much of an arm's distance to the optimum another arm recovers.
 
+use crate::job::metric::NET_RETURN;
 use std::collections::HashMap;
 
-use super::arm::{Arm, ArmId, NET_RETURN, Token, arms};
+use super::arm::{Arm, ArmId, Token, arms};
 use crate::analyse::{self, Design, Recovered, Sample, Undefined};
 use crate::job::{Condition, Scalar};
 use crate::manifest::Recovery;

@@ -8,6 +8,7 @@ use crate::analyse::{
     Agreement, Design, Estimate, Likeness, Sample, Undefined, Verdict, agreement, t_test,
 };
 use crate::env::inference_error;
+use crate::job::metric::MEAN_RETURN;
 use crate::manifest::{Equivalence, Published};
 use crate::record::JobRecord;
 
@@ -195,7 +196,7 @@ fn arm(
     };
     let here: Vec<&JobRecord> = jobs.iter().filter(is).copied().collect();
     match arms(&here, &[]).as_slice() {
-        [arm] => Some(arm.sample("mean_return")),
+        [arm] => Some(arm.sample(MEAN_RETURN)),
         _ => None,
     }
 }

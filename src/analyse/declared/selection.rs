@@ -5,7 +5,7 @@ use std::fmt;
 
 use super::arm::{ArmId, Token, arms};
 use crate::analyse::{Interval, Sample, Undefined};
-use crate::job::Scalar;
+use crate::job::{MetricName, Scalar};
 use crate::key::Kind;
 use crate::manifest::{Section, SelectionRule};
 use crate::record::JobRecord;
@@ -131,7 +131,7 @@ impl Candidate {
 }
 
 /// The rankings of every agent's candidates, one per scenario and environment.
-pub fn rankings(rule: SelectionRule, metric: &str, jobs: &[&JobRecord]) -> Vec<Ranking> {
+pub fn rankings(rule: SelectionRule, metric: MetricName, jobs: &[&JobRecord]) -> Vec<Ranking> {
     let mut rankings: Vec<Ranking> = Vec::new();
     let mut places = HashMap::new();
     let arms = arms(jobs, &[]);

@@ -5,8 +5,11 @@ use std::sync::OnceLock;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::thread;
 
-use super::arm::{ArmId, MESSAGES, NET_RETURN, arms};
+use super::arm::{ArmId, arms};
 use crate::analyse::{Aggregate, Sample, Undefined, interquartile_mean};
+use crate::job::metric::{
+    DISENGAGEMENT_RATE, LOWER_QUARTILE_RETURN, MEAN_RETURN, MESSAGES, NET_RETURN,
+};
 use crate::record::JobRecord;
 
 /// Maximum number of statistics that are computed at a time.
@@ -78,10 +81,10 @@ pub struct AgentSummary {
 pub fn summarise_arms(jobs: &[JobRecord]) -> Vec<ArmSummary> {
     let jobs: Vec<&JobRecord> = jobs.iter().collect();
     let summary = |arm: super::Arm<'_>| ArmSummary {
-        returns: arm.sample("mean_return"),
+        returns: arm.sample(MEAN_RETURN),
         net_returns: arm.sample(NET_RETURN),
-        lower_quartiles: arm.sample("lower_quartile_return"),
-        disengagement: arm.sample("disengagement_rate"),
+        lower_quartiles: arm.sample(LOWER_QUARTILE_RETURN),
+        disengagement: arm.sample(DISENGAGEMENT_RATE),
         messages: arm.sample(MESSAGES),
         optimum: arm.optimum(),
         sigma: arm.jobs[0].number("environment.sigma"),

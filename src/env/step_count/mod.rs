@@ -17,6 +17,7 @@ mod physical_activity;
 mod plain_step;
 mod population;
 mod scenario;
+mod symbols;
 mod variates;
 
 pub use belief::Belief;
@@ -36,3 +37,7 @@ pub use parameters::{
 pub use physical_activity::PhysicalActivity;
 pub use population::{ParticipantSampler, Population, PopulationPhases};
 pub use scenario::{Feature, Scenario, ScenarioError};
+pub use symbols::{SYMBOLS, Symbol};
+
+/// The unit of the return.
+pub const RETURN_UNIT: &str = "steps walked";

@@ -7,8 +7,9 @@ use super::line::{Chart, GAP, LEAST_PLOT, LEFT, Line, Place, Spread, marker, sin
 use super::overlap::{dodges, widenings};
 use super::style::Style;
 use super::{FAINT, INK, NOTE, TEXT, fitting, text};
+use crate::job::Measure;
 use crate::report::scene::{Anchor, Color, Fill, Mark, Point, Scene, Shape, Stroke, Weight};
-use crate::report::words::metric_title;
+use crate::report::words::unit_numbers;
 
 const HEIGHT: f64 = 236.0;
 const TOP: f64 = 12.0;
@@ -23,9 +24,10 @@ const LEAST_HEIGHT: f64 = 60.0;
 pub fn axes(
     charts: &[Chart],
     (x_title, x_numbers, scale): (String, Numbers, AxisScale),
-    (metric, y_numbers): (&str, Numbers),
+    metric: Measure,
     style: &Style,
 ) -> (Axis, Axis) {
+    let y_numbers = unit_numbers(metric).0;
     let lines = || charts.iter().flat_map(|chart| &chart.lines);
     let points = || lines().flat_map(|line| &line.points);
     let references = || lines().flat_map(|line| &line.reference);
@@ -43,7 +45,7 @@ pub fn axes(
     let high = style.limits.1.unwrap_or(high.min(cap));
     // A declared end may lie beyond the other end.
     let high = if high > low { high } else { low + high.abs().max(low.abs()).max(1.0) };
-    let y = Axis::new(metric_title(metric), (low, high), AxisScale::Linear, y_numbers);
+    let y = Axis::new(metric.title(), (low, high), AxisScale::Linear, y_numbers);
     let x = match scale {
         AxisScale::Log => Axis::logarithmic(x_title, &xs, x_numbers),
         AxisScale::Linear => Axis::new(x_title, ends(&xs), AxisScale::Linear, x_numbers),
@@ -291,6 +293,7 @@ fn point_marks(line: &Line, axes: (&Axis, &Axis), frame: &Frame, right: f64) -> 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::job::metric::MEAN_RETURN;
     use std::slice;
 
     use crate::manifest::FigureKeys;
@@ -332,7 +335,7 @@ mod tests {
         };
         let style = Style::of(&FigureKeys::default());
         let axis = ("x".to_owned(), Numbers::Plain, AxisScale::Linear);
-        let axes = axes(slice::from_ref(&chart), axis, ("mean_return", Numbers::Plain), &style);
+        let axes = axes(slice::from_ref(&chart), axis, MEAN_RETURN.in_unit("points"), &style);
         let scene = draw(slice::from_ref(&chart), &axes, &style).remove(0);
         let lines = |series: usize| -> Vec<(f64, f64)> {
             let of_series = scene.marks.iter().filter(|mark| mark.series == Some(series));
@@ -385,7 +388,7 @@ mod tests {
             let chart =
                 Chart { heading, description, lines: vec![line(scale)], note: String::new() };
             let axis = ("x".to_owned(), Numbers::Plain, AxisScale::Linear);
-            let axes = axes(slice::from_ref(&chart), axis, ("mean_return", Numbers::Plain), &style);
+            let axes = axes(slice::from_ref(&chart), axis, MEAN_RETURN.in_unit("points"), &style);
             let scene = draw(slice::from_ref(&chart), &axes, &style).remove(0);
             let mut numbers = 0;
             for mark in &scene.marks {

@@ -39,7 +39,7 @@ impl Style {
             height: keys.height.map(length),
             limits: (keys.y_min, keys.y_max),
             x_scale: keys.x_scale,
-            theme: keys.theme,
+            theme: keys.theme.unwrap_or(Theme::Screen),
         }
     }
 

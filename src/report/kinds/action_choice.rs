@@ -3,6 +3,8 @@
 use super::{Drawn, Sheet};
 use crate::analyse::declared::{ActionPanel, ArmId, BinShares};
 use crate::analyse::quantile;
+use crate::job::{Measure, MetricUnit};
+
 use crate::report::data_table::{DataTable, Entry, shown};
 use crate::report::escape::file_stem;
 use crate::report::figure::{
@@ -33,11 +35,15 @@ impl Drawn for Vec<ActionPanel> {
         groups(self, sheet).into_iter().map(|(stem, members)| (stem, members.len())).collect()
     }
 
-    fn table(&self, title: &str, _: &str) -> DataTable {
+    fn display(&mut self, names: &Names) {
+        self.iter_mut().for_each(|panel| names.arm(&mut panel.name));
+    }
+
+    fn table(&self, title: &str, _: Measure) -> DataTable {
         table(title, self)
     }
 
-    fn shows(&self, _: &str) -> String {
+    fn shows(&self, _: Measure) -> String {
         format!(
             "Shares of the four actions in the tests by the inferred probability of context 0: means \
              over {}, with 95 % intervals in the table",
@@ -45,7 +51,7 @@ impl Drawn for Vec<ActionPanel> {
         )
     }
 
-    fn finds(&self, _: &str) -> Option<String> {
+    fn finds(&self, _: Measure) -> Option<String> {
         let range = |bin: fn(&ActionPanel) -> usize| {
             let shares = || self.iter().filter_map(|panel| panel.tailored(bin(panel)));
             let (least, most) = (shares().reduce(f64::min)?, shares().reduce(f64::max)?);
@@ -261,8 +267,8 @@ fn table(title: &str, panels: &[ActionPanel]) -> DataTable {
                     Entry::number(bin.low, 1),
                     Entry::number(bin.high, 1),
                     Entry::number(action as f64, 0),
-                    in_unit(Ok(*share), "message_rate"),
-                    between(interval, "message_rate"),
+                    in_unit(Ok(*share), MetricUnit::Share),
+                    between(interval, MetricUnit::Share),
                     low(interval),
                     high(interval),
                     Entry::number(bin.seeds as f64, 0),

@@ -4,9 +4,10 @@ use super::forest::{MOST_ROWS, forest_figures};
 use super::{Drawn, Sheet, gap, gap_title, metric_words, related, test_name};
 use crate::analyse::declared::{ALPHA, ContrastFigure, ContrastRow, Family};
 use crate::analyse::{FEW_SEEDS, Undefined};
-use crate::job::counted;
+use crate::job::{Measure, counted};
 use crate::report::data_table::{DataTable, Entry, shown};
 use crate::report::figure::{arm_label, seeds};
+use crate::report::names::Names;
 use crate::report::scene::Scene;
 use crate::report::tables::{between, high, in_unit, low};
 
@@ -26,11 +27,21 @@ impl Drawn for ContrastFigure {
         }
     }
 
-    fn table(&self, title: &str, metric: &str) -> DataTable {
+    fn display(&mut self, names: &Names) {
+        // The sides are agents if the rows have none.
+        let has_agents = self.rows.iter().all(|row| row.name.agent.is_empty());
+        names.sides(&mut self.sides, has_agents);
+        for row in &mut self.rows {
+            names.sides(&mut row.sides, has_agents);
+            names.arm(&mut row.name);
+        }
+    }
+
+    fn table(&self, title: &str, metric: Measure) -> DataTable {
         table(title, self, metric)
     }
 
-    fn shows(&self, metric: &str) -> String {
+    fn shows(&self, metric: Measure) -> String {
         let (first, second) = &self.sides;
         let counts = self.rows.iter().flat_map(|row| <[usize; 2]>::from(row.contrast.seeds));
         let (words, seeds) = (metric_words(metric), seeds(counts.filter(|n| *n > 0)));
@@ -44,7 +55,7 @@ impl Drawn for ContrastFigure {
         format!("Differences in {words} between {first} and {second}{intervals}, {seeds} per side")
     }
 
-    fn finds(&self, metric: &str) -> Option<String> {
+    fn finds(&self, metric: Measure) -> Option<String> {
         let (first, second) = (&self.sides.0, &self.sides.1);
         let answered: Vec<(&ContrastRow, f64)> =
             self.rows.iter().filter_map(|row| Some((row, row.contrast.difference.ok()?))).collect();
@@ -155,7 +166,7 @@ fn widest_of<'r>(rows: &[(&'r ContrastRow, f64)]) -> &'r ContrastRow {
 }
 
 /// The largest of some differences: "a is above b by 12, for dqn".
-fn widest(rows: &[(&ContrastRow, f64)], metric: &str) -> String {
+fn widest(rows: &[(&ContrastRow, f64)], metric: Measure) -> String {
     let row = widest_of(rows);
     let difference = row.contrast.difference.unwrap_or_default();
     let side = if difference < 0.0 { "below" } else { "above" };
@@ -203,7 +214,7 @@ fn statistic(row: &ContrastRow) -> String {
     }
 }
 
-fn table(title: &str, figure: &ContrastFigure, metric: &str) -> DataTable {
+fn table(title: &str, figure: &ContrastFigure, metric: Measure) -> DataTable {
     let ContrastFigure { sides: (first, second), rows } = figure;
     let is_paired = !rows.is_empty() && rows.iter().all(ContrastRow::is_paired);
     let is_mixed = !is_paired && rows.iter().any(ContrastRow::is_paired);
@@ -272,7 +283,7 @@ fn of_sides(numbers: (usize, usize)) -> Entry {
     })
 }
 
-fn contrast_entries(row: &ContrastRow, metric: &str, is_mixed: bool) -> Vec<Entry> {
+fn contrast_entries(row: &ContrastRow, metric: Measure, is_mixed: bool) -> Vec<Entry> {
     let contrast = &row.contrast;
     let interval = contrast.test.map(|test| test.interval);
     let improvement = contrast.improvement.map(|improvement| improvement.interval);
@@ -332,6 +343,9 @@ mod tests {
     use super::*;
     use crate::analyse::declared::ArmId;
     use crate::analyse::{Contrast, Corrected, Design, Sample};
+    use crate::job::metric::MEAN_RETURN;
+
+    const RETURN: Measure = MEAN_RETURN.in_unit("points");
 
     fn row(first: f64, holm: Option<f64>) -> ContrastRow {
         let sample = |mean: f64| Sample::new([(1, mean - 1.0), (2, mean + 1.0)], 0, 0).unwrap();
@@ -362,7 +376,7 @@ mod tests {
             let members = rows.len();
             let family = Family { name: "f".into(), members };
             let rows = rows.into_iter().map(|row| ContrastRow { family: family.clone(), ..row });
-            figure(rows.collect()).finds("mean_return").unwrap()
+            figure(rows.collect()).finds(RETURN).unwrap()
         };
         assert_eq!(
             of(&[(12.0, Some(0.2)), (16.0, Some(0.05)), (90.0, None)]),
@@ -395,7 +409,7 @@ mod tests {
     #[test]
     fn equal_means_are_called_equal() {
         let equal = || row(10.0, Some(1.0));
-        let of = |rows| figure(rows).finds("mean_return").unwrap();
+        let of = |rows| figure(rows).finds(RETURN).unwrap();
         assert_eq!(of(vec![equal(), equal()]), "a and b have equal means in all 2 comparisons");
         assert_eq!(of(vec![equal()]), "a and b have equal means");
     }
@@ -403,10 +417,10 @@ mod tests {
     #[test]
     fn a_contrast_without_comparisons_names_its_sides_and_its_reason() {
         let none = figure(Vec::new());
-        let table = none.table("", "mean_return");
+        let table = none.table("", RETURN);
         let headings: Vec<&str> = table.columns.iter().map(|one| one.heading.as_str()).collect();
         assert!(headings.contains(&"a") && headings.contains(&"b"), "{headings:?}");
-        assert!(none.shows("mean_return").contains("between a and b"));
+        assert!(none.shows(RETURN).contains("between a and b"));
         assert!(none.lacks().unwrap().starts_with("no comparison"));
     }
 }

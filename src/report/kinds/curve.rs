@@ -1,22 +1,20 @@
 //! Curves: a metric along a parameter, one line per arm.
 
-use super::{
-    Drawn, Sheet, amount, ends, gap as difference, metric_words, parameter, quantity, test_name,
-};
+use super::{Drawn, Sheet, amount, ends, gap as difference, metric_words, parameter, test_name};
 use crate::analyse::Sample;
 use crate::analyse::declared::{
     ALPHA, Apart, ArmId, CurveFigure, CurveLine, CurvePoint, Ends, Trends,
 };
-use crate::job::short_name;
+use crate::job::{Measure, short_name};
 use crate::report::arm_tables::{optimum, share};
 use crate::report::data_table::{DataTable, Entry, shown};
 use crate::report::figure::{
     AxisScale, Chart, Line, Numbers, Panel, Panels, Place, Spread, arm_label, axes, draw, facets,
     optimum_lines, seeds,
 };
+use crate::report::names::Names;
 use crate::report::scene::Scene;
 use crate::report::tables::{between, high, in_unit, low};
-use crate::report::words::{metric_title, unit_numbers};
 
 impl Drawn for CurveFigure {
     fn figures(&self, sheet: &Sheet<'_>) -> Vec<(String, Scene)> {
@@ -27,14 +25,19 @@ impl Drawn for CurveFigure {
         Some(Panels::of(&self.arms(), None, None))
     }
 
-    fn table(&self, title: &str, metric: &str) -> DataTable {
+    fn display(&mut self, names: &Names) {
+        self.axis = Names::key(&self.axis);
+        self.lines.iter_mut().for_each(|line| names.arm(&mut line.name));
+    }
+
+    fn table(&self, title: &str, metric: Measure) -> DataTable {
         table(title, self, metric)
     }
 
-    fn shows(&self, metric: &str) -> String {
+    fn shows(&self, metric: Measure) -> String {
         let axis = match self.is_error() {
             true => "context inference error",
-            false => &quantity(&self.axis),
+            false => &Names::quantity(&self.axis),
         };
         let seeds = seeds(self.lines.iter().flat_map(CurveLine::seeds));
         let across = match self.lines.iter().any(|line| line.across.is_some()) {
@@ -52,7 +55,7 @@ impl Drawn for CurveFigure {
         )
     }
 
-    fn finds(&self, metric: &str) -> Option<String> {
+    fn finds(&self, metric: Measure) -> Option<String> {
         match self.lines.as_slice() {
             [first, second] => self.gap(first, second, metric).or_else(|| self.trend_counts()),
             [line] => self.trend(line, metric),
@@ -75,7 +78,7 @@ impl CurveFigure {
     }
 
     /// Whether two lines differ at any point; `None` if no point can be tested.
-    fn gap(&self, first: &CurveLine, second: &CurveLine, metric: &str) -> Option<String> {
+    fn gap(&self, first: &CurveLine, second: &CurveLine, metric: Measure) -> Option<String> {
         let (one, other) = (arm_label(&first.name), arm_label(&second.name));
         let (point, gap, apart, design) = self.widest_gap()?;
         let test = test_name([design]).unwrap_or_default();
@@ -96,7 +99,7 @@ impl CurveFigure {
     }
 
     /// The ends of a line, and whether they differ.
-    fn trend(&self, line: &CurveLine, metric: &str) -> Option<String> {
+    fn trend(&self, line: &CurveLine, metric: Measure) -> Option<String> {
         let name = arm_label(&line.name);
         let Ends { first: (first, start), last: (last, end), apart, design } = line.ends(1)?;
         let test = test_name([design]).unwrap_or_default();
@@ -155,11 +158,10 @@ fn curve_figures(figure: &CurveFigure, sheet: &Sheet<'_>) -> Vec<(String, Scene)
     let names: Vec<&ArmId> = figure.lines.iter().map(|line| &line.name).collect();
     let panels = Panels::of(&names, style.panel, None);
     let looks = panels.looks(sheet.looks, &names);
-    let numbers = unit_numbers(metric).0;
     let is_error = figure.is_error();
     let (x_title, x_numbers) = match is_error {
         true => ("context inference error, %".to_owned(), Numbers::Percent),
-        false => (quantity(&figure.axis), Numbers::Plain),
+        false => (Names::quantity(&figure.axis), Numbers::Plain),
     };
     let extent = extent(figure);
     let line = |at: usize| {
@@ -200,7 +202,7 @@ fn curve_figures(figure: &CurveFigure, sheet: &Sheet<'_>) -> Vec<(String, Scene)
             true => shared_word(&names),
             false => Some(panel.heading.clone()),
         };
-        let description = format!("{} against {x_title}", metric_title(metric));
+        let description = format!("{} against {x_title}", metric.title());
         Chart { heading, description, lines, note }
     };
     let charts: Vec<Chart> = panels.panels.iter().map(chart).collect();
@@ -213,7 +215,7 @@ fn curve_figures(figure: &CurveFigure, sheet: &Sheet<'_>) -> Vec<(String, Scene)
         AxisScale::Log => format!("{x_title} (logarithmic)"),
         AxisScale::Linear => x_title.clone(),
     };
-    let axes = axes(&charts, (x_title, x_numbers, scale), (metric, numbers), style);
+    let axes = axes(&charts, (x_title, x_numbers, scale), metric, style);
     panels.stems(sheet.stem).into_iter().zip(draw(&charts, &axes, style)).collect()
 }
 
@@ -231,7 +233,7 @@ fn across_places(
     sample: &Sample,
     line: &CurveLine,
     extent: Option<(f64, f64)>,
-    (metric, of): (&str, &CurveFigure),
+    (metric, of): (Measure, &CurveFigure),
 ) -> Vec<Place> {
     let (name, axis) = (arm_label(&line.name), short_name(&of.axis));
     let tip = format!("{name}, which lacks {axis}: {}", measured(sample, metric));
@@ -256,7 +258,7 @@ fn scale_of<'l>(lines: impl Iterator<Item = &'l Line> + Clone) -> AxisScale {
 }
 
 /// A point of a curve with its tooltip. The axis shows the context inference error or a parameter.
-fn curve_place(point: &CurvePoint, name: &ArmId, (metric, of): (&str, &CurveFigure)) -> Place {
+fn curve_place(point: &CurvePoint, name: &ArmId, (metric, of): (Measure, &CurveFigure)) -> Place {
     let at = match of.is_error() {
         true => {
             let error = shown(point.x * 100.0, 1);
@@ -271,7 +273,7 @@ fn curve_place(point: &CurvePoint, name: &ArmId, (metric, of): (&str, &CurveFigu
 }
 
 /// The mean of a sample with its interval and its number of seeds.
-fn measured(sample: &Sample, metric: &str) -> String {
+fn measured(sample: &Sample, metric: Measure) -> String {
     let mean = sample.mean().map_or_else(|reason| reason.to_string(), |mean| amount(mean, metric));
     let spread = sample.interval().map_or_else(
         |_| String::new(),
@@ -292,9 +294,9 @@ fn shared_word(names: &[&ArmId]) -> Option<String> {
     }
 }
 
-fn table(title: &str, figure: &CurveFigure, metric: &str) -> DataTable {
+fn table(title: &str, figure: &CurveFigure, metric: Measure) -> DataTable {
     let (axis, is_error) = (short_name(&figure.axis), figure.is_error());
-    let name = metric_title(metric);
+    let name = metric.title();
     let has_optimum = figure.lines.iter().any(|line| !line.optimum.is_empty());
     let columns = [
         ("arm", "Arm"),

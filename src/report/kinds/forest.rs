@@ -2,13 +2,14 @@
 
 use super::{Sheet, gap_ends, gap_title, is_rate, related, test_name};
 use crate::analyse::declared::{ArmId, ContrastRow, Family};
+use crate::job::Measure;
 use crate::report::data_table::shown;
 use crate::report::figure::{
     Axis, AxisScale, FAINT, GRID, INK, Look, Marker, NOTE, PUBLISHED, Panel, Panels, Style, TEXT,
     facets, fitting, marker, round_range, seeds, text,
 };
 use crate::report::scene::{Anchor, Mark, Scene, Shape, Stroke, Weight, width};
-use crate::report::words::{Numbers, metric_title, unit_numbers};
+use crate::report::words::{Numbers, unit_numbers};
 
 const TOP: f64 = 24.0;
 const ROW: f64 = 15.0;
@@ -67,7 +68,7 @@ pub(super) fn forest_figures(rows: &[ContrastRow], sheet: &Sheet<'_>) -> Vec<(St
 }
 
 /// The difference of a row with its corrected p value, for the end of its line.
-fn words(row: &ContrastRow, metric: &str) -> String {
+fn words(row: &ContrastRow, metric: Measure) -> String {
     let Ok(difference) = row.contrast.difference else { return "–".to_owned() };
     let difference = match unit_numbers(metric) {
         (Numbers::Percent, decimals) => format!("{} pp", shown(difference * 100.0, decimals)),
@@ -94,7 +95,7 @@ fn family(row: &ContrastRow) -> String {
 fn forest(
     rows: &[(&ContrastRow, &str, &str)],
     heading: &str,
-    (across, metric, style): (&Across, &str, &Style),
+    (across, metric, style): (&Across, Measure, &Style),
 ) -> Scene {
     let Across { left, right, whole, .. } = *across;
     let has_upper = rows.len() >= MANY_ROWS;
@@ -137,14 +138,14 @@ fn forest(
     if style.has_titles() {
         marks.push(fitting((whole / 2.0, height - 5.0), note, (NOTE, whole - 8.0), FAINT).into());
     }
-    let description = format!("differences in {}", metric_title(metric));
+    let description = format!("differences in {}", metric.title());
     let series = rows.iter().map(|(row, ..)| facets(&row.name)).collect();
     debug_assert!(right < whole);
     Scene { width: whole, height, description, marks, series }
 }
 
 /// The axis of differences, with at least one tick on each side of zero.
-fn axis(rows: &[ContrastRow], metric: &str) -> Axis {
+fn axis(rows: &[ContrastRow], metric: Measure) -> Axis {
     let mut numbers = vec![0.0];
     for row in rows {
         numbers.extend(row.contrast.difference.ok());
@@ -159,7 +160,7 @@ fn axis(rows: &[ContrastRow], metric: &str) -> Axis {
     let (low, high) = if low < high { (low, high) } else { (-1.0, 1.0) };
     let title = match is_rate(metric) {
         true => gap_title(metric),
-        false => format!("difference in {}", metric_title(metric)),
+        false => format!("difference in {}", metric.title()),
     };
     let numbers = unit_numbers(metric).0;
     let mut axis = Axis::new(title, round_range(low, high), AxisScale::Linear, numbers);
@@ -204,7 +205,7 @@ fn row_marks(
     row: &ContrastRow,
     label: &str,
     middle: f64,
-    (across, metric): (&Across, &str),
+    (across, metric): (&Across, Measure),
 ) -> Vec<Mark> {
     /// Half the height of the end marks of an interval, which are visible beside the point even if
     /// the interval is short.
@@ -246,6 +247,7 @@ fn row_marks(
 mod tests {
     use super::*;
     use crate::analyse::{Contrast, Corrected, Design, Sample};
+    use crate::job::metric::MEAN_RETURN;
 
     fn row(first: &[(u64, f64)], second: &[(u64, f64)]) -> ContrastRow {
         let sample = |values: &[(u64, f64)]| Sample::new(values.iter().copied(), 0, 0).unwrap();
@@ -263,30 +265,32 @@ mod tests {
         }
     }
 
+    const RETURN: Measure = MEAN_RETURN.in_unit("points");
+
     #[test]
     fn a_number_stands_on_both_sides_of_zero() {
         let high = row(&[(1, 900.0), (2, 903.0)], &[(1, 1.0), (2, 2.0)]);
         let low = row(&[(1, 0.0), (2, 0.2)], &[(1, 0.31), (2, 0.5)]);
         for rows in [vec![high.clone()], vec![low.clone()], vec![high, low]] {
-            let ticks = axis(&rows, "mean_return").ticks(TICKS);
+            let ticks = axis(&rows, RETURN).ticks(TICKS);
             let zero = ticks.iter().position(|tick| tick.is_zero).unwrap();
             assert!(0 < zero && zero + 1 < ticks.len(), "{ticks:?}");
         }
         let equal = row(&[(1, 900.0)], &[(1, 900.0)]);
-        assert_eq!(axis(&[equal], "mean_return").range(), (-1.0, 1.0));
+        assert_eq!(axis(&[equal], RETURN).range(), (-1.0, 1.0));
     }
 
     #[test]
     fn the_end_of_a_line_has_the_difference_with_its_corrected_p() {
         let row = row(&[(1, 900.0), (2, 903.0)], &[(1, 1.0), (2, 2.0)]);
-        assert_eq!(words(&row, "mean_return"), "900, p = 0.0001");
+        assert_eq!(words(&row, RETURN), "900, p = 0.0001");
         let across = Across {
-            axis: axis(std::slice::from_ref(&row), "mean_return"),
+            axis: axis(std::slice::from_ref(&row), RETURN),
             left: 50.0,
             right: 250.0,
             whole: 321.0,
         };
-        let marks = row_marks(&row, "dqn P", 100.0, (&across, "mean_return"));
+        let marks = row_marks(&row, "dqn P", 100.0, (&across, RETURN));
         // An interval of ±20 steps on an axis of more than 1000: its end marks are higher than the point.
         let ends = marks.iter().filter(|mark| match &mark.shape {
             Shape::Line { points, .. } => {

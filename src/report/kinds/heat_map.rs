@@ -2,21 +2,21 @@
 
 use std::collections::BTreeMap;
 
-use super::{Drawn, Sheet, amount, gap, is_rate, metric_words, parameter, quantity};
+use super::{Drawn, Sheet, amount, gap, is_rate, metric_words, parameter};
 use crate::analyse::Interval;
 use crate::analyse::declared::{ArmId, HeatFigure, HeatTile, Scale, heat_range};
-use crate::job::short_name;
+use crate::job::{Measure, short_name};
 use crate::report::data_table::{DataTable, Entry, exponential, shown, shown_ends, signed};
 use crate::report::escape::file_stem;
 use crate::report::figure::{
-    FAINT, INK, NOTE, Numbers, Panels, Style, TEXT, facets, fitting, rising_title, seeds, text,
+    FAINT, INK, NOTE, Panels, Style, TEXT, facets, fitting, rising_title, seeds, text,
 };
 use crate::report::names::Names;
 use crate::report::scene::{
     Anchor, Color, Fill, Mark, Scene, Shape, Stroke, Weight, rectangle, width,
 };
 use crate::report::tables::{between, high, in_unit as entry_in_unit, low};
-use crate::report::words::{metric_title, unit_numbers};
+use crate::report::words::unit_numbers;
 
 impl Drawn for Vec<HeatFigure> {
     fn figures(&self, sheet: &Sheet<'_>) -> Vec<(String, Scene)> {
@@ -40,11 +40,21 @@ impl Drawn for Vec<HeatFigure> {
         ordered.iter().flat_map(|panel| &panel.members).map(|at| figure(&self[*at])).collect()
     }
 
-    fn table(&self, title: &str, metric: &str) -> DataTable {
+    fn display(&mut self, names: &Names) {
+        for map in self {
+            map.subject = names.subject(&map.subject, map.agent.is_empty());
+            map.agent = names.agent(&map.agent);
+            names.arm(&mut map.name);
+            map.x.0 = Names::key(&map.x.0);
+            map.y.0 = Names::key(&map.y.0);
+        }
+    }
+
+    fn table(&self, title: &str, metric: Measure) -> DataTable {
         table(title, self, metric)
     }
 
-    fn shows(&self, metric: &str) -> String {
+    fn shows(&self, metric: Measure) -> String {
         let is_difference = self.first().is_some_and(|map| map.scale == Scale::Difference);
         let counts = self.iter().flat_map(|map| &map.tiles).map(|tile| tile.seeds);
         format!(
@@ -56,7 +66,7 @@ impl Drawn for Vec<HeatFigure> {
         )
     }
 
-    fn finds(&self, metric: &str) -> Option<String> {
+    fn finds(&self, metric: Measure) -> Option<String> {
         let tiles = || {
             let all = self.iter().flat_map(|map| map.tiles.iter().map(move |tile| (map, tile)));
             all.filter_map(|(map, tile)| Some((map, tile, tile.value.ok()?)))
@@ -122,7 +132,7 @@ const EDGE: Color = Color(170, 170, 170);
 const LEAST_TILE: f64 = 36.0;
 
 /// How tiles write their interval.
-fn interval_words(scale: Scale, metric: &str) -> &'static str {
+fn interval_words(scale: Scale, metric: Measure) -> &'static str {
     match is_rate(metric) && scale == Scale::Mean {
         true => " with its 95 % interval",
         false => " ± half of the 95 % interval",
@@ -156,7 +166,7 @@ fn scales(figures: &[HeatFigure]) -> BTreeMap<&str, (f64, f64)> {
 /// A map of one agent, with its colour range, and whether all maps of the analysis share it.
 fn heat_figure(
     figure: &HeatFigure,
-    (metric, style): (&str, &Style),
+    (metric, style): (Measure, &Style),
     (range, is_shared): ((f64, f64), bool),
 ) -> Scene {
     let (columns, rows) = (&figure.x.1, &figure.y.1);
@@ -188,7 +198,7 @@ fn heat_figure(
     let mut marks: Vec<Mark> = marks.into_iter().map(|mark| mark.of(0)).collect();
     let across = (first, tile_width, tile_height);
     marks.extend(frame((figure, metric, style), (range, is_shared), across, height));
-    let title = metric_title(metric);
+    let title = metric.title();
     let description =
         format!("{title}: {} of {} over two parameters", figure.subject, figure.agent);
     Scene { width: style.width(), height, description, marks, series: vec![facets] }
@@ -221,16 +231,13 @@ fn color(value: f64, (least, most): (f64, f64), scale: Scale) -> Color {
 }
 
 /// The factor from a metric to its displayed unit.
-fn unit(metric: &str) -> f64 {
-    match unit_numbers(metric).0 {
-        Numbers::Percent => 100.0,
-        Numbers::Plain => 1.0,
-    }
+fn factor(metric: Measure) -> f64 {
+    unit_numbers(metric).0.factor()
 }
 
 /// A value in the displayed unit of its metric.
-fn in_unit(value: f64, metric: &str) -> String {
-    shown(value * unit(metric), unit_numbers(metric).1)
+fn in_unit(value: f64, metric: Measure) -> String {
+    shown(value * factor(metric), unit_numbers(metric).1)
 }
 
 /// The numbers at the ends of the colour bar; `None` if no tile has a value.
@@ -246,7 +253,7 @@ fn ends_of_bar(scale: Scale, (least, most): (f64, f64)) -> Option<(f64, f64)> {
 fn color_bar(
     scale: Scale,
     (range, is_shared): ((f64, f64), bool),
-    metric: &str,
+    metric: Measure,
     (whole, height): (f64, f64),
 ) -> Vec<Mark> {
     const STEPS: usize = 48;
@@ -254,7 +261,7 @@ fn color_bar(
     const ROOM: f64 = 4.0;
     let Some((low, high)) = ends_of_bar(scale, range) else { return Vec::new() };
     let plain = (NOTE, Weight::Regular);
-    let (unit, decimals) = (unit(metric), unit_numbers(metric).1);
+    let (unit, decimals) = (factor(metric), unit_numbers(metric).1);
     let [least, most] = shown_ends(low * unit, high * unit, decimals);
     let of = if is_shared { "colours of all maps" } else { "colours of this agent" };
     let used = width(of, NOTE, Weight::Regular)
@@ -292,7 +299,7 @@ fn share(part: f64, whole: f64) -> f64 {
 
 fn tile_marks(
     tile: &HeatTile,
-    (figure, metric): (&HeatFigure, &str),
+    (figure, metric): (&HeatFigure, Measure),
     color: Color,
     (left, top, (width, height)): (f64, f64, (f64, f64)),
 ) -> Vec<Mark> {
@@ -310,7 +317,7 @@ fn tile_marks(
     let short = |value: f64, sign: &str, letters: (f64, Weight)| {
         let words = format!("{sign}{}", in_unit(value));
         match narrowed(&words, letters, width - 3.0) < 0.75 * letters.0 {
-            true => format!("{sign}{}", signed(&exponential(value * unit(metric), 2))),
+            true => format!("{sign}{}", signed(&exponential(value * factor(metric), 2))),
             false => words,
         }
     };
@@ -323,7 +330,7 @@ fn tile_marks(
     // The interval of a rate is not symmetric.
     let between = tile.interval.ok().filter(|_| is_rate(metric) && figure.scale == Scale::Mean);
     let between = between.map(|Interval { low, high }| {
-        let [low, high] = shown_ends(low * unit(metric), high * unit(metric), 0);
+        let [low, high] = shown_ends(low * factor(metric), high * factor(metric), 0);
         format!("{low}–{high}")
     });
     let spread_words = match &between {
@@ -367,7 +374,7 @@ fn tile_marks(
 
 /// The heading, the values and names of the parameters, and the note.
 fn frame(
-    (figure, metric, style): (&HeatFigure, &str, &Style),
+    (figure, metric, style): (&HeatFigure, Measure, &Style),
     (range, is_shared): ((f64, f64), bool),
     (left, tile_width, tile_height): (f64, f64, f64),
     height: f64,
@@ -394,14 +401,17 @@ fn frame(
         marks.push(text(at, words, (size, Weight::Regular), FAINT, Anchor::End).into());
     }
     let at = (left + tile_width * columns.len() as f64 / 2.0, bottom + 27.0);
-    marks.push(text(at, quantity(&figure.x.0), plain, INK, Anchor::Middle).into());
-    let title =
-        rising_title((12.0, (TOP + bottom) / 2.0), quantity(&figure.y.0), bottom - TOP + 30.0);
+    marks.push(text(at, Names::quantity(&figure.x.0), plain, INK, Anchor::Middle).into());
+    let title = rising_title(
+        (12.0, (TOP + bottom) / 2.0),
+        Names::quantity(&figure.y.0),
+        bottom - TOP + 30.0,
+    );
     marks.push(title.into());
     let note = format!(
         "{}{}{}, {}.",
         if figure.scale == Scale::Difference { "Difference in " } else { "" },
-        metric_title(metric),
+        metric.title(),
         interval_words(figure.scale, metric),
         seeds(figure.tiles.iter().map(|tile| tile.seeds).filter(|n| *n > 0))
     );
@@ -418,8 +428,8 @@ fn narrowed(words: &str, (size, weight): (f64, Weight), room: f64) -> f64 {
     size * (room / width(words, size, weight)).min(1.0)
 }
 
-fn table(title: &str, figures: &[HeatFigure], metric: &str) -> DataTable {
-    let name = metric_title(metric);
+fn table(title: &str, figures: &[HeatFigure], metric: Measure) -> DataTable {
+    let name = metric.title();
     let axes = figures.first().map_or(("", ""), |map| (map.x.0.as_str(), map.y.0.as_str()));
     let (x, y) = (short_name(axes.0), short_name(axes.1));
     let columns = [
@@ -457,6 +467,7 @@ fn table(title: &str, figures: &[HeatFigure], metric: &str) -> DataTable {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::job::metric::MEAN_RETURN;
     use crate::manifest::FigureKeys;
 
     fn map(values: &[f64], place: f64) -> HeatFigure {
@@ -483,6 +494,8 @@ mod tests {
         }
     }
 
+    const RETURN: Measure = MEAN_RETURN.in_unit("points");
+
     #[test]
     fn numbers_of_every_size_fit_their_tiles_and_differ() {
         let style = Style::of(&FigureKeys::default());
@@ -491,7 +504,7 @@ mod tests {
         for place in [1e-300, 0.1, 1e6, 0.300_000_000_000_000_04] {
             let map = map(&values, place);
             let range = heat_range(std::slice::from_ref(&map));
-            let scene = heat_figure(&map, ("mean_return", &style), (range, true));
+            let scene = heat_figure(&map, (RETURN, &style), (range, true));
             let room = (scene.width - left(&map) - RIGHT) / values.len() as f64;
             let mut numbers = Vec::new();
             for mark in &scene.marks {
@@ -532,7 +545,7 @@ mod tests {
         assert_eq!(color(whole, range, Scale::Difference), Color(0, 92, 160));
         assert_ne!(color(half, range, Scale::Difference), color(whole, range, Scale::Difference));
         let words = |scale, range| -> Vec<String> {
-            let marks = color_bar(scale, (range, true), "mean_return", (321.0, 200.0));
+            let marks = color_bar(scale, (range, true), RETURN, (321.0, 200.0));
             let texts = marks.into_iter().filter_map(|mark| match mark.shape {
                 Shape::Text { text, .. } => Some(text),
                 Shape::Area { .. } | Shape::Circle { .. } | Shape::Line { .. } => None,

@@ -3,11 +3,12 @@
 use super::{Drawn, Sheet, parameter};
 use crate::analyse::declared::ErrorFigure;
 use crate::env::inference_error;
-use crate::job::counted;
+use crate::job::{Measure, counted};
 use crate::report::data_table::{DataTable, Entry, shown};
 use crate::report::figure::{
     Axis, AxisScale, Chart, INK, Line, Look, Marker, Numbers, PUBLISHED, Place, Spread, Style, draw,
 };
+use crate::report::names::Names;
 use crate::report::scene::Scene;
 
 impl Drawn for ErrorFigure {
@@ -16,11 +17,13 @@ impl Drawn for ErrorFigure {
         stem.zip(error_figure(self, sheet.style)).collect()
     }
 
-    fn table(&self, title: &str, _: &str) -> DataTable {
+    fn display(&mut self, _: &Names) {}
+
+    fn table(&self, title: &str, _: Measure) -> DataTable {
         table(title, self)
     }
 
-    fn shows(&self, _: &str) -> String {
+    fn shows(&self, _: Measure) -> String {
         let runs: usize = self.points.iter().map(|point| point.runs).sum();
         format!(
             "Rate at which the most likely context is wrong, exact and over the test steps of n = {}, \
@@ -29,7 +32,7 @@ impl Drawn for ErrorFigure {
         )
     }
 
-    fn finds(&self, _: &str) -> Option<String> {
+    fn finds(&self, _: Measure) -> Option<String> {
         if let Some((sigma, gap)) = self.furthest_published() {
             return Some(format!(
                 "The published rates are counts of 1000 draws; the largest difference is {} \

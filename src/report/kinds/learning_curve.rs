@@ -4,13 +4,14 @@ use super::{Drawn, Sheet, ends, test_name};
 use crate::analyse::declared::{
     Apart, ArmId, HighestEnd, LearningFigure, LearningLine, LearningPanel,
 };
-use crate::job::counted;
+use crate::job::{Measure, MetricUnit, counted};
 use crate::manifest::PanelKey;
 use crate::report::data_table::{DataTable, Entry, shown};
 use crate::report::figure::{
     AxisScale, Chart, Line, Look, Numbers, Panel, Panels, Place, Spread, arm_label, axes, draw,
     facets, optimum_lines, seeds,
 };
+use crate::report::names::Names;
 use crate::report::scene::Scene;
 use crate::report::tables::{between, high, low, no_interval};
 
@@ -23,11 +24,16 @@ impl Drawn for LearningFigure {
         Some(Panels::of(&self.arms(), None, Some(PanelKey::Scenario)))
     }
 
-    fn table(&self, title: &str, _: &str) -> DataTable {
+    fn display(&mut self, names: &Names) {
+        let lines = self.panels.iter_mut().flat_map(|panel| &mut panel.lines);
+        lines.for_each(|line| names.arm(&mut line.name));
+    }
+
+    fn table(&self, title: &str, _: Measure) -> DataTable {
         table(title, &self.panels)
     }
 
-    fn shows(&self, _: &str) -> String {
+    fn shows(&self, _: Measure) -> String {
         let counts = self.lines().map(|line| line.seeds.0).filter(|n| *n > 0);
         format!(
             "Return in training: moving mean over {}{}, {}",
@@ -41,10 +47,10 @@ impl Drawn for LearningFigure {
         )
     }
 
-    fn finds(&self, _: &str) -> Option<String> {
+    fn finds(&self, _: Measure) -> Option<String> {
         let HighestEnd { line, mean, interval, others } = self.highest_end()?;
         let interval = interval.map_or_else(String::new, |interval| {
-            format!(" (95 % interval {})", ends(interval, "mean_return"))
+            format!(" (95 % interval {})", ends(interval, MetricUnit::Return))
         });
         let name = arm_label(&line.name);
         let at = format!("{name} ends at {}{interval}", shown(mean, 0));
@@ -133,8 +139,7 @@ fn learning_figures(figure: &LearningFigure, sheet: &Sheet<'_>) -> Vec<(String, 
         AxisScale::Log => "training episodes (logarithmic)".to_owned(),
         AxisScale::Linear => "training episodes".to_owned(),
     };
-    let y = ("mean_return", Numbers::Plain);
-    let axes = axes(&charts, (title, Numbers::Plain, scale), y, sheet.style);
+    let axes = axes(&charts, (title, Numbers::Plain, scale), sheet.metric, sheet.style);
     panels.stems(sheet.stem).into_iter().zip(draw(&charts, &axes, sheet.style)).collect()
 }
 
@@ -147,7 +152,7 @@ fn drawn_line(line: &LearningLine, label: String, look: Look) -> Line {
     let place = |at: usize| {
         let (episode, mean, interval) = &line.points[at];
         let spread = interval.map_or_else(String::new, |interval| {
-            format!(", 95 % interval {}", ends(interval, "mean_return"))
+            format!(", 95 % interval {}", ends(interval, MetricUnit::Return))
         });
         let tip = match at.is_multiple_of(every) || at == last {
             true => {
@@ -206,7 +211,7 @@ fn table(title: &str, panels: &[LearningPanel]) -> DataTable {
                 Entry::number(line.seeds.0 as f64, 0),
                 Entry::number(f64::from(*episode), 0),
                 Entry::number(*mean, 1),
-                between(interval, "mean_return"),
+                between(interval, MetricUnit::Return),
                 low(interval),
                 high(interval),
             ]);

@@ -14,17 +14,17 @@ use super::data_table::{DataTable, p_value, shown, shown_ends, signed};
 use super::figure::{Looks, Numbers, Panels, Style};
 use super::names::Names;
 use super::scene::Scene;
-use super::words::{metric_title, unit_numbers};
+use super::words::unit_numbers;
 use crate::analyse::declared::{ArmId, Content, Finding};
 use crate::analyse::{Design, Interval};
 use crate::job::counted;
-use crate::job::{Scalar, short_name};
+use crate::job::{Measure, MetricUnit, Scalar};
 
 /// Inputs that all figures of a finding share.
 pub(super) struct Sheet<'s> {
     /// The beginning of the stems of their files.
     pub stem: &'s str,
-    pub metric: &'s str,
+    pub metric: Measure,
     pub looks: &'s Looks,
     pub style: &'s Style,
 }
@@ -52,18 +52,21 @@ pub(super) trait Drawn {
     }
 
     /// Its numbers.
-    fn table(&self, title: &str, metric: &str) -> DataTable;
+    fn table(&self, title: &str, metric: Measure) -> DataTable;
 
     /// The content, with n and the kind of intervals; a sentence without its full stop.
-    fn shows(&self, metric: &str) -> String;
+    fn shows(&self, metric: Measure) -> String;
 
     /// The main finding with its test, if there is one; a sentence without its full stop.
-    fn finds(&self, metric: &str) -> Option<String>;
+    fn finds(&self, metric: Measure) -> Option<String>;
 
     /// The missing data other than jobs, if any.
     fn lacks(&self) -> Option<String> {
         None
     }
+
+    /// Gives agents their labels and parameters their symbols.
+    fn display(&mut self, names: &Names);
 
     /// The arms that its figures draw.
     fn arms(&self) -> Vec<&ArmId> {
@@ -76,18 +79,34 @@ pub(super) trait Drawn {
     }
 }
 
+/// Finds the presentation of a finding's content.
+macro_rules! drawn_of {
+    ($content:ident) => {
+        match $content {
+            Content::Contrast(figure) => figure,
+            Content::Curve(figure) => figure,
+            Content::LearningCurve(figure) => figure,
+            Content::HeatMap(figures) => figures,
+            Content::ActionChoice(panels) => panels,
+            Content::Selection(rankings) => rankings,
+            Content::Recovery(rows) => rows,
+            Content::InferenceError(figure) => figure,
+        }
+    };
+}
+
 /// The presentation of a finding.
 pub(super) fn drawn(content: &Content) -> &dyn Drawn {
-    match content {
-        Content::Contrast(figure) => figure,
-        Content::Curve(figure) => figure,
-        Content::LearningCurve(figure) => figure,
-        Content::HeatMap(figures) => figures,
-        Content::ActionChoice(panels) => panels,
-        Content::Selection(rankings) => rankings,
-        Content::Recovery(rows) => rows,
-        Content::InferenceError(figure) => figure,
-    }
+    drawn_of!(content)
+}
+
+/// The finding with displayed names.
+pub(super) fn displayed(finding: &Finding, names: &Names) -> Finding {
+    let mut finding = finding.clone();
+    let content = &mut finding.content;
+    let drawn: &mut dyn Drawn = drawn_of!(content);
+    drawn.display(names);
+    finding
 }
 
 /// The caption of a finding, in at most three sentences: content, main result, missing data.
@@ -122,7 +141,7 @@ fn among(finding: &Finding) -> String {
 }
 
 /// A metric's number with its unit.
-pub(super) fn amount(value: f64, metric: &str) -> String {
+pub(super) fn amount(value: f64, metric: Measure) -> String {
     match unit_numbers(metric) {
         (Numbers::Percent, decimals) => format!("{} %", shown(value * 100.0, decimals)),
         (Numbers::Plain, decimals) => shown(value, decimals),
@@ -145,7 +164,7 @@ pub(super) fn test_name(designs: impl IntoIterator<Item = Design>) -> Option<&'s
 }
 
 /// A difference of a metric with its unit: of rates, percentage points.
-pub(super) fn gap(value: f64, metric: &str) -> String {
+pub(super) fn gap(value: f64, metric: Measure) -> String {
     match unit_numbers(metric) {
         (Numbers::Percent, decimals) => {
             format!("{} percentage points", shown(value * 100.0, decimals))
@@ -155,7 +174,7 @@ pub(super) fn gap(value: f64, metric: &str) -> String {
 }
 
 /// The ends of an interval of a difference with their unit.
-pub(super) fn gap_ends(Interval { low, high }: Interval, metric: &str) -> String {
+pub(super) fn gap_ends(Interval { low, high }: Interval, metric: Measure) -> String {
     match unit_numbers(metric) {
         (Numbers::Percent, decimals) => {
             let ends = shown_ends(low * 100.0, high * 100.0, decimals);
@@ -166,54 +185,33 @@ pub(super) fn gap_ends(Interval { low, high }: Interval, metric: &str) -> String
 }
 
 /// Whether differences of a metric are in percentage points.
-pub(super) fn is_rate(metric: &str) -> bool {
+pub(super) fn is_rate(metric: Measure) -> bool {
     unit_numbers(metric).0 == Numbers::Percent
 }
 
 /// The title of a metric in a sentence, its unit in parentheses.
-pub(super) fn metric_words(metric: &str) -> String {
-    match metric_title(metric).split_once(", ") {
-        Some((title, unit)) => format!("{title} ({unit})"),
-        None => metric_title(metric),
-    }
+pub(super) fn metric_words(metric: Measure) -> String {
+    let unit = metric.unit_word().map(|unit| format!(" ({unit})"));
+    metric.quantity() + &unit.unwrap_or_default()
 }
 
 /// The title of the differences of a metric, with their unit.
-pub(super) fn gap_title(metric: &str) -> String {
-    let title = metric_title(metric);
-    match title.strip_suffix(", %") {
-        Some(rate) => format!("{rate}, differences in percentage points"),
-        None => title,
+pub(super) fn gap_title(metric: Measure) -> String {
+    match is_rate(metric) {
+        true => format!("{}, differences in percentage points", metric.quantity()),
+        false => metric.title(),
     }
 }
 
 /// The ends of a metric's interval with their unit: "5 % to 7 %".
-pub(super) fn ends(Interval { low, high }: Interval, metric: &str) -> String {
-    match unit_numbers(metric) {
+pub(super) fn ends(Interval { low, high }: Interval, unit: impl Into<MetricUnit>) -> String {
+    match unit_numbers(unit) {
         (Numbers::Percent, decimals) => {
             let [low, high] = shown_ends(low * 100.0, high * 100.0, decimals);
             format!("{low} % to {high} %")
         }
         (Numbers::Plain, decimals) => shown_ends(low, high, decimals).join(" to "),
     }
-}
-
-/// The name of a parameter's quantity, as axes have it.
-fn quantity(dotted: &str) -> String {
-    let symbol = short_name(dotted);
-    let name = match symbol {
-        "σ" => "feature noise",
-        "σ_s" => "noise of steps",
-        "γ" => "discount",
-        "δ_h" => "habituation decay",
-        "ε_h" => "habituation increment",
-        "δ_d" => "disengagement decay",
-        "ε_d" => "disengagement increment",
-        "ρ_1" => "effect of an untailored message",
-        "ρ_2" => "effect of a tailored message",
-        _ => return symbol.replace('_', " "),
-    };
-    format!("{name} {symbol}")
 }
 
 /// A number of a parameter with its sign: every digit, or an exponent if it is very small or very large.
@@ -241,9 +239,13 @@ mod tests {
     };
     use crate::analyse::{Contrast, Corrected, Design, Sample, Undefined};
     use crate::job::ParticipantRange;
+    use crate::job::metric::{DISENGAGEMENT_RATE, MEAN_RETURN};
     use crate::manifest::FigureKeys;
     use crate::report::data_table::Entry;
     use crate::report::scene::Shape;
+
+    const RETURN: Measure = MEAN_RETURN.in_unit("points");
+    const RATE: Measure = DISENGAGEMENT_RATE.in_unit("points");
 
     fn name() -> ArmId {
         ArmId { agent: "dqn".into(), scenario: "P-H-D".into(), settings: Vec::new() }
@@ -293,7 +295,7 @@ mod tests {
         // Seeds 2 and 3 are matched, with means of 30 and 35.
         let first = sample(&[(1, 900.0), (2, 20.0), (3, 40.0)], 0);
         let second = sample(&[(2, 25.0), (3, 45.0), (4, 1.0), (5, 2.0)], 0);
-        let table = contrast(vec![row(first, second, Design::Matched)]).table("", "mean_return");
+        let table = contrast(vec![row(first, second, Design::Matched)]).table("", RETURN);
         assert_eq!([number(&table, "first"), number(&table, "second")], [30.0, 35.0]);
         assert_eq!(number(&table, "difference"), -5.0);
         assert_eq!(entry(&table, "seeds").shown(), "2");
@@ -305,8 +307,7 @@ mod tests {
     fn seeds_of_independent_sides_need_no_partner() {
         let first = sample(&[(1, 10.0), (2, 20.0)], 1);
         let second = sample(&[(3, 30.0)], 0);
-        let table =
-            contrast(vec![row(first, second, Design::Independent)]).table("", "mean_return");
+        let table = contrast(vec![row(first, second, Design::Independent)]).table("", RETURN);
         assert_eq!([number(&table, "first"), number(&table, "second")], [15.0, 30.0]);
         assert!(!is_shown(&table, "unmatched") && is_shown(&table, "lost"));
         assert_eq!(entry(&table, "lost").shown(), "1, 0");
@@ -317,7 +318,7 @@ mod tests {
         let of = |n: u64| {
             let values: Vec<(u64, f64)> = (1..=n).map(|seed| (seed, seed as f64 * 0.01)).collect();
             let (first, second) = (sample(&values, 0), sample(&values, 0));
-            contrast(vec![row(first, second, Design::Independent)]).table("", "disengagement_rate")
+            contrast(vec![row(first, second, Design::Independent)]).table("", RATE)
         };
         assert!(is_shown(&of(9), "detectable") && !is_shown(&of(10), "detectable"));
         // The standard deviation of 1, 2, 3 % is 1 %; t with 2 degrees of freedom detects 5.65 standard errors.
@@ -336,13 +337,13 @@ mod tests {
                 points: vec![(100, 5.0, None)],
             };
             let panels = vec![LearningPanel { scenario: "P-H-D".into(), lines: vec![line] }];
-            LearningFigure { window: 1, panels }.table("", "mean_return")
+            LearningFigure { window: 1, panels }.table("", RETURN)
         };
         let actions_of = |n: usize| {
             let shares = Some([(0.25, None); 4]);
             let bin = BinShares { low: 0.0, high: 0.1, seeds: n, steps: 9, shares };
             let panel = ActionPanel { name: name(), seeds: (3, 3), bins: vec![bin] };
-            vec![panel].table("", "mean_return")
+            vec![panel].table("", RETURN)
         };
         let few = Undefined::TooFewSeeds { have: 1, need: 2 };
         for (n, reason) in [(1, few), (3, Undefined::NoVariance)] {
@@ -356,7 +357,7 @@ mod tests {
 
     fn said(content: Content, jobs: JobCounts) -> String {
         let (name, title) = (String::new(), String::new());
-        let metric = "mean_return";
+        let metric = RETURN;
         caption(&Finding { name, title, metric, participants: None, jobs, content })
     }
 
@@ -376,7 +377,7 @@ mod tests {
         let jobs = JobCounts { completed: 9, failed: 3, open: 1 };
         assert_eq!(
             said(Content::Contrast(contrast(rows)), jobs),
-            "Differences in mean return per episode (steps walked) between a and b (unpaired t test) with their 95 % \
+            "Differences in mean return per episode (points) between a and b (unpaired t test) with their 95 % \
              intervals, not corrected for the number of comparisons, n = 1–2 seeds per side. Of 2 tested \
              comparisons, a is significantly above b in 1 and significantly below it in 0; at the widest \
              significant one, a is above b by 50, for dqn P-H-D (unpaired t = 35.36, 1 degree of \
@@ -399,7 +400,7 @@ mod tests {
         let finding = |p| Finding {
             name: String::new(),
             title: String::new(),
-            metric: "mean_return",
+            metric: RETURN,
             participants: Some(range),
             jobs: ALL,
             content: Content::Contrast(contrast(vec![one(p)])),
@@ -407,7 +408,7 @@ mod tests {
         // Differences -50 and -50.5: mean -50.25, standard error 0.25.
         assert_eq!(
             caption(&finding(0.003_2)),
-            "Differences in mean return per episode (steps walked) between a and b (t test paired by seed) with their \
+            "Differences in mean return per episode (points) between a and b (t test paired by seed) with their \
              95 % intervals, not corrected for the number of comparisons, n = 2 seeds per side, among the \
              20 % of participants with the largest ε_d. a is below b by 50, for dqn P-H-D: significant \
              (paired t = −201.00, 1 degree of freedom, p = 0.0032)."
@@ -415,7 +416,7 @@ mod tests {
         assert!(caption(&finding(0.2)).contains("not significant (paired t"));
         assert_eq!(
             table(&finding(0.2)).caption,
-            ": mean return per episode, steps walked; t test paired by seed, among the 20 % of participants with the \
+            ": mean return per episode, points; t test paired by seed, among the 20 % of participants with the \
              largest ε_d"
         );
     }
@@ -436,7 +437,7 @@ mod tests {
                 ..row
             }
         };
-        let finds = |rows: Vec<ContrastRow>| contrast(rows).finds("mean_return").unwrap();
+        let finds = |rows: Vec<ContrastRow>| contrast(rows).finds(RETURN).unwrap();
         assert_eq!(
             finds(vec![of("dqn", 100.5), of("reinforce", 124.0)]),
             "None of 2 tested differences is significant; at the widest, population.phases=test is below \
@@ -471,7 +472,7 @@ mod tests {
             let (shown, found) = said.split_once(". ").unwrap();
             assert_eq!(
                 shown,
-                "Mean and its 95 % interval of mean return per episode (steps walked) against delta d, n = 3 seeds \
+                "Mean and its 95 % interval of mean return per episode (points) against delta d, n = 3 seeds \
                  per point"
             );
             found.to_owned()
@@ -532,18 +533,18 @@ mod tests {
             ..swept.clone()
         };
         let figure = CurveFigure { axis: "agent.rate".into(), lines: vec![rule, swept] };
-        let table = figure.table("", "mean_return");
+        let table = figure.table("", RETURN);
         assert_eq!(table.rows.len(), 3);
         assert_eq!([entry(&table, "x").shown(), entry(&table, "mean").shown()], ["–", "50.0"]);
         assert_eq!(
             said(Content::Curve(figure.clone()), ALL),
-            "Mean and its 95 % interval of mean return per episode (steps walked) against rate, n = 3 seeds per point; \
+            "Mean and its 95 % interval of mean return per episode (points) against rate, n = 3 seeds per point; \
              arms without rate are lines across. rule P-H-D and dqn P-H-D are furthest apart at rate = \
              0.001, by 30 (t test paired by seed, Bonferroni-corrected p < 0.05)."
         );
         let style = Style::of(&FigureKeys::default());
         let looks = Looks::of(figure.arms());
-        let sheet = Sheet { stem: "s", metric: "mean_return", looks: &looks, style: &style };
+        let sheet = Sheet { stem: "s", metric: RETURN, looks: &looks, style: &style };
         let (_, scene) = figure.figures(&sheet).remove(0);
         let line = scene.marks.iter().find_map(|mark| match &mark.shape {
             Shape::Line { points, stroke } if mark.series == Some(0) && stroke.width > 1.0 => {

@@ -3,12 +3,13 @@
 use super::{Drawn, Sheet, test_name};
 use crate::analyse::declared::{ArmId, RecoveryRow};
 use crate::analyse::{Design, Interval, Recovered, Undefined};
-use crate::job::counted;
+use crate::job::{Measure, MetricUnit, counted};
 use crate::report::arm_tables;
 use crate::report::data_table::{DataTable, Entry, shown};
 use crate::report::figure::{arm_label, seeds, settings_label};
+use crate::report::names::Names;
 use crate::report::scene::Scene;
-use crate::report::tables::{high, in_unit, low, percent_between, range};
+use crate::report::tables::{between, high, in_unit, low, range};
 
 /// Maximum number of rows whose shares a caption lists individually.
 const LISTED: usize = 6;
@@ -22,7 +23,14 @@ impl Drawn for Vec<RecoveryRow> {
         false
     }
 
-    fn table(&self, title: &str, metric: &str) -> DataTable {
+    fn display(&mut self, names: &Names) {
+        for row in self {
+            names.arm(&mut row.with);
+            names.arm(&mut row.without);
+        }
+    }
+
+    fn table(&self, title: &str, metric: Measure) -> DataTable {
         let columns = [
             ("with", "With"),
             ("without", "Without"),
@@ -55,8 +63,8 @@ impl Drawn for Vec<RecoveryRow> {
                 Entry::number(with.n() as f64, 0),
                 Entry::number(without.n() as f64, 0),
                 Entry::text(if row.design == Design::Matched { "paired" } else { "unpaired" }),
-                percent(row.recovered.map(|found| found.share)),
-                percent_between(interval),
+                in_unit(row.recovered.map(|found| found.share), MetricUnit::Share),
+                between(interval, MetricUnit::Share),
                 low(interval),
                 high(interval),
             ]);
@@ -64,7 +72,7 @@ impl Drawn for Vec<RecoveryRow> {
         table
     }
 
-    fn shows(&self, _: &str) -> String {
+    fn shows(&self, _: Measure) -> String {
         let counts = self.iter().flat_map(|row| row.returns.iter().map(|sample| sample.n()));
         let has_interval =
             |row: &&RecoveryRow| row.recovered.is_ok_and(|found| found.interval.is_ok());
@@ -79,7 +87,7 @@ impl Drawn for Vec<RecoveryRow> {
     }
 
     /// One sentence: the recovered shares with their intervals, and the losses.
-    fn finds(&self, _: &str) -> Option<String> {
+    fn finds(&self, _: Measure) -> Option<String> {
         let known = self.iter().filter_map(|row| Some((row, row.recovered.ok()?)));
         let mut known: Vec<(&RecoveryRow, Recovered)> = known.collect();
         let (first, _) = known.first()?;
@@ -138,13 +146,6 @@ fn unset(name: &ArmId) -> String {
     arm_label(&ArmId { settings: Vec::new(), ..name.clone() })
 }
 
-fn percent(value: Result<f64, Undefined>) -> Entry {
-    match value {
-        Ok(value) => Entry::Number { value, shown: shown(100.0 * value, 1) },
-        Err(reason) => Entry::Missing(reason.to_string()),
-    }
-}
-
 /// A share with its interval: "93 % (91 to 95 %) at sigma=0.4"; a share below 0 is a further loss: "no
 /// part (it loses a further 5 %, 1 to 9 %)".
 fn share(row: &RecoveryRow, found: &Recovered) -> String {
@@ -174,6 +175,9 @@ mod tests {
     use crate::analyse::declared::ScenarioOptimum;
     use crate::analyse::{Sample, recovered};
     use crate::job::Scalar;
+    use crate::job::metric::MEAN_RETURN;
+
+    const RETURN: Measure = MEAN_RETURN.in_unit("points");
 
     fn row(sigma: f64, with: [f64; 2], without: [f64; 2], optimum: Option<f64>) -> RecoveryRow {
         let name = |agent: &str, scenario: &str| ArmId {
@@ -204,7 +208,7 @@ mod tests {
             row(0.6, [50.0, 50.5], [50.0, 50.5], None),
         ];
         assert_eq!(
-            rows.finds("mean_return").unwrap(),
+            rows.finds(RETURN).unwrap(),
             "Of what ppo P-T loses against the optimum of P-H-D, ppo-gru P-M-S recovers 75.0 % (43.2 to \
              106.8 %) at sigma=0.4"
         );
@@ -214,7 +218,7 @@ mod tests {
              D, in an environment whose optimum can be computed; where messages cost steps, it is that of \
              mean_net_return)"
         );
-        let table = rows.table("", "mean_return");
+        let table = rows.table("", RETURN);
         assert_eq!(table.rows.len(), 2);
         assert!(table.markdown().contains("43.2 to 106.8"));
     }
@@ -223,7 +227,7 @@ mod tests {
     fn a_share_below_0_recovers_nothing() {
         let rows = vec![row(0.4, [49.0, 51.0], [60.0, 60.0], Some(100.0))];
         assert_eq!(
-            rows.finds("mean_return").unwrap(),
+            rows.finds(RETURN).unwrap(),
             "Of what ppo P-T loses against the optimum of P-H-D, ppo-gru P-M-S recovers no part (it loses \
              a further 25.0 %, −6.8 to 56.8 %) at sigma=0.4"
         );
@@ -237,7 +241,7 @@ mod tests {
                 row(f64::from(i), [mean - 1.0, mean + 1.0], [60.0, 60.0], Some(100.0))
             })
             .collect();
-        let found = rows.finds("mean_return").unwrap();
+        let found = rows.finds(RETURN).unwrap();
         let begins =
             "Of the distance to the optimum, the arms of 8 comparisons recover between 12.5 %";
         assert!(found.starts_with(begins), "{found}");

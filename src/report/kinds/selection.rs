@@ -3,12 +3,12 @@
 use super::{Drawn, Sheet, amount, ends, gap, gap_ends, metric_words, test_name};
 use crate::analyse::declared::{Candidate, Ranking};
 use crate::analyse::{Design, TTest, Undefined, t_test};
-use crate::job::counted;
+use crate::job::{Measure, counted};
 use crate::report::data_table::{DataTable, Entry};
 use crate::report::figure::{arm_label, seeds, settings_label};
+use crate::report::names::Names;
 use crate::report::scene::Scene;
 use crate::report::tables::{between, high, in_unit, low};
-use crate::report::words::metric_title;
 
 impl Drawn for Vec<Ranking> {
     fn figures(&self, _: &Sheet<'_>) -> Vec<(String, Scene)> {
@@ -19,11 +19,18 @@ impl Drawn for Vec<Ranking> {
         false
     }
 
-    fn table(&self, title: &str, metric: &str) -> DataTable {
+    fn display(&mut self, names: &Names) {
+        for ranking in self {
+            names.arm(&mut ranking.place);
+            ranking.candidates.iter_mut().for_each(|one| Names::settings(&mut one.settings));
+        }
+    }
+
+    fn table(&self, title: &str, metric: Measure) -> DataTable {
         table(title, self, metric)
     }
 
-    fn shows(&self, metric: &str) -> String {
+    fn shows(&self, metric: Measure) -> String {
         let rule = self.first().map_or_else(String::new, |ranking| ranking.rule.replace('_', " "));
         let candidates = self.iter().flat_map(|ranking| &ranking.candidates);
         let counts = candidates.map(|candidate| candidate.sample.n()).filter(|n| *n > 0);
@@ -34,7 +41,7 @@ impl Drawn for Vec<Ranking> {
         )
     }
 
-    fn finds(&self, metric: &str) -> Option<String> {
+    fn finds(&self, metric: Measure) -> Option<String> {
         // A ranking of a single setting is not a search.
         let searched: Vec<&Ranking> = self.iter().filter(|one| one.candidates.len() > 1).collect();
         let [ranking] = searched.as_slice() else {
@@ -90,7 +97,7 @@ fn behind(
 }
 
 /// The difference between the best setting and the next: "; 12 above the next (95 % interval −5 to 29, …)".
-fn runner_up(ranking: &Ranking, metric: &str) -> Option<String> {
+fn runner_up(ranking: &Ranking, metric: Measure) -> Option<String> {
     let [best, next, ..] = &ranking.candidates[..] else { return None };
     let (difference, test) = behind(best, next);
     let difference = difference.ok()?;
@@ -106,8 +113,8 @@ fn runner_up(ranking: &Ranking, metric: &str) -> Option<String> {
     Some(format!("; {} {side} the next, {settings}{interval}", gap(difference.abs(), metric)))
 }
 
-fn table(title: &str, rankings: &[Ranking], metric: &str) -> DataTable {
-    let name = metric_title(metric);
+fn table(title: &str, rankings: &[Ranking], metric: Measure) -> DataTable {
+    let name = metric.title();
     let columns = [
         ("arm", "Arm"),
         ("rank", "Rank"),

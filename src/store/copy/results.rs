@@ -7,7 +7,7 @@ use std::sync::{Arc, LazyLock};
 use rusqlite::types::Value;
 use rusqlite::{CachedStatement, Connection};
 
-use crate::job::is_metric;
+use crate::job::MetricName;
 use crate::store::digest::ResultsDigest;
 use crate::store::results::metric_id;
 use crate::store::{choice, decision, participant};
@@ -296,7 +296,7 @@ impl MetricNames {
         ] {
             for row in read_rows(from, sql, &[]).unwrap_or_default() {
                 let [Value::Integer(id), Value::Text(name)] = row else { continue };
-                if names.get(&id).is_none_or(|earlier| !is_metric(earlier)) {
+                if names.get(&id).is_none_or(|earlier| MetricName::named(earlier).is_none()) {
                     names.insert(id, name);
                 }
             }

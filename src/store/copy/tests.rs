@@ -4,9 +4,10 @@ use std::path::{Path, PathBuf};
 
 use rusqlite::{Connection, params};
 
-use crate::job::Job;
+use crate::job::metric::{EPSILON, metrics_of};
 use crate::job::{
-    CURVE_METRICS, CurvePoint, Decision, Failure, FailureKind, Outcome, Phase, Results, TestEpisode,
+    CurvePoint, Decision, Failure, FailureKind, Job, MetricPlace, Outcome, Phase, Results,
+    TestEpisode,
 };
 
 use crate::store::digest;
@@ -97,7 +98,7 @@ fn seed(seed: u64) -> Job {
 
 fn completed() -> Outcome {
     let point = |episode, metric| CurvePoint { episode, metric, value: 0.5 };
-    let curve = CURVE_METRICS.iter().map(|(name, _)| point(10, *name)).collect();
+    let curve = metrics_of(MetricPlace::Curve).map(|metric| point(10, metric)).collect();
     Outcome::Completed(Results { curve, decisions: decisions(), ..results() })
 }
 
@@ -260,7 +261,7 @@ fn attempts_of_two_stores_are_numbered_on() {
     source.run(&seed(1), &completed());
     let mut target = Sample::new();
     // The target has metrics in another order than the source.
-    let first = CurvePoint { episode: 10, metric: "epsilon", value: 0.5 };
+    let first = CurvePoint { episode: 10, metric: EPSILON, value: 0.5 };
     target.run(&seed(7), &Outcome::Completed(Results { curve: vec![first], ..results() }));
     target.run(&seed(1), &Outcome::Interrupted);
     assert_eq!(target.became(&source.path), ["copied"; 2]);

@@ -2,7 +2,7 @@
 
 use crate::agent::{OutOfMemory, TrainedEpisode};
 use crate::external::{Episodes, ProgramError, Update};
-use crate::job::{Failure, FailureKind, Outcome, Phase, Results};
+use crate::job::{Failure, FailureKind, MetricName, Outcome, Phase, Results};
 use crate::job::{Job, counted};
 use crate::train::control::TrainingControl;
 use crate::train::curve::CurveRecorder;
@@ -146,9 +146,12 @@ impl<'j> TrainingRecord<'j> {
     pub(super) fn results(self, test: Test) -> Results {
         let trained = self.episodes();
         // A program may train for fewer episodes than its budget allows.
-        let known =
-            self.job.evaluation.first_returns().filter(|(episodes, _)| *episodes <= trained);
-        let known: Vec<&str> = known.map(|(_, name)| name).collect();
+        let known = self
+            .job
+            .evaluation
+            .first_returns()
+            .filter(|metric| metric.first_episodes() <= Some(trained));
+        let known: Vec<MetricName> = known.collect();
         let first = |_: &Tested, curve: &CurveRecorder| {
             curve.first_returns().filter(|metric| known.contains(&metric.name)).collect()
         };

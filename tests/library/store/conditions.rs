@@ -2,8 +2,8 @@
 
 use std::ops::ControlFlow;
 
-use jitai::job::{Condition, DataPart, Scalar};
-use jitai::job::{Outcome, Results};
+use jitai::job::metric::MEAN_RETURN;
+use jitai::job::{Condition, DataPart, Outcome, Results, Scalar};
 use jitai::key::{Parameter, Value};
 use jitai::manifest::{self, Manifest};
 use jitai::plan;
@@ -122,7 +122,7 @@ fn a_condition_selects_the_same_jobs_in_memory_and_in_sql() {
         experiment: "sweep".to_owned(),
         conditions,
         columns: columns.map(str::to_owned).to_vec(),
-        part: DataPart::Metric("mean_return"),
+        part: DataPart::Metric(MEAN_RETURN),
     };
     let mut sizes = std::collections::BTreeSet::new();
     let mut agree = |conditions: Vec<Condition>| {

@@ -4,10 +4,9 @@ use std::path::{Path, PathBuf};
 
 use jitai::agent::{Agent, DecisionRule, DuelingDqn, Reinforce, RuleParameters};
 use jitai::env::{Population, StepCount};
-use jitai::job::Evaluation;
-use jitai::job::Job;
+use jitai::job::metric::{MEAN_RETURN, metrics_of};
 use jitai::job::{
-    ActionCount, CURVE_METRICS, CurvePoint, Failure, FailureKind, METRICS, Metric, Outcome,
+    ActionCount, CurvePoint, Evaluation, Failure, FailureKind, Job, Metric, MetricPlace, Outcome,
     Provenance, Results, TestEpisode,
 };
 use jitai::store::{Claim, Claimed, Experiment, Isolation, RetryFailed, SessionId, Store};
@@ -130,10 +129,10 @@ pub fn rule(sigma: f64, seed: u64) -> Job {
 pub fn results() -> Results {
     Results {
         metrics: (1..)
-            .zip(METRICS)
-            .map(|(i, m)| Metric { name: m.0, value: f64::from(i) })
+            .zip(metrics_of(MetricPlace::Test))
+            .map(|(i, name)| Metric { name, value: f64::from(i) })
             .collect(),
-        curve: vec![CurvePoint { episode: 10, metric: "mean_return", value: 7.5 }],
+        curve: vec![CurvePoint { episode: 10, metric: MEAN_RETURN, value: 7.5 }],
         episodes: vec![
             TestEpisode { total_reward: 2500.0, length: 50, disengaged: false },
             TestEpisode { total_reward: 310.0, length: 7, disengaged: true },
@@ -174,9 +173,13 @@ pub fn realistic(job: &Job) -> Results {
     };
     let stride = job.evaluation.curve_stride;
     Results {
-        metrics: METRICS.iter().map(|m| Metric { name: m.0, value: uniform() }).collect(),
+        metrics: metrics_of(MetricPlace::Test)
+            .map(|name| Metric { name, value: uniform() })
+            .collect(),
         curve: (1..=job.agent.episodes() / stride)
-            .flat_map(|point| CURVE_METRICS[..metrics].iter().map(move |m| (point * stride, m.0)))
+            .flat_map(|point| {
+                metrics_of(MetricPlace::Curve).take(metrics).map(move |m| (point * stride, m))
+            })
             .map(|(episode, metric)| CurvePoint { episode, metric, value: uniform() })
             .collect(),
         episodes: (0..job.evaluation.test_episodes)
