@@ -177,7 +177,7 @@ test-python: ## tests of the Python module, with Gymnasium's current and oldest 
 	$(MAKE) python-sb3
 	$(PIP_SB3) install "hypothesis>=6.100" pytest
 	$(PIP_SB3) install --force-reinstall --no-deps target/wheels/jitai-*.whl
-	cd python && ../target/python-sb3/bin/pytest --quiet tests/test_gymnasium.py tests/test_equality.py tests/test_sb3.py tests/test_external.py tests/test_docs.py
+	cd python && ../target/python-sb3/bin/pytest --quiet tests/test_gymnasium.py tests/test_equality.py tests/test_sb3.py tests/test_external.py tests/test_environment.py tests/test_docs.py
 	$(PIP_SB3) install --no-deps --upgrade --target target/python-sb3/current gymnasium
 	cd python && PYTHONPATH=$(CURDIR)/target/python-sb3/current ../target/python-sb3/bin/pytest --quiet tests/test_sb3.py -k "not learn"
 

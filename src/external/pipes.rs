@@ -1,16 +1,24 @@
-//! The pipes of a program: threads read its output and write its input, so that jitai can limit every wait.
+//! The pipes of a program. Every wait for the program has a limit.
 
 use std::collections::VecDeque;
-use std::io::{self, BufRead, BufReader, Read, Write};
-use std::sync::mpsc::{self, Receiver, Sender, SyncSender};
+use std::io::{self, Read, Write};
+use std::os::fd::AsFd;
+use std::process::{ChildStdin, ChildStdout};
+use std::sync::atomic::{AtomicUsize, Ordering};
+use std::sync::mpsc::{self, Receiver, Sender};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::thread;
-use std::time::Duration;
+use std::time::{Duration, Instant};
+
+use rustix::event::{PollFd, PollFlags, Timespec, poll};
 
 use super::message::shown;
 
-/// Capacity of the queue of unhandled lines; a full queue blocks the program.
-const LINES_AHEAD: usize = 16;
+/// Number of bytes that are read at once.
+const BLOCK: usize = 1 << 14;
+/// Maximum size of a message that is written at once if the pipe has room: the size that POSIX guarantees a
+/// pipe with any room to take without a wait.
+const SMALL: usize = 512;
 /// Number of lines of standard error that are kept, and maximum bytes of each.
 const TAIL_LINES: usize = 8;
 const TAIL_BYTES: usize = 300;
@@ -26,49 +34,128 @@ pub(super) enum Line {
     TooLong(Vec<u8>),
 }
 
-/// Sends every line of `output` until its end; `longest` is the maximum length of a line, in bytes.
-pub(super) fn read_lines(
-    output: impl Read + Send + 'static,
+/// The lines of standard output.
+pub(super) struct Lines<Output = ChildStdout> {
+    output: Output,
+    /// Bytes that were read and belong to no line yet.
+    bytes: Vec<u8>,
+    /// The number of these bytes in which no line break was found.
+    searched: usize,
+    /// Maximum length of a line, in bytes.
     longest: usize,
-) -> io::Result<Receiver<Line>> {
-    let (sender, lines) = mpsc::sync_channel(LINES_AHEAD);
-    spawn("program's output", move || send_lines(output, longest, &sender))?;
-    Ok(lines)
+    has_ended: bool,
 }
 
-fn send_lines(output: impl Read, longest: usize, sender: &SyncSender<Line>) {
-    let mut output = BufReader::new(output);
-    loop {
-        let mut line = Vec::new();
-        let most = longest as u64 + 1;
-        match output.by_ref().take(most).read_until(b'\n', &mut line) {
-            Ok(0) | Err(_) => return,
-            Ok(_) => {}
+/// The result of a wait for a line.
+#[derive(Debug)]
+pub(super) enum Next {
+    /// A line.
+    Line(Line),
+    /// No line has come yet.
+    Nothing,
+    /// Standard output has been read to its end, or to a line that is too long.
+    End,
+}
+
+impl<Output: Read + AsFd> Lines<Output> {
+    /// The lines of `output` with at most `longest` bytes each.
+    pub(super) fn of(output: Output, longest: usize) -> Self {
+        Lines { output, bytes: Vec::new(), searched: 0, longest, has_ended: false }
+    }
+
+    /// The next line, if it comes within `wait`.
+    pub(super) fn next(&mut self, wait: Duration) -> Next {
+        let deadline = Instant::now() + wait;
+        loop {
+            if let Some(line) = self.read_before() {
+                return Next::Line(line);
+            }
+            if self.has_ended {
+                return Next::End;
+            }
+            let left = deadline.saturating_duration_since(Instant::now());
+            if !is_ready(&self.output, PollFlags::IN, left) {
+                return Next::Nothing;
+            }
+            let before = self.bytes.len();
+            self.bytes.resize(before + BLOCK, 0);
+            let read = self.output.read(&mut self.bytes[before..]);
+            self.bytes.truncate(before + read.as_ref().copied().unwrap_or(0));
+            self.has_ended = match read {
+                Ok(length) => length == 0,
+                Err(error) => error.kind() != io::ErrorKind::Interrupted,
+            };
         }
-        let is_whole = line.pop_if(|last| *last == b'\n').is_some();
+    }
+
+    /// A line that has been read already.
+    fn read_before(&mut self) -> Option<Line> {
+        let found = self.bytes[self.searched..].iter().position(|byte| *byte == b'\n');
+        let end = found.map(|found| self.searched + found);
+        if end.unwrap_or(self.bytes.len()) > self.longest {
+            self.has_ended = true;
+            let mut line = std::mem::take(&mut self.bytes);
+            line.truncate(self.longest + 1);
+            self.searched = 0;
+            return Some(Line::TooLong(line));
+        }
+        let is_last = self.has_ended && !self.bytes.is_empty();
+        let Some(end) = end.or(is_last.then_some(self.bytes.len())) else {
+            self.searched = self.bytes.len();
+            return None;
+        };
+        let rest = self.bytes.split_off((end + 1).min(self.bytes.len()));
+        let mut line = std::mem::replace(&mut self.bytes, rest);
+        self.searched = 0;
+        line.truncate(end);
         line.pop_if(|last| *last == b'\r');
-        let is_too_long = !is_whole && line.len() > longest;
-        let line = if is_too_long { Line::TooLong(line) } else { Line::Whole(line) };
-        // Stops at a closed receiver, and after a line that is too long.
-        if sender.send(line).is_err() || is_too_long {
-            return;
-        }
+        Some(Line::Whole(line))
     }
 }
 
-/// Writes everything that is sent to `input`, and closes `input` once all senders are dropped. A program
-/// that does not read blocks only this thread.
-pub(super) fn write_all(mut input: impl Write + Send + 'static) -> io::Result<Sender<Vec<u8>>> {
-    let (sender, bytes) = mpsc::channel::<Vec<u8>>();
-    spawn("program's input", move || {
-        for bytes in bytes {
-            // The program has closed its input; the reading side detects its end.
-            if input.write_all(&bytes).and_then(|()| input.flush()).is_err() {
-                return;
+/// Whether a pipe can be read or written, or has been closed at its other end, within `wait`.
+fn is_ready(pipe: &impl AsFd, how: PollFlags, wait: Duration) -> bool {
+    let wait = Timespec::try_from(wait).ok();
+    poll(&mut [PollFd::new(pipe, how)], wait.as_ref()).is_ok_and(|ready| ready > 0)
+}
+
+/// Standard input.
+pub(super) struct Input {
+    pipe: Arc<ChildStdin>,
+    /// Messages that a thread writes.
+    later: Sender<Vec<u8>>,
+    /// The number of these messages that are not written yet.
+    waiting: Arc<AtomicUsize>,
+}
+
+impl Input {
+    /// The standard input of a program. It is closed once this value is dropped and everything is written.
+    pub(super) fn of(pipe: ChildStdin) -> io::Result<Input> {
+        let (later, messages) = mpsc::channel::<Vec<u8>>();
+        let (pipe, waiting) = (Arc::new(pipe), Arc::new(AtomicUsize::new(0)));
+        let (to, left) = (Arc::clone(&pipe), Arc::clone(&waiting));
+        spawn("program's input", move || {
+            for bytes in messages {
+                // The program has closed its input; the reading side detects its end.
+                if (&*to).write_all(&bytes).is_err() {
+                    return;
+                }
+                left.fetch_sub(1, Ordering::Release);
             }
+        })?;
+        Ok(Input { pipe, later, waiting })
+    }
+
+    /// Writes a message, now or in a thread, which alone waits if the program does not read.
+    pub(super) fn write(&self, bytes: Vec<u8>) {
+        let is_free = bytes.len() <= SMALL && self.waiting.load(Ordering::Acquire) == 0;
+        if is_free && is_ready(&*self.pipe, PollFlags::OUT, Duration::ZERO) {
+            let _ = (&*self.pipe).write_all(&bytes);
+            return;
         }
-    })?;
-    Ok(sender)
+        self.waiting.fetch_add(1, Ordering::Relaxed);
+        let _ = self.later.send(bytes);
+    }
 }
 
 /// The last lines of standard error.
@@ -182,12 +269,28 @@ mod tests {
         assert_eq!(Tail::of(io::empty()).unwrap().said(), "");
     }
 
+    fn lines_of(text: Vec<u8>) -> Vec<Result<Vec<u8>, String>> {
+        let (output, mut input) = io::pipe().unwrap();
+        let writer = thread::spawn(move || input.write_all(&text));
+        let mut lines = Lines::of(output, LONGEST_LINE);
+        let mut found = Vec::new();
+        loop {
+            match lines.next(Duration::from_secs(1)) {
+                Next::Line(line) => found.push(line.whole("a message")),
+                Next::Nothing => {}
+                Next::End => break,
+            }
+        }
+        drop(lines);
+        let _ = writer.join().unwrap();
+        found
+    }
+
     #[test]
     fn lines_are_cut_at_their_breaks_and_long_ones_end_the_reading() {
-        let text = [&b"one\r\n\ntwo"[..], b"\n", &vec![b'y'; LONGEST_LINE + 5]].concat();
-        let lines = read_lines(io::Cursor::new(text), LONGEST_LINE).unwrap();
-        let lines: Vec<Result<Vec<u8>, String>> =
-            lines.iter().map(|line| line.whole("a message")).collect();
+        let text =
+            [&b"one\r\n\ntwo"[..], b"\n", &vec![b'y'; LONGEST_LINE + 5], b"\nthree"].concat();
+        let lines = lines_of(text);
         assert_eq!(lines[..3], [Ok(b"one".to_vec()), Ok(Vec::new()), Ok(b"two".to_vec())]);
         let fault = lines[3].as_ref().unwrap_err();
         assert!(
@@ -195,5 +298,25 @@ mod tests {
             "{fault}"
         );
         assert_eq!(lines.len(), 4);
+        let long = [&vec![b'z'; LONGEST_LINE][..], b"\nlast"].concat();
+        assert_eq!(
+            lines_of(long.clone()),
+            [Ok(long[..LONGEST_LINE].to_vec()), Ok(b"last".to_vec())]
+        );
+        assert_eq!(lines_of(b"a\n".to_vec()), [Ok(b"a".to_vec())]);
+        assert!(lines_of(Vec::new()).is_empty());
+    }
+
+    #[test]
+    fn a_wait_for_a_line_ends_and_keeps_what_was_read() {
+        let (output, mut input) = io::pipe().unwrap();
+        let mut lines = Lines::of(output, LONGEST_LINE);
+        input.write_all(b"half").unwrap();
+        assert!(matches!(lines.next(Duration::from_millis(5)), Next::Nothing));
+        input.write_all(b" a line\nnext\n").unwrap();
+        for expected in ["half a line", "next"] {
+            let Next::Line(Line::Whole(line)) = lines.next(Duration::ZERO) else { panic!() };
+            assert_eq!(line, expected.as_bytes());
+        }
     }
 }

@@ -5,7 +5,6 @@ use std::io;
 use std::os::unix::process::{CommandExt, ExitStatusExt};
 use std::path::Path;
 use std::process::{Child, Command, ExitStatus, Stdio};
-use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender};
 use std::thread;
 use std::time::{Duration, Instant};
 
@@ -14,7 +13,7 @@ use serde::Serialize;
 
 use super::error::ProgramError;
 use super::message::Message;
-use super::pipes::{Line, Tail, read_lines, write_all};
+use super::pipes::{Input, Lines, Next, Tail};
 use super::watchdog::Watchdog;
 
 /// Interval of the checks for a stop and for the end of the program.
@@ -37,8 +36,8 @@ pub struct Program {
     child: Child,
     group: Option<Pid>,
     /// `None` once its input is closed.
-    to: Option<Sender<Vec<u8>>>,
-    from: Receiver<Line>,
+    to: Option<Input>,
+    from: Lines,
     tail: Tail,
     /// `None` once the group has been killed.
     watchdog: Option<Watchdog>,
@@ -85,10 +84,10 @@ impl Program {
         let piped = "a pipe was asked for";
         let (input, output) = (child.stdin.take().expect(piped), child.stdout.take().expect(piped));
         let errors = child.stderr.take().expect(piped);
-        let pipes =
-            || Ok((write_all(input)?, read_lines(output, longest_line)?, Tail::of(errors)?));
+        let from = Lines::of(output, longest_line);
+        let pipes = || Ok((Input::of(input)?, Tail::of(errors)?));
         match pipes() {
-            Ok((to, from, tail)) => Ok(Program {
+            Ok((to, tail)) => Ok(Program {
                 command: shown.to_owned(),
                 child,
                 group,
@@ -111,7 +110,7 @@ impl Program {
         let mut line = serde_json::to_vec(message).expect("messages are finite numbers and texts");
         line.push(b'\n');
         if let Some(to) = &self.to {
-            let _ = to.send(line);
+            to.write(line);
         }
     }
 
@@ -129,15 +128,15 @@ impl Program {
             if stop() {
                 return Err(ProgramError::Stopped);
             }
-            let line = match self.from.recv_timeout(LOOK) {
-                Ok(line) => line,
+            let line = match self.from.next(LOOK) {
+                Next::Line(line) => line,
                 // A process that the program left behind can keep its output open.
-                Err(RecvTimeoutError::Timeout) if self.has_ended() => match self.from.try_recv() {
-                    Ok(line) => line,
-                    Err(_) => return Err(self.ended(expected, when, stop)),
+                Next::Nothing if self.has_ended() => match self.from.next(Duration::ZERO) {
+                    Next::Line(line) => line,
+                    Next::Nothing | Next::End => return Err(self.ended(expected, when, stop)),
                 },
-                Err(RecvTimeoutError::Timeout) => continue,
-                Err(RecvTimeoutError::Disconnected) => return Err(self.ended(expected, when, stop)),
+                Next::Nothing => continue,
+                Next::End => return Err(self.ended(expected, when, stop)),
             };
             let line = line.whole(expected);
             if line.as_ref().is_ok_and(|line| line.trim_ascii().is_empty()) {

@@ -76,10 +76,11 @@ def serve(
         }
         spare = [env]
 
-        def lane() -> gymnasium.Env[Any, Any]:
-            return spare.pop() if spare else _made(make, parameters)
+        def singles(lanes: int) -> _Singles:
+            envs = [spare.pop() if spare else _made(make, parameters) for _ in range(lanes)]
+            return _Singles(envs, limit, spare)
 
-        return declared, lambda lanes: _Singles([lane() for _ in range(lanes)], limit)
+        return declared, singles
 
     _serve(probed, description)
 
@@ -112,6 +113,7 @@ class _Arrays:
 
     def __init__(self, lanes: Lanes) -> None:
         self._lanes = lanes
+        self.close: Callable[[], None] = getattr(lanes, "close", lambda: None)
 
     def reset(self, lanes: list[int], seeds: list[int]) -> tuple[Any, dict[str, Any]]:
         return self._lanes.reset(np.array(lanes, np.int64), seeds)
@@ -123,8 +125,10 @@ class _Arrays:
 class _Singles:
     """Gymnasium environments as lanes."""
 
-    def __init__(self, envs: list[gymnasium.Env[Any, Any]], horizon: int) -> None:
-        self._envs, self._horizon = envs, horizon
+    def __init__(
+        self, envs: list[gymnasium.Env[Any, Any]], horizon: int, spare: list[gymnasium.Env[Any, Any]]
+    ) -> None:
+        self._envs, self._horizon, self._spare = envs, horizon, spare
         self._steps = [0] * len(envs)
         space = envs[0].observation_space
         self._flat: Callable[[Any], Any] = lambda observation: observation
@@ -152,6 +156,11 @@ class _Singles:
             results.append((self._flat(observation), reward, terminated, truncated, info))
         rows, rewards, terminated, truncated, infos = zip(*results)
         return rows, rewards, terminated, truncated, _columns(infos)
+
+
+    def close(self) -> None:
+        """Leaves the environments to later lanes."""
+        self._spare.extend(self._envs)
 
 
 def _columns(infos: Iterable[dict[str, Any]]) -> dict[str, Any]:
@@ -237,6 +246,7 @@ class _Set:
 
     def __init__(self, lanes: Any, names: Sequence[str], availability: bool) -> None:
         self._lanes, self._names, self._availability = lanes, names, availability
+        self.close: Callable[[], None] = getattr(lanes, "close", lambda: None)
 
     def reset(self, message: dict[str, Any]) -> str:
         rows, infos = self._lanes.reset(message["lanes"], message["seeds"])
@@ -296,7 +306,7 @@ def _serve(
         if kind == "begin":
             sets[instance] = _Set(make(message["lanes"]), names if message["state"] else (), availability)
         elif kind == "close":
-            del sets[instance]
+            sets.pop(instance).close()
         else:
             write.write(sets[instance].reset(message) if kind == "reset" else sets[instance].step(message))
             write.flush()
