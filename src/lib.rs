@@ -158,6 +158,7 @@ pub mod results {
 /// Environments: the contract and its tests, and the simulation from the paper.
 pub mod environment {
     pub use crate::env::contract::{Clause, Violation, check};
+    pub use crate::env::outside;
     pub use crate::env::{
         Action, ActionSpec, ContextDraw, EpisodeStatus, Feature, FeatureSpec, FirstContext,
         Interface, LaneSet, LaneStreams, OPTIONS, ObservationSpec, Observations,

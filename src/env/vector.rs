@@ -31,7 +31,7 @@ impl Action {
         if count.is_power_of_two() {
             return Action((word & (count as u64 - 1)) as u8);
         }
-        Action((u128::from(word) * count as u128 >> 64) as u8)
+        Action(((u128::from(word) * count as u128) >> 64) as u8)
     }
 
     /// The number of the action, from 0.

@@ -426,7 +426,8 @@ fn every_learner_ends_soon_after_a_failure() {
             )
             .replace("sets = {}", "sets, calls = {}, 0");
         let ppo = Ppo { lanes: 2, steps: 8, minibatches: 2, episodes: 1000, ..Ppo::default() };
-        let makers: [(usize, Box<dyn Fn(OutsideEnvironment) -> Made>); 4] = [
+        type Maker = Box<dyn Fn(OutsideEnvironment) -> Made>;
+        let makers: [(usize, Maker); 4] = [
             (1, Box::new(|env| dueling_dqn_learner(&DuelingDqn::default(), env, 1).unwrap())),
             (1, Box::new(|env| reinforce_learner(&Reinforce::default(), env, 1).unwrap())),
             (
