@@ -258,17 +258,16 @@ impl Kind {
         }
     }
 
-    /// Values that may make a job smaller than this value does: the least number or list, or other
-    /// words. None for kinds that do not determine the size of a job, such as real numbers.
-    pub fn lesser(self, value: &Value) -> Vec<Value> {
-        let others = match self {
-            Kind::Integer { min, .. } => vec![Value::Integer(min)],
-            Kind::Flag => vec![Value::Flag(false)],
-            Kind::Choice(words) => words.iter().copied().map(Value::Choice).collect(),
-            Kind::Widths { .. } => vec![Value::Wholes(vec![1])],
-            _ => Vec::new(),
-        };
-        others.into_iter().filter(|other| other != value).collect()
+    /// The value with which a job is smallest: the least number or list, `false`, or the first word.
+    /// `None` for kinds that do not determine the size of a job, such as real numbers.
+    pub fn smallest(self) -> Option<Value> {
+        match self {
+            Kind::Integer { min, .. } => Some(Value::Integer(min)),
+            Kind::Flag => Some(Value::Flag(false)),
+            Kind::Choice(words) => words.first().copied().map(Value::Choice),
+            Kind::Widths { .. } => Some(Value::Wholes(vec![1])),
+            _ => None,
+        }
     }
 
     /// The description of the values, to follow "expected".

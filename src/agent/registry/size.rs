@@ -13,11 +13,7 @@ impl Algorithm {
     /// Whether sizes can depend on a parameter; they depend neither on real numbers nor on texts.
     pub fn is_sized_by(&self, parameter: Parameter) -> bool {
         let kind = self.kinds().find(|(known, _)| *known == parameter).map(|(_, kind)| kind);
-        match kind {
-            Some(Kind::Integer { .. } | Kind::Flag | Kind::Choice(_) | Kind::Widths { .. }) => true,
-            Some(_) => false,
-            None => parameter == Parameter::SCENARIO,
-        }
+        kind.map_or(parameter == Parameter::SCENARIO, |kind| kind.smallest().is_some())
     }
 
     fn kinds(&self) -> impl Iterator<Item = (Parameter, Kind)> {
@@ -44,8 +40,7 @@ impl Algorithm {
             other.is_none_or(|other| other.size < size.size || other.most > size.most)
         };
         let adds = |(parameter, kind): &(Parameter, Kind)| {
-            let lesser = assignment.value(*parameter).map(|value| kind.lesser(value));
-            lesser.into_iter().flatten().any(|value| is_smaller(*parameter, value))
+            kind.smallest().is_some_and(|value| is_smaller(*parameter, value))
         };
         let adding: Vec<Parameter> =
             self.kinds().filter(adds).map(|(parameter, _)| parameter).collect();
