@@ -47,10 +47,16 @@ pub(super) fn absent(draft: &Draft, manifest: &Manifest, condition: &Condition) 
     if draft.is_invalid(*parameter) {
         return None;
     }
+    // Without an agent, scenarios and seeds are known all the same.
+    let of_job = match *parameter {
+        Parameter::SCENARIO => &manifest.scenarios[..],
+        Parameter::SEED => &manifest.seeds[..],
+        _ => &[],
+    };
     let of_agent = |agent| manifest.values(agent, *parameter).unwrap_or_default();
     let unread = draft.unread_agents.iter().flatten().cloned().map(Value::Text);
     let unread: Vec<Value> = unread.filter(|_| *parameter == Parameter::AGENT_NAME).collect();
-    first_absent(condition, manifest.agents.iter().flat_map(of_agent).chain(&unread))
+    first_absent(condition, manifest.agents.iter().flat_map(of_agent).chain(of_job).chain(&unread))
 }
 
 fn first_absent<'m>(
