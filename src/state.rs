@@ -5,7 +5,9 @@
 //! their length. The module uses no files and no checksums. Bytes from other code are rejected if
 //! they do not fit, and have no defined meaning if they do.
 
+use std::collections::{BTreeMap, VecDeque};
 use std::io::{self, Read, Write};
+use std::ops::Range;
 
 use crate::rng::Stream;
 
@@ -100,21 +102,51 @@ impl Resumable for usize {
     }
 }
 
-/// Any number of values; restoring replaces them.
-impl<T: Resumable + Default> Resumable for Vec<T> {
-    fn save(&self, out: &mut StateWriter<'_>) -> io::Result<()> {
-        out.each(self.iter(), |out, value| value.save(out))
-    }
+macro_rules! collections {
+    ($($collection:ty),*) => {$(
+        /// Any number of values; restoring replaces them.
+        impl<T: Resumable + Default> Resumable for $collection {
+            fn save(&self, out: &mut StateWriter<'_>) -> io::Result<()> {
+                out.one(self.len() as u64)?;
+                self.iter().try_for_each(|value| value.save(out))
+            }
 
-    fn restore(&mut self, from: &mut StateReader<'_>) -> Result<(), StateError> {
-        *self = from.each(usize::MAX, "values", |from| {
-            let mut value = T::default();
-            value.restore(from)?;
-            Ok(value)
-        })?;
-        Ok(())
-    }
+            fn restore(&mut self, from: &mut StateReader<'_>) -> Result<(), StateError> {
+                let count = from.count(usize::MAX, "values")?;
+                let values = (0..count).map(|_| {
+                    let mut value = T::default();
+                    value.restore(from)?;
+                    Ok(value)
+                });
+                *self = values.collect::<Result<_, StateError>>()?;
+                Ok(())
+            }
+        }
+    )*};
 }
+
+collections!(Vec<T>, VecDeque<T>, Box<[T]>);
+
+macro_rules! arrays {
+    ([$($generics:tt)*] $array:ty) => {
+        /// A number of values that the parameters determine; restoring sets each.
+        impl<$($generics)*> Resumable for $array {
+            fn save(&self, out: &mut StateWriter<'_>) -> io::Result<()> {
+                out.each(self.iter(), |out, value| value.save(out))
+            }
+
+            fn restore(&mut self, from: &mut StateReader<'_>) -> Result<(), StateError> {
+                if from.one::<u64>()? != self.len() as u64 {
+                    return Err(StateError::Misfit("counts"));
+                }
+                self.iter_mut().try_for_each(|value| value.restore(from))
+            }
+        }
+    };
+}
+
+arrays!([T: Resumable] [T]);
+arrays!([T: Resumable, const N: usize] [T; N]);
 
 impl<T: Resumable + Default> Resumable for Option<T> {
     fn save(&self, out: &mut StateWriter<'_>) -> io::Result<()> {
@@ -132,27 +164,21 @@ impl<T: Resumable + Default> Resumable for Option<T> {
 
 /// Implements [`Resumable`] for a type by a list of its fields, which are saved and restored in this order.
 ///
-/// Fields stand in up to three groups: fields that are [`Resumable`] themselves; after `fixed`, arrays of numbers
-/// whose lengths the parameters determine; after `grown`, vectors of numbers of any length. The method after `then`
-/// completes a restored value, and returns an error if its parts do not fit each other.
+/// Fields stand in groups: `parts` are [`Resumable`] themselves; `each` are collections whose items are [`Resumable`],
+/// and whose lengths the parameters determine; `fixed` are arrays of numbers whose lengths the parameters determine;
+/// `grown` are vectors of numbers of any length. Between groups, `then` names a method that completes the restored
+/// part, and `check` names a method that returns whether its parts fit each other, and what does not fit otherwise.
 ///
 /// ```text
-/// resumable!([E: Engine] Agent<E> { engine, updates; fixed totals; grown rewards; then fit });
+/// resumable!([E: Engine] Agent<E> { parts engine, updates; fixed totals; grown rewards; check fits, "rewards" });
 /// ```
 macro_rules! resumable {
-    (
-        [$($generics:tt)*] $type:ty {
-            $($($field:tt).+),+
-            $(; fixed $($($fixed:tt).+),+)?
-            $(; grown $($($grown:tt).+),+)?
-            $(; then $then:ident)?
-        }
-    ) => {
+    ([$($generics:tt)*] $type:ty { $($kind:ident $($($field:tt).+),+);* }) => {
+        #[allow(unused_imports, unused_variables)]
         impl<$($generics)*> $crate::state::Resumable for $type {
             fn save(&self, out: &mut $crate::state::StateWriter<'_>) -> std::io::Result<()> {
-                $($crate::state::Resumable::save(&self.$($field).+, out)?;)+
-                $($(out.many(&self.$($fixed).+)?;)+)?
-                $($(out.many(&self.$($grown).+)?;)+)?
+                use $crate::state::Resumable;
+                $($crate::state::resumable!(@save $kind self out $($($field).+),+);)*
                 Ok(())
             }
 
@@ -160,17 +186,72 @@ macro_rules! resumable {
                 &mut self,
                 from: &mut $crate::state::StateReader<'_>,
             ) -> Result<(), $crate::state::StateError> {
-                $($crate::state::Resumable::restore(&mut self.$($field).+, from)?;)+
-                $($(from.fill(&mut self.$($fixed).+, stringify!($($fixed).+))?;)+)?
-                $($(self.$($grown).+ = from.many(usize::MAX, stringify!($($grown).+))?;)+)?
-                $(self.$then()?;)?
+                use $crate::state::Resumable;
+                $($crate::state::resumable!(@restore $kind self from $($($field).+),+);)*
                 Ok(())
             }
+        }
+    };
+    (@save parts $self:ident $out:ident $($($field:tt).+),+) => {
+        $(Resumable::save(&$self.$($field).+, $out)?;)+
+    };
+    (@save each $self:ident $out:ident $($($field:tt).+),+) => {
+        $(for item in $self.$($field).+.iter() {
+            item.save($out)?;
+        })+
+    };
+    (@save fixed $self:ident $out:ident $($($field:tt).+),+) => {
+        $($out.many(&$self.$($field).+)?;)+
+    };
+    (@save grown $self:ident $out:ident $($($field:tt).+),+) => {
+        $($out.many(&$self.$($field).+)?;)+
+    };
+    (@save then $self:ident $out:ident $method:tt) => {};
+    (@save check $self:ident $out:ident $method:tt, $what:tt) => {};
+    (@restore parts $self:ident $from:ident $($($field:tt).+),+) => {
+        $(Resumable::restore(&mut $self.$($field).+, $from)?;)+
+    };
+    (@restore each $self:ident $from:ident $($($field:tt).+),+) => {
+        $(for item in $self.$($field).+.iter_mut() {
+            item.restore($from)?;
+        })+
+    };
+    (@restore fixed $self:ident $from:ident $($($field:tt).+),+) => {
+        $($from.fill(&mut $self.$($field).+, stringify!($($field).+))?;)+
+    };
+    (@restore grown $self:ident $from:ident $($($field:tt).+),+) => {
+        $($self.$($field).+ = $from.many(usize::MAX, stringify!($($field).+))?;)+
+    };
+    (@restore then $self:ident $from:ident $method:tt) => {
+        $self.$method();
+    };
+    (@restore check $self:ident $from:ident $method:tt, $what:tt) => {
+        if !$self.$method() {
+            return Err($crate::state::StateError::Misfit($what));
         }
     };
 }
 
 pub(crate) use resumable;
+
+impl<K: Resumable + Default + Ord, V: Resumable + Default> Resumable for BTreeMap<K, V> {
+    fn save(&self, out: &mut StateWriter<'_>) -> io::Result<()> {
+        out.each(self.iter(), |out, (key, value)| {
+            key.save(out)?;
+            value.save(out)
+        })
+    }
+
+    fn restore(&mut self, from: &mut StateReader<'_>) -> Result<(), StateError> {
+        let mut pairs = Vec::<(K, V)>::new();
+        pairs.restore(from)?;
+        *self = pairs.into_iter().collect();
+        Ok(())
+    }
+}
+
+resumable!([T: Resumable] Range<T> { parts start, end });
+resumable!([K: Resumable, V: Resumable] (K, V) { parts 0, 1 });
 
 /// Writes a state.
 pub struct StateWriter<'a>(&'a mut dyn Write);

@@ -1,7 +1,5 @@
 //! Every agent learns in environments of two, three and seven actions.
 
-use std::io;
-
 use crate::agent::registry::{
     AlgorithmParameters, dueling_dqn_learner, linear_thompson_learner, ppo_learner,
     reinforce_learner,
@@ -15,7 +13,7 @@ use crate::env::{
     VectorEnvironment, contract,
 };
 use crate::rng::{Purpose, Stream};
-use crate::state::{Resumable, StateError, StateReader, StateWriter};
+use crate::state::{StateReader, StateWriter, resumable};
 
 const COUNTS: [usize; 3] = [2, 3, 7];
 const STEPS: u32 = 5;
@@ -34,17 +32,7 @@ impl Buttons {
     }
 }
 
-impl Resumable for Buttons {
-    fn save(&self, out: &mut StateWriter<'_>) -> io::Result<()> {
-        out.many(&self.clocks)?;
-        self.statuses.save(out)
-    }
-
-    fn restore(&mut self, from: &mut StateReader<'_>) -> Result<(), StateError> {
-        from.fill(&mut self.clocks, "clocks")?;
-        self.statuses.restore(from)
-    }
-}
+resumable!([] Buttons { fixed clocks; each statuses });
 
 impl VectorEnvironment for Buttons {
     fn action_spec(&self) -> ActionSpec {

@@ -27,7 +27,7 @@ pub struct TrainedEpisode {
     pub epsilon: Option<f64>,
 }
 
-resumable!([] TrainedEpisode { number, total_reward, length, terminated, loss_sum, updates, epsilon });
+resumable!([] TrainedEpisode { parts number, total_reward, length, terminated, loss_sum, updates, epsilon });
 
 /// A loss that became infinite or NaN.
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]

@@ -1,7 +1,5 @@
 //! Policies made from networks: the mapping from observations to actions.
 
-use std::io;
-
 use pulp::{Simd, WithSimd};
 
 use crate::agent::Actions;
@@ -9,7 +7,7 @@ use crate::agent::actor::Actor;
 use crate::env::{Action, LaneSet, Observations, VectorEnvironment};
 use crate::kernel::{Isa, LINE, math};
 use crate::rng::{Stream, unit_from_bits};
-use crate::state::{Resumable, StateError, StateReader, StateWriter};
+use crate::state::resumable;
 
 /// A network with one output per action: its value or its logit.
 pub trait ActionNetwork {
@@ -159,20 +157,13 @@ impl<N: ActionNetwork + Send, Env: VectorEnvironment> Actor<Env> for NetworkActo
     }
 }
 
-/// Saves the memory of the episodes, if the network has one; the learner saves the weights.
-impl<N: ActionNetwork> Resumable for NetworkActor<N> {
-    fn save(&self, out: &mut StateWriter<'_>) -> io::Result<()> {
-        if self.network.memory() > 0 { out.many(&self.memory) } else { Ok(()) }
-    }
+// The learner saves the weights.
+resumable!([N: ActionNetwork] NetworkActor<N> { grown memory; check fits, "memory" });
 
-    fn restore(&mut self, from: &mut StateReader<'_>) -> Result<(), StateError> {
-        const WHAT: &str = "memory";
-        let width = self.network.memory();
-        if width == 0 {
-            return Ok(());
-        }
-        self.memory = from.many(usize::MAX, WHAT)?;
-        if self.memory.len().is_multiple_of(width) { Ok(()) } else { Err(StateError::Misfit(WHAT)) }
+impl<N: ActionNetwork> NetworkActor<N> {
+    /// Whether the memory is of whole episodes.
+    fn fits(&self) -> bool {
+        self.memory.len().is_multiple_of(self.network.memory())
     }
 }
 

@@ -4,7 +4,6 @@
 //! reinforcement learning", 1992; Karine et al. (2023), equations 1 to 3. Equation 3 prints the
 //! discount as gamma^(t-k), but means gamma^(k-t).
 
-use std::io;
 use std::ops::Range;
 
 use crate::agent::actor::{Actor, StepObserver};
@@ -20,7 +19,7 @@ use crate::env::{
 use crate::kernel::Isa;
 use crate::key::{Keyed, Kind, keys};
 use crate::rng::{Purpose, Stream};
-use crate::state::{Resumable, StateError, StateReader, StateWriter};
+use crate::state::{Resumable, resumable};
 
 keys! {
     /// Hyper-parameters of REINFORCE; the defaults reproduce the published figures.
@@ -323,82 +322,38 @@ impl<E: ReinforceEngine, Env: VectorEnvironment> Learner<Env> for ReinforceLearn
     }
 }
 
-impl<E: ReinforceEngine, Env: VectorEnvironment> Resumable for ReinforceLearner<E, Env> {
-    fn save(&self, out: &mut StateWriter<'_>) -> io::Result<()> {
-        self.engine.save(out)?;
-        out.one(self.updates)?;
-        self.environment_streams.save(out)?;
-        self.exploration_stream.save(out)?;
-        self.environment.save(out)?;
-        // Between two updates, the trajectories are no longer needed.
-        if self.environment.any_running() { self.workspace.save(out) } else { Ok(()) }
-    }
+resumable!([E: ReinforceEngine, Env: VectorEnvironment] ReinforceLearner<E, Env> {
+    parts engine, updates, environment_streams, exploration_stream, environment, workspace;
+    check fits, "trajectories"
+});
 
-    fn restore(&mut self, from: &mut StateReader<'_>) -> Result<(), StateError> {
-        self.engine.restore(from)?;
-        self.updates = from.one()?;
-        self.environment_streams.restore(from)?;
-        self.exploration_stream.restore(from)?;
-        self.environment.restore(from)?;
-        if !self.environment.any_running() {
-            return Ok(());
-        }
-        self.workspace.restore(from)?;
+impl<E: ReinforceEngine, Env: VectorEnvironment> ReinforceLearner<E, Env> {
+    /// Whether the trajectories consist of actions of the environment.
+    fn fits(&self) -> bool {
         let count = self.environment.action_spec().count;
         let Trajectories { actions, preferences, .. } = &self.workspace.trajectories;
-        let fits = preferences.len() == actions.len() * count
-            && actions.iter().all(|action| action.index() < count);
-        if fits { Ok(()) } else { Err(StateError::Misfit("trajectories")) }
+        preferences.len() == actions.len() * count
+            && actions.iter().all(|action| action.index() < count)
     }
 }
 
-/// Saves the trajectories sampled so far.
-impl Resumable for Workspace {
-    fn save(&self, out: &mut StateWriter<'_>) -> io::Result<()> {
-        self.trajectories.observations.save(out)?;
-        save_actions(&self.trajectories.actions, out)?;
-        out.many(&self.trajectories.preferences)?;
-        out.each(self.positions.iter(), |out, rows| out.one(rows.start as u64))?;
-        out.each(self.positions.iter(), |out, rows| out.one(rows.end as u64))?;
-        out.many(&self.rewards)?;
-        out.many(&self.totals)?;
-        out.many(&self.lengths)
-    }
+// Saves the trajectories sampled so far.
+resumable!([] Workspace {
+    parts trajectories.observations, trajectories.actions, positions;
+    grown trajectories.preferences, rewards;
+    fixed totals, lengths;
+    check fits, "trajectories"
+});
 
-    fn restore(&mut self, from: &mut StateReader<'_>) -> Result<(), StateError> {
-        const WHAT: &str = "trajectories";
-        let Trajectories { observations, actions, preferences, .. } = &mut self.trajectories;
-        observations.restore(from)?;
-        *actions = restore_actions(from)?;
-        *preferences = from.many(usize::MAX, WHAT)?;
-        let rows = observations.rows();
-        let starts: Vec<u64> = from.many(rows, WHAT)?;
-        let ends: Vec<u64> = from.many(starts.len(), WHAT)?;
-        self.rewards = from.many(usize::MAX, WHAT)?;
-        from.fill(&mut self.totals, WHAT)?;
-        from.fill(&mut self.lengths, WHAT)?;
-        let ranges = starts.iter().zip(&ends).map(|(start, end)| *start as usize..*end as usize);
-        self.positions = ranges.collect();
-        let paid = self.rewards.len();
-        let fits = starts.len() == ends.len()
-            && actions.len() == rows
+impl Workspace {
+    /// Whether the trajectories are consistent.
+    fn fits(&self) -> bool {
+        let (rows, paid) = (self.trajectories.observations.rows(), self.rewards.len());
+        self.trajectories.actions.len() == rows
             && paid.is_multiple_of(self.lengths.len())
             && self.positions.iter().all(|rows| rows.start <= rows.end && rows.end <= paid)
-            && self.positions.iter().map(Range::len).sum::<usize>() == rows;
-        if fits { Ok(()) } else { Err(StateError::Misfit(WHAT)) }
+            && self.positions.iter().map(Range::len).sum::<usize>() == rows
     }
-}
-
-/// Writes the number of actions, then the actions.
-fn save_actions(actions: &[Action], out: &mut StateWriter<'_>) -> io::Result<()> {
-    out.each(actions.iter(), |out, action| out.one(action.index() as u8))
-}
-
-/// Reads the actions that [`save_actions`] wrote.
-fn restore_actions(from: &mut StateReader<'_>) -> Result<Vec<Action>, StateError> {
-    from.each(usize::MAX, "actions", |from| {
-        Action::from_index(from.one::<u8>()?.into()).ok_or(StateError::Misfit("actions"))
-    })
 }
 
 #[cfg(test)]

@@ -1,13 +1,12 @@
 //! The replay buffer, and random draws from it.
 
 use std::collections::BTreeMap;
-use std::io;
 
 use crate::agent::{OutOfMemory, reserve, reserve_exact};
 use crate::env::{Action, EpisodeStatus, Observations};
 use crate::key::choices;
 use crate::rng::Stream;
-use crate::state::{Resumable, StateError, StateReader, StateWriter};
+use crate::state::resumable;
 
 /// One step of the agent, without observations.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -44,6 +43,9 @@ pub struct Batch {
     pub targets: Vec<f32>,
 }
 
+/// The features and the moment of an observation.
+type Closing = (Vec<f32>, Option<u32>);
+
 /// The latest transitions; once `capacity` is reached, new ones overwrite the oldest.
 ///
 /// The buffer grows as it fills. It stores only the state before a transition. The state after it
@@ -69,7 +71,7 @@ pub struct Replay {
     /// The state after the latest transition.
     latest: Observations,
     /// States after truncated transitions, by position; kept only if targets need them.
-    closings: BTreeMap<usize, Observations>,
+    closings: BTreeMap<usize, Closing>,
     terminal_target: TerminalTarget,
     sampled: Sampled,
 }
@@ -125,7 +127,7 @@ impl Replay {
         if (transition.status, self.terminal_target)
             == (EpisodeStatus::Truncated, TerminalTarget::Standard)
         {
-            self.closings.insert(position, after.clone());
+            self.closings.insert(position, (after.row(0).to_vec(), after.moment(0)));
         }
         Ok(())
     }
@@ -171,12 +173,9 @@ impl Replay {
     /// it is the final state if targets need it, and otherwise an arbitrary state.
     pub fn push_after(&self, position: usize, out: &mut Observations) {
         let successor = (position + 1) % self.capacity;
-        let kept = match self.closings.get(&position) {
-            Some(closing) => Some(closing),
-            None => (successor == self.next).then_some(&self.latest),
-        };
-        match kept {
-            Some(after) => out.push(after.row(0), after.moment(0)),
+        match self.closings.get(&position) {
+            Some((features, moment)) => out.push(features, *moment),
+            None if successor == self.next => out.push(self.latest.row(0), self.latest.moment(0)),
             None => self.push_before(successor, out),
         }
     }
@@ -223,53 +222,39 @@ impl Replay {
     }
 }
 
-impl Resumable for Replay {
-    fn save(&self, out: &mut StateWriter<'_>) -> io::Result<()> {
-        out.one(self.next as u64)?;
-        out.many(&self.features)?;
-        out.many(&self.moments)?;
-        out.many(&self.rewards)?;
-        out.many(&self.steps)?;
-        out.many(&self.targets)?;
-        self.latest.save(out)?;
-        out.each(self.closings.iter(), |out, (position, closing)| {
-            out.one(*position as u64)?;
-            closing.save(out)
-        })
+resumable!([] Replay {
+    parts next;
+    grown features, moments, rewards, steps, targets;
+    parts latest, closings;
+    check is_whole, "transitions";
+    then find_known
+});
+
+impl Replay {
+    /// Whether the arrays are of the same transitions, up to the next position.
+    fn is_whole(&self) -> bool {
+        let stored = self.steps.len();
+        let moments = if self.one_hot > 0 { stored } else { 0 };
+        let lengths = [self.features.len(), self.moments.len(), self.rewards.len()];
+        let closing = |(position, (features, moment)): (&usize, &Closing)| {
+            *position < stored
+                && features.len() == self.width
+                && moment.is_some() == (self.one_hot > 0)
+                && moment.is_none_or(|moment| (moment as usize) < self.one_hot)
+        };
+        stored <= self.capacity
+            && lengths == [stored * self.width, moments, stored]
+            && self.targets.len() == stored
+            && self.latest.rows() == stored.min(1)
+            && self.closings.iter().all(closing)
+            // Until the buffer is full, the next transition is appended.
+            && if stored < self.capacity { self.next == stored } else { self.next < stored }
     }
 
-    fn restore(&mut self, from: &mut StateReader<'_>) -> Result<(), StateError> {
-        const WHAT: &str = "transitions";
-        let next = from.one::<u64>()? as usize;
-        self.features = from.many(self.capacity.saturating_mul(self.width), WHAT)?;
-        self.moments = from.many(self.capacity, WHAT)?;
-        self.rewards = from.many(self.capacity, WHAT)?;
-        self.steps = from.many(self.capacity, WHAT)?;
-        self.targets = from.many(self.capacity, WHAT)?;
-        self.latest.restore(from)?;
-        let stored = self.steps.len();
-        let closings = from.each(stored, WHAT, |from| {
-            let position = from.one::<u64>()? as usize;
-            let mut closing = self.latest.clone();
-            closing.restore(from)?;
-            Ok((position, closing))
-        })?;
-        let moments = if self.one_hot > 0 { stored } else { 0 };
-        let lengths = [self.moments.len(), self.rewards.len(), self.targets.len()];
-        let whole = self.features.len() == stored * self.width
-            && lengths == [moments, stored, stored]
-            && self.latest.rows() == stored.min(1)
-            && closings.iter().all(|(position, closing)| *position < stored && closing.rows() == 1);
-        // Until the buffer is full, the next transition is appended.
-        let fits = if stored < self.capacity { next == stored } else { next < stored };
-        if !(whole && fits) {
-            return Err(StateError::Misfit(WHAT));
-        }
-        self.next = next;
-        self.closings = closings.into_iter().collect();
+    /// Lists the positions with known targets.
+    fn find_known(&mut self) {
         let known = (0..).zip(&self.targets).filter(|(_, target)| !target.is_nan());
         self.known = known.map(|(position, _)| position).collect();
-        Ok(())
     }
 }
 

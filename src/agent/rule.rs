@@ -1,7 +1,5 @@
 //! Decision rules that need no training, with which researchers compare agents.
 
-use std::io;
-
 use crate::agent::actor::Actor;
 use crate::agent::unavailable::certain;
 use crate::env::{
@@ -11,7 +9,7 @@ use crate::env::{
 use crate::key::{KeyType, Keyed, Kind, choices, keys};
 use crate::optimum::{NoOptimum, OptimalPolicy};
 use crate::rng::Stream;
-use crate::state::{Resumable, StateError, StateReader, StateWriter};
+use crate::state::resumable;
 
 keys! {
     /// A decision rule that needs no training.
@@ -193,16 +191,8 @@ impl Actor for RulePolicy {
     }
 }
 
-/// A rule has no memory.
-impl Resumable for RulePolicy {
-    fn save(&self, _: &mut StateWriter<'_>) -> io::Result<()> {
-        Ok(())
-    }
-
-    fn restore(&mut self, _: &mut StateReader<'_>) -> Result<(), StateError> {
-        Ok(())
-    }
-}
+// A rule has no memory.
+resumable!([] RulePolicy {});
 
 /// Why a text is not a rule.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]

@@ -19,7 +19,7 @@ use crate::env::{
 };
 use crate::key::Keyed;
 use crate::rng::{Purpose, Stream};
-use crate::state::{Resumable, StateError, StateReader, StateWriter};
+use crate::state::resumable;
 
 /// Maximum size of a file of trajectories, in bytes.
 const MOST_BYTES: u64 = 100_000_000;
@@ -164,17 +164,12 @@ impl Actor for RecordedActions {
     }
 }
 
-impl Resumable for RecordedActions {
-    fn save(&self, out: &mut StateWriter<'_>) -> io::Result<()> {
-        out.one(self.taken as u64)
-    }
+resumable!([] RecordedActions { parts taken; check fits, "recorded actions" });
 
-    fn restore(&mut self, from: &mut StateReader<'_>) -> Result<(), StateError> {
-        let taken = usize::try_from(from.one::<u64>()?).ok();
-        self.taken = taken
-            .filter(|taken| *taken <= self.actions.len())
-            .ok_or(StateError::Misfit("recorded actions"))?;
-        Ok(())
+impl RecordedActions {
+    /// Whether the taken actions are recorded.
+    fn fits(&self) -> bool {
+        self.taken <= self.actions.len()
     }
 }
 

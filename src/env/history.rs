@@ -1,10 +1,8 @@
 //! Stacked observations: the last observations of an episode in one row.
 
-use std::io;
-
 use crate::env::observation::{FeatureSpec, ObservationSpec, Observations};
 use crate::env::vector::{EpisodeStatus, LaneSet};
-use crate::state::{Resumable, StateError, StateReader, StateWriter};
+use crate::state::resumable;
 
 /// The observations of earlier steps in every lane.
 ///
@@ -98,15 +96,7 @@ impl History {
     }
 }
 
-impl Resumable for History {
-    fn save(&self, out: &mut StateWriter<'_>) -> io::Result<()> {
-        out.many(&self.past)
-    }
-
-    fn restore(&mut self, from: &mut StateReader<'_>) -> Result<(), StateError> {
-        from.fill(&mut self.past, "earlier observations")
-    }
-}
+resumable!([] History { fixed past });
 
 #[cfg(test)]
 mod tests {

@@ -1,10 +1,9 @@
 //! Observations: rows of numbers that agents see, and their specification.
 
 use std::collections::TryReserveError;
-use std::io;
 use std::ops::Range;
 
-use crate::state::{Resumable, StateError, StateReader, StateWriter};
+use crate::state::resumable;
 
 /// The specification of an observation: features, and an optional one-hot of time.
 #[derive(Clone, Debug, PartialEq)]
@@ -154,26 +153,14 @@ impl Observations {
     }
 }
 
-impl Resumable for Observations {
-    fn save(&self, out: &mut StateWriter<'_>) -> io::Result<()> {
-        out.many(self.features())?;
-        out.many(self.moments())
-    }
+resumable!([] Observations { grown features, moments; check fits, "observations" });
 
-    fn restore(&mut self, from: &mut StateReader<'_>) -> Result<(), StateError> {
-        const WHAT: &str = "observations";
-        let features: Vec<f32> = from.many(usize::MAX, WHAT)?;
-        let moments: Vec<u32> = from.many(usize::MAX, WHAT)?;
-        let rows = features.len() / self.width();
-        let expected = if self.one_hot() > 0 { rows } else { 0 };
-        let whole = features.len().is_multiple_of(self.width()) && moments.len() == expected;
-        if !whole || moments.iter().any(|moment| *moment as usize >= self.one_hot()) {
-            return Err(StateError::Misfit(WHAT));
-        }
-        self.clear();
-        for (row, features) in features.chunks_exact(self.width()).enumerate() {
-            self.push(features, moments.get(row).copied());
-        }
-        Ok(())
+impl Observations {
+    /// Whether the arrays are of whole rows, with moments of the one-hot.
+    fn fits(&self) -> bool {
+        let moments = if self.one_hot > 0 { self.rows() } else { 0 };
+        self.features.len().is_multiple_of(self.width)
+            && self.moments.len() == moments
+            && self.moments.iter().all(|moment| (*moment as usize) < self.one_hot)
     }
 }

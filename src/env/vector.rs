@@ -40,7 +40,7 @@ impl Action {
     }
 }
 
-resumable!([] Action { 0 });
+resumable!([] Action { parts 0 });
 
 /// Whether an episode is running, and how it ended if not.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -71,18 +71,13 @@ impl EpisodeStatus {
     }
 }
 
-impl Resumable for [EpisodeStatus] {
+impl Resumable for EpisodeStatus {
     fn save(&self, out: &mut StateWriter<'_>) -> std::io::Result<()> {
-        out.each(self.iter(), |out, status| out.one(status.number()))
+        out.one(*self as u8)
     }
 
     fn restore(&mut self, from: &mut StateReader<'_>) -> Result<(), StateError> {
-        let misfit = StateError::Misfit("statuses");
-        let mut numbers = vec![0u8; self.len()];
-        from.fill(&mut numbers, "statuses")?;
-        let statuses: Option<Vec<_>> =
-            numbers.into_iter().map(EpisodeStatus::from_number).collect();
-        self.copy_from_slice(&statuses.ok_or(misfit)?);
+        *self = EpisodeStatus::from_number(from.one()?).ok_or(StateError::Misfit("statuses"))?;
         Ok(())
     }
 }

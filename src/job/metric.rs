@@ -118,6 +118,13 @@ pub fn metrics_of(place: MetricPlace) -> impl Iterator<Item = MetricName> + Clon
     METRICS.iter().copied().filter(move |metric| metric.is_in(place))
 }
 
+/// The mean return.
+impl Default for MetricName {
+    fn default() -> Self {
+        MEAN_RETURN
+    }
+}
+
 impl MetricName {
     /// The metric of this name.
     pub fn named(name: &str) -> Option<MetricName> {

@@ -16,7 +16,7 @@ pub struct Metric {
 }
 
 /// One value of a learning curve.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, Default, PartialEq)]
 pub struct CurvePoint {
     /// Training episodes finished, counted from 1.
     pub episode: u32,
@@ -27,7 +27,7 @@ pub struct CurvePoint {
 }
 
 /// One episode of the test, by its position.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct TestEpisode {
     /// Undiscounted return.
     pub total_reward: f64,
@@ -38,16 +38,17 @@ pub struct TestEpisode {
 }
 
 /// A phase of a job in which decisions are made.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Phase {
     /// The training.
+    #[default]
     Train,
     /// The test of the trained agent.
     Test,
 }
 
 /// One step of an episode: observation, action with its probability, and reward.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, Default, PartialEq)]
 pub struct Decision {
     /// Whether the episode belongs to the training or to the test.
     pub phase: Phase,
@@ -88,7 +89,7 @@ impl Decision {
 }
 
 /// The value of a parameter of a participant. A participant takes part in one episode.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct ParticipantValue {
     /// Whether the episode belongs to the training or to the test.
     pub phase: Phase,

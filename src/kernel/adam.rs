@@ -27,12 +27,12 @@ const RENEWED_AT: f64 = 1e-3;
 pub struct Adam {
     learning_rate: f64,
     epsilon: f64,
-    first: Aligned,
-    second: Aligned,
+    pub(crate) first: Aligned,
+    pub(crate) second: Aligned,
     /// beta_1 and beta_2 to the power of the number of updates.
-    powers: [f64; 2],
+    pub(crate) powers: [f64; 2],
     /// beta_1 and beta_2 to the power of the number of updates since the last rescaling.
-    decays: [f64; 2],
+    pub(crate) decays: [f64; 2],
 }
 
 impl Adam {
@@ -56,17 +56,6 @@ impl Adam {
     /// Sets the step size of later updates.
     pub fn set_learning_rate(&mut self, learning_rate: f64) {
         self.learning_rate = learning_rate;
-    }
-
-    /// The complete state: the stored first and second moments of every parameter; and beta_1 and beta_2 to
-    /// the power of all updates and of the updates since the last rescaling.
-    pub fn state(&self) -> ([&[f32]; 2], [[f64; 2]; 2]) {
-        ([&self.first, &self.second], [self.powers, self.decays])
-    }
-
-    /// The mutable counterpart of [`Adam::state`].
-    pub fn state_mut(&mut self) -> ([&mut [f32]; 2], [&mut [f64; 2]; 2]) {
-        ([&mut self.first, &mut self.second], [&mut self.powers, &mut self.decays])
     }
 
     /// Updates the parameters by their gradient and sets the gradient to 0.

@@ -8,7 +8,7 @@ use std::io;
 
 use crate::agent::{OutOfMemory, TrainedEpisode, reserve};
 use crate::job::{CurvePoint, Metric, MetricName, MetricPlace};
-use crate::state::{Resumable, StateError, StateReader, StateWriter};
+use crate::state::{Resumable, StateError, StateReader, StateWriter, resumable};
 
 /// The number of episodes in the average of the reported recent return.
 const RECENT: usize = 100;
@@ -125,38 +125,19 @@ impl CurveRecorder {
     }
 }
 
-impl Resumable for CurveRecorder {
+resumable!([] CurveRecorder { parts episodes, since_point, points, recent; each first });
+resumable!([] FirstReturn { parts sum });
+resumable!([] CurvePoint { parts episode, metric, value });
+
+impl Resumable for MetricName {
     fn save(&self, out: &mut StateWriter<'_>) -> io::Result<()> {
-        out.one(self.episodes)?;
-        out.each(self.since_point.iter(), |out, episode| episode.save(out))?;
-        out.each(self.points.iter(), |out, point| {
-            let metric = metrics_of(MetricPlace::Curve).position(|metric| metric == point.metric);
-            out.one(point.episode)?;
-            out.one(metric.expect("every metric of a curve is listed") as u8)?;
-            out.one(point.value)
-        })?;
-        out.each(self.recent.iter(), |out, recent| out.one(*recent))?;
-        out.each(self.first.iter(), |out, first| out.one(first.sum))
+        let place = metrics_of(MetricPlace::Curve).position(|metric| metric == *self);
+        out.one(place.expect("every metric of a curve is listed") as u8)
     }
 
     fn restore(&mut self, from: &mut StateReader<'_>) -> Result<(), StateError> {
-        const WHAT: &str = "points of the curve";
-        self.episodes = from.one()?;
-        self.since_point = from.each(self.stride as usize, WHAT, |from| {
-            let mut episode = TrainedEpisode::default();
-            episode.restore(from)?;
-            Ok(episode)
-        })?;
-        self.points = from.each(usize::MAX, WHAT, |from| {
-            let episode = from.one()?;
-            let metric = metrics_of(MetricPlace::Curve).nth(usize::from(from.one::<u8>()?));
-            let metric = metric.ok_or(StateError::Misfit(WHAT))?;
-            Ok(CurvePoint { episode, metric, value: from.one()? })
-        })?;
-        self.recent = from.many::<f64>(RECENT, WHAT)?.into();
-        let mut sums = vec![0.0; self.first.len()];
-        from.fill(&mut sums, "returns of the first episodes")?;
-        self.first.iter_mut().zip(sums).for_each(|(first, sum)| first.sum = sum);
+        let listed = metrics_of(MetricPlace::Curve).nth(usize::from(from.one::<u8>()?));
+        *self = listed.ok_or(StateError::Misfit("points of the curve"))?;
         Ok(())
     }
 }

@@ -1,11 +1,9 @@
 //! The log of decisions: every step of the episodes of a training or a test.
 
-use std::io;
-
 use crate::agent::{OutOfMemory, StepObserver, Unavailable, reserve};
 use crate::env::{Action, EpisodeStatus, PhysicalActivity, VectorEnvironment};
 use crate::job::{Decision, ParticipantValue, Phase};
-use crate::state::{Resumable, StateError, StateReader, StateWriter};
+use crate::state::resumable;
 
 /// Records the decisions of one phase of a job.
 ///
@@ -122,59 +120,20 @@ impl StepObserver<PhysicalActivity> for DecisionLog {
     }
 }
 
-/// Between two steps, every decision has its reward.
-impl Resumable for DecisionLog {
-    fn save(&self, out: &mut StateWriter<'_>) -> io::Result<()> {
-        out.one(self.begun)?;
-        out.many(&self.episodes)?;
-        out.each(self.decisions.iter(), |out, decision| {
-            out.one(decision.episode)?;
-            out.one(decision.step)?;
-            out.one(decision.context)?;
-            out.one(decision.probability)?;
-            out.one(decision.likely_context)?;
-            out.one(decision.habituation)?;
-            out.one(decision.disengagement)?;
-            out.one(u8::from(decision.available))?;
-            out.one(u8::from(decision.can_send))?;
-            out.one(decision.chosen)?;
-            out.one(decision.action)?;
-            out.many(&decision.probabilities)?;
-            out.one(decision.reward)
-        })?;
-        out.each(self.participants.iter(), |out, value| {
-            out.one(value.episode)?;
-            out.one(value.parameter)?;
-            out.one(value.value)
-        })
-    }
+// Between two steps, every decision has its reward.
+resumable!([] DecisionLog { parts begun, decisions, participants; grown episodes; then set_phase });
 
-    fn restore(&mut self, from: &mut StateReader<'_>) -> Result<(), StateError> {
-        const WHAT: &str = "decisions";
-        self.begun = from.one()?;
-        self.episodes = from.many(usize::MAX, WHAT)?;
-        self.decisions = from.each(usize::MAX, WHAT, |from| {
-            Ok(Decision {
-                phase: self.phase,
-                episode: from.one()?,
-                step: from.one()?,
-                context: from.one()?,
-                probability: from.one()?,
-                likely_context: from.one()?,
-                habituation: from.one()?,
-                disengagement: from.one()?,
-                available: from.one::<u8>()? != 0,
-                can_send: from.one::<u8>()? != 0,
-                chosen: from.one()?,
-                action: from.one()?,
-                probabilities: from.many(*Action::COUNTS.end(), WHAT)?.into(),
-                reward: from.one()?,
-            })
-        })?;
-        self.participants = from.each(usize::MAX, "participants", |from| {
-            let (episode, parameter) = (from.one()?, from.one()?);
-            Ok(ParticipantValue { phase: self.phase, episode, parameter, value: from.one()? })
-        })?;
-        Ok(())
+resumable!([] Decision {
+    parts episode, step, context, probability, likely_context, habituation, disengagement, available, can_send, chosen,
+    action, probabilities, reward
+});
+
+resumable!([] ParticipantValue { parts episode, parameter, value });
+
+impl DecisionLog {
+    /// Sets the phase of restored decisions and participants.
+    fn set_phase(&mut self) {
+        self.decisions.iter_mut().for_each(|decision| decision.phase = self.phase);
+        self.participants.iter_mut().for_each(|value| value.phase = self.phase);
     }
 }

@@ -24,7 +24,7 @@ impl RollStreams {
     }
 }
 
-resumable!([] RollStreams { environment, actions });
+resumable!([] RollStreams { parts environment, actions });
 
 /// Begins an episode in every lane.
 pub fn begin<Env: VectorEnvironment + ?Sized>(

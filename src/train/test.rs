@@ -1,7 +1,5 @@
 //! The test episodes of a trained agent and their results.
 
-use std::io;
-
 use crate::agent::{Actor, OutOfMemory, StepObserver, reserve_exact};
 use crate::env::{
     Action, ContextDraw, EpisodeStatus, LaneSet, OPTIONS, ParticipantSampler, PhysicalActivity,
@@ -14,14 +12,12 @@ use crate::job::{
     ActionCount, Decision, Metric, PROBABILITY_BINS, ParticipantValue, Phase, TestEpisode,
 };
 use crate::job::{Job, MetricName};
-use crate::state::{Resumable, StateError, StateReader, StateWriter};
+use crate::state::resumable;
 use crate::train::decision_log::DecisionLog;
 use crate::train::roll::{Choose, RollStreams, begin, roll, roll_by};
 
 /// The number of episodes that advance in lockstep. Results depend on it, because lanes share streams.
 const LANES: usize = 1000;
-
-const UNPLAYED: TestEpisode = TestEpisode { total_reward: 0.0, length: 0, disengaged: false };
 
 /// A test in progress.
 pub(super) struct Test {
@@ -165,7 +161,7 @@ impl Test {
         if batch.played.is_empty() {
             let lanes = LANES.min(left);
             batch.environment = batch.environment.with_lanes(lanes);
-            batch.played = vec![UNPLAYED; lanes];
+            batch.played = vec![TestEpisode::default(); lanes];
             begin(&mut batch.environment, streams);
         }
         Ok(())
@@ -199,6 +195,7 @@ impl Test {
             episode.disengaged = *status == EpisodeStatus::Terminated && *time <= horizon;
         }
         self.played.append(&mut batch.played);
+        self.prepare_batch();
         Ok(())
     }
 
@@ -269,46 +266,29 @@ impl StepObserver<PhysicalActivity> for Player<'_> {
     }
 }
 
-impl Resumable for Test {
-    fn save(&self, out: &mut StateWriter<'_>) -> io::Result<()> {
-        self.streams.save(out)?;
-        out.many(self.counts.0.as_flattened().as_flattened())?;
-        self.log.iter().try_for_each(|log| log.save(out))?;
-        out.one(self.costs)?;
-        out.each(self.played.iter(), save_episode)?;
-        out.each(self.batch.played.iter(), save_episode)?;
-        if self.batch.played.is_empty() { Ok(()) } else { self.batch.environment.save(out) }
+resumable!([] Test {
+    parts streams, counts.0, costs, played, batch.played;
+    each log;
+    check fits, "test episodes";
+    then prepare_batch;
+    parts batch.environment
+});
+
+resumable!([] TestEpisode { parts total_reward, length, disengaged });
+
+impl Test {
+    /// Whether a batch is as large as it should be.
+    fn fits(&self) -> bool {
+        self.episodes.checked_sub(self.played.len()).is_some_and(|left| {
+            let lanes = self.batch.played.len();
+            lanes == 0 || lanes == LANES.min(left)
+        })
     }
 
-    fn restore(&mut self, from: &mut StateReader<'_>) -> Result<(), StateError> {
-        const WHAT: &str = "test episodes";
-        self.streams.restore(from)?;
-        from.fill(self.counts.0.as_flattened_mut().as_flattened_mut(), "counts of actions")?;
-        self.log.iter_mut().try_for_each(|log| log.restore(from))?;
-        self.costs = from.one()?;
-        self.played = from.each(self.episodes, WHAT, restore_episode)?;
-        let most = LANES.min(self.episodes - self.played.len());
-        self.batch.played = from.each(most, WHAT, restore_episode)?;
-        match self.batch.played.len() {
-            0 => Ok(()),
-            lanes if lanes == most => {
-                self.batch.environment = self.batch.environment.with_lanes(lanes);
-                self.batch.environment.restore(from)
-            }
-            _ => Err(StateError::Misfit(WHAT)),
-        }
+    /// Gives the environment a lane for every episode of the batch.
+    fn prepare_batch(&mut self) {
+        self.batch.environment = self.batch.environment.with_lanes(self.batch.played.len());
     }
-}
-
-fn save_episode(out: &mut StateWriter<'_>, episode: &TestEpisode) -> io::Result<()> {
-    out.one(episode.total_reward)?;
-    out.one(episode.length)?;
-    out.one(u8::from(episode.disengaged))
-}
-
-fn restore_episode(from: &mut StateReader<'_>) -> Result<TestEpisode, StateError> {
-    let (total_reward, length) = (from.one()?, from.one()?);
-    Ok(TestEpisode { total_reward, length, disengaged: from.one::<u8>()? != 0 })
 }
 
 impl Tested {

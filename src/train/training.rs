@@ -1,6 +1,5 @@
 //! A job in progress: its learner, curve and test, and the part of them that a checkpoint holds.
 
-use std::io;
 use std::time::Duration;
 
 use crate::agent::{
@@ -8,7 +7,7 @@ use crate::agent::{
 };
 use crate::job::Job;
 use crate::job::{Failure, FailureKind, Metric, Phase, Results};
-use crate::state::{Resumable, StateError, StateReader, StateWriter};
+use crate::state::resumable;
 use crate::train::curve::CurveRecorder;
 use crate::train::decision_log::DecisionLog;
 use crate::train::progress::TrainingProgress;
@@ -221,33 +220,23 @@ pub(super) fn out_of_memory(error: &OutOfMemory, episode: u32) -> Failure {
     Failure { kind: FailureKind::OutOfMemory, message, episode }
 }
 
-impl Resumable for Training<'_> {
-    fn save(&self, out: &mut StateWriter<'_>) -> io::Result<()> {
-        self.learner.iter().try_for_each(|learner| learner.save(out))?;
-        self.curve.save(out)?;
-        self.log.iter().try_for_each(|log| log.save(out))?;
-        self.test.save(out)?;
-        match &self.actor {
-            Some(actor) if self.test.has_begun() => actor.save(out),
-            Some(_) | None => Ok(()),
-        }
-    }
+resumable!([] Training<'_> {
+    each learner;
+    parts curve;
+    each log;
+    parts test;
+    check prepares_actor, "weights";
+    each actor
+});
 
-    fn restore(&mut self, from: &mut StateReader<'_>) -> Result<(), StateError> {
-        self.learner.iter_mut().try_for_each(|learner| learner.restore(from))?;
-        self.curve.restore(from)?;
-        self.log.iter_mut().try_for_each(|log| log.restore(from))?;
-        self.test.restore(from)?;
-        if !self.test.has_begun() {
-            return Ok(());
+impl Training<'_> {
+    /// Makes the actor of a test that has begun; returns false if a weight is not finite.
+    fn prepares_actor(&mut self) -> bool {
+        if self.actor.is_none() && self.test.has_begun() {
+            self.actor = self.trained().ok();
+            return self.actor.is_some();
         }
-        let mut actor = match self.actor.take() {
-            Some(actor) => actor,
-            None => self.trained().map_err(|_| StateError::Misfit("weights"))?,
-        };
-        actor.restore(from)?;
-        self.actor = Some(actor);
-        Ok(())
+        true
     }
 }
 
@@ -260,6 +249,7 @@ mod tests {
     use crate::env::{Action, LaneSet, PhysicalActivity, Population, StepCount, VectorEnvironment};
     use crate::job::Evaluation;
     use crate::rng::Stream;
+    use crate::state::{Resumable, StateReader, StateWriter};
 
     /// An actor whose choices depend on every kind of state that an actor can have.
     #[derive(Default)]
@@ -305,20 +295,7 @@ mod tests {
         }
     }
 
-    impl Resumable for Remembering {
-        fn save(&self, out: &mut StateWriter<'_>) -> io::Result<()> {
-            out.many(&self.steps)?;
-            out.many(&self.recent)?;
-            out.one(self.good)
-        }
-
-        fn restore(&mut self, from: &mut StateReader<'_>) -> Result<(), StateError> {
-            self.steps = from.many(usize::MAX, "steps")?;
-            self.recent = from.many(usize::MAX, "rewards")?;
-            self.good = from.one()?;
-            Ok(())
-        }
-    }
+    resumable!([] Remembering { parts good; grown steps, recent });
 
     fn started(job: &Job) -> Training<'_> {
         let mut training = Training::new(job).unwrap();

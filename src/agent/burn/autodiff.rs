@@ -108,7 +108,7 @@ impl<P: PolicyGradient> ReinforceEngine for AutodiffPolicy<P> {
     }
 }
 
-resumable!([P: PolicyGradient] AutodiffPolicy<P> { matrices });
+resumable!([P: PolicyGradient] AutodiffPolicy<P> { parts matrices });
 
 #[cfg(test)]
 mod tests {

@@ -215,4 +215,4 @@ impl ActionNetwork for RecurrentActorCritic {
     }
 }
 
-resumable!([N: BurnActorCritic] BurnPpo<N> { network });
+resumable!([N: BurnActorCritic] BurnPpo<N> { parts network });

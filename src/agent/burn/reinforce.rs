@@ -65,4 +65,4 @@ impl ReinforceEngine for BurnReinforce {
     }
 }
 
-resumable!([] BurnReinforce { network });
+resumable!([] BurnReinforce { parts network });

@@ -8,7 +8,7 @@ use burn::tensor::{Gradients, Tensor, TensorData};
 
 use crate::agent::burn::numbers;
 use crate::kernel::{Adam, Aligned, Isa, LANES, clip_norm};
-use crate::state::{Resumable, StateError, StateReader, StateWriter};
+use crate::state::{StateError, StateReader, StateWriter, resumable};
 
 /// A module, its parameters as one array, and Adam on that array.
 ///
@@ -78,19 +78,7 @@ impl<M: Module> Trainer<M> {
     }
 }
 
-impl<M: Module> Resumable for Trainer<M> {
-    fn save(&self, out: &mut StateWriter<'_>) -> io::Result<()> {
-        out.many(&self.parameters)?;
-        self.adam.save(out)
-    }
-
-    fn restore(&mut self, from: &mut StateReader<'_>) -> Result<(), StateError> {
-        from.fill(&mut self.parameters, "weights")?;
-        self.adam.restore(from)?;
-        self.renew();
-        Ok(())
-    }
-}
+resumable!([M: Module] Trainer<M> { parts adam; fixed parameters; then renew });
 
 /// Saves the parameters of a module without an optimiser.
 pub(super) fn save_parameters(module: &impl Module, out: &mut StateWriter<'_>) -> io::Result<()> {
@@ -178,6 +166,7 @@ mod tests {
     use crate::agent::burn::{PolicyNetwork, device, matrix};
     use crate::agent::{Reinforce, layers};
     use crate::rng::{Purpose, Stream};
+    use crate::state::Resumable;
 
     fn network() -> PolicyNetwork {
         let parameters = Reinforce { layers: vec![5, 3], ..Reinforce::default() };

@@ -1,13 +1,12 @@
 //! A replay buffer of whole episodes, and sequences of steps drawn from it.
 
 use std::collections::VecDeque;
-use std::io;
 
 use crate::agent::memory::{self, OutOfMemory, reserve};
 use crate::agent::replay::{Replay, Sampled, TerminalTarget, Transition};
 use crate::env::{Action, EpisodeStatus, Observations};
 use crate::rng::Stream;
-use crate::state::{Resumable, StateError, StateReader, StateWriter};
+use crate::state::resumable;
 
 /// Name of the memory in messages.
 const BATCH: &str = "a batch of episodes";
@@ -83,7 +82,7 @@ impl SequenceBatch {
 }
 
 /// A stored episode: the position of its first transition, and its length.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 struct Episode {
     start: usize,
     len: usize,
@@ -248,38 +247,21 @@ impl EpisodeReplay {
     }
 }
 
-impl Resumable for EpisodeReplay {
-    fn save(&self, out: &mut StateWriter<'_>) -> io::Result<()> {
-        self.replay.save(out)?;
-        out.each(self.episodes.iter(), |out, episode| {
-            out.one(episode.start as u64)?;
-            out.one(episode.len as u64)
-        })?;
-        out.one(self.running as u64)
-    }
+resumable!([] Episode { parts start, len });
+resumable!([] EpisodeReplay { parts replay, episodes, running; check is_whole, "episodes" });
 
-    fn restore(&mut self, from: &mut StateReader<'_>) -> Result<(), StateError> {
-        const WHAT: &str = "episodes";
-        self.replay.restore(from)?;
+impl EpisodeReplay {
+    /// Whether the episodes are stored and adjacent, up to the running one.
+    fn is_whole(&self) -> bool {
         let (stored, capacity) = (self.replay.len(), self.replay.capacity());
-        let episodes = from.each(stored, WHAT, |from| {
-            let (start, len) = (from.one::<u64>()? as usize, from.one::<u64>()? as usize);
-            let fits = start < stored && (1..=stored).contains(&len);
-            if fits { Ok(Episode { start, len }) } else { Err(StateError::Misfit(WHAT)) }
-        })?;
-        self.running = from.one::<u64>()? as usize;
-        // Episodes must be adjacent, up to the running one.
-        let follow = episodes
-            .windows(2)
-            .all(|pair| (pair[0].start + pair[0].len) % capacity == pair[1].start);
-        let ends = episodes.last().is_none_or(|last| {
-            (last.start + last.len + self.running) % capacity == self.replay.next_position()
-        });
-        let transitions = episodes.iter().map(|episode| episode.len).sum::<usize>();
-        if !(follow && ends && transitions <= stored) {
-            return Err(StateError::Misfit(WHAT));
-        }
-        self.episodes = episodes.into();
-        Ok(())
+        let is_stored =
+            |episode: &Episode| episode.start < stored && (1..=stored).contains(&episode.len);
+        let mut pairs = self.episodes.iter().zip(self.episodes.iter().skip(1));
+        self.episodes.iter().all(is_stored)
+            && pairs.all(|(one, next)| (one.start + one.len) % capacity == next.start)
+            && self.episodes.back().is_none_or(|last| {
+                (last.start + last.len + self.running) % capacity == self.replay.next_position()
+            })
+            && self.episodes.iter().map(|episode| episode.len).sum::<usize>() <= stored
     }
 }

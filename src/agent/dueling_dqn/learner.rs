@@ -12,7 +12,7 @@ use crate::agent::policy::{Choice, NetworkActor, best};
 use crate::agent::replay::{Batch, Replay};
 use crate::agent::weights::Weights;
 use crate::env::{Action, Observations, PhysicalActivity, VectorEnvironment};
-use crate::state::{StateError, resumable};
+use crate::state::resumable;
 
 /// A dueling DQN in training, one episode at a time.
 pub struct DuelingDqnLearner<E, Env = PhysicalActivity> {
@@ -95,10 +95,9 @@ impl<E: DuelingDqnEngine, Env: VectorEnvironment> DuelingDqnLearner<E, Env> {
         Ok(())
     }
 
-    /// Checks that the stored actions are actions of the environment.
-    fn fit(&self) -> Result<(), StateError> {
-        let fits = self.replay.fits(self.play.actions());
-        if fits { Ok(()) } else { Err(StateError::Misfit("actions")) }
+    /// Whether the stored actions are actions of the environment.
+    fn fits(&self) -> bool {
+        self.replay.fits(self.play.actions())
     }
 
     /// The action with the highest value in the current observation.
@@ -168,4 +167,4 @@ impl<E: DuelingDqnEngine, Env: VectorEnvironment> Learner<Env> for DuelingDqnLea
     }
 }
 
-resumable!([E: DuelingDqnEngine, Env: VectorEnvironment] DuelingDqnLearner<E, Env> { engine, replay, play; then fit });
+resumable!([E: DuelingDqnEngine, Env: VectorEnvironment] DuelingDqnLearner<E, Env> { parts engine, replay, play; check fits, "actions" });

@@ -11,7 +11,7 @@ use crate::agent::replay::Transition;
 use crate::agent::unavailable::certain;
 use crate::env::{Action, EpisodeStatus, LaneSet, LaneStreams, Observations, VectorEnvironment};
 use crate::rng::{Purpose, Stream};
-use crate::state::{StateError, resumable};
+use crate::state::resumable;
 
 /// The running episode of a dueling DQN, and its progress in training.
 pub(super) struct Play<Env> {
@@ -105,9 +105,8 @@ impl<Env: VectorEnvironment> Play<Env> {
     }
 
     /// Between steps, the environment itself gives the current observation.
-    fn observe(&mut self) -> Result<(), StateError> {
+    fn observe(&mut self) {
         self.environment.observe(&mut self.observation);
-        Ok(())
     }
 
     /// Makes the observation after a step the current one.
@@ -151,6 +150,6 @@ impl<Env: VectorEnvironment> Play<Env> {
 }
 
 resumable!([Env: VectorEnvironment] Play<Env> {
-    epsilon, updates, environment, episode, environment_streams, exploration_stream, replay_stream;
+    parts epsilon, updates, environment, episode, environment_streams, exploration_stream, replay_stream;
     then observe
 });

@@ -18,7 +18,7 @@ use crate::agent::memory::OutOfMemory;
 use crate::agent::policy::{ActionNetwork, Choice, NetworkActor, best};
 use crate::agent::weights::Weights;
 use crate::env::{Observations, PhysicalActivity, VectorEnvironment};
-use crate::state::{Resumable, StateError, resumable};
+use crate::state::{Resumable, resumable};
 
 /// The engine of the recurrent dueling DQN, which trains a dueling network with a memory.
 pub trait RecurrentDqnEngine: Resumable {
@@ -110,10 +110,9 @@ impl<E: RecurrentDqnEngine, Env: VectorEnvironment> RecurrentDqnLearner<E, Env> 
         }
     }
 
-    /// Checks that the stored actions are actions of the environment.
-    fn fit(&self) -> Result<(), StateError> {
-        let fits = self.replay.fits(self.play.actions());
-        if fits { Ok(()) } else { Err(StateError::Misfit("actions")) }
+    /// Whether the stored actions are actions of the environment.
+    fn fits(&self) -> bool {
+        self.replay.fits(self.play.actions())
     }
 
     /// Takes one step in the running episode and stores it; returns the step's part of the return.
@@ -175,4 +174,4 @@ impl<E: RecurrentDqnEngine, Env: VectorEnvironment> Learner<Env> for RecurrentDq
     }
 }
 
-resumable!([E: RecurrentDqnEngine, Env: VectorEnvironment] RecurrentDqnLearner<E, Env> { engine, replay, play; fixed memory; then fit });
+resumable!([E: RecurrentDqnEngine, Env: VectorEnvironment] RecurrentDqnLearner<E, Env> { parts engine, replay, play; fixed memory; check fits, "actions" });

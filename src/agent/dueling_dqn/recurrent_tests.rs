@@ -1,13 +1,11 @@
 //! Tests of the recurrent dueling DQN's learner and replay buffer: the batches that an engine
 //! receives.
 
-use std::io;
-
 use super::*;
 use crate::agent::learner::{Learner, Span};
 use crate::env::{Action, PhysicalActivity, StepCount};
 use crate::rng::{Purpose, Stream};
-use crate::state::{StateError, StateReader, StateWriter};
+use crate::state::{Resumable, StateReader, StateWriter, resumable};
 
 fn observation(number: f32) -> Observations {
     let mut observation = Observations::new(1, 0);
@@ -242,15 +240,7 @@ impl RecurrentDqnEngine for Counting {
     }
 }
 
-impl Resumable for Counting {
-    fn save(&self, _: &mut StateWriter<'_>) -> io::Result<()> {
-        unreachable!("nobody saves it");
-    }
-
-    fn restore(&mut self, _: &mut StateReader<'_>) -> Result<(), StateError> {
-        unreachable!("nobody restores it");
-    }
-}
+resumable!([] Counting {});
 
 #[test]
 fn the_recurrent_dqn_learns_from_the_episodes_that_it_played() {

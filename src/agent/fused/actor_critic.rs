@@ -9,6 +9,7 @@ use crate::agent::ppo::{Losses, Minibatch, Ppo};
 use crate::agent::{Weights, WeightsError};
 use crate::env::Observations;
 use crate::kernel::{Aligned, Isa};
+use crate::state::resumable;
 
 /// Policy and value networks of PPO in flat arrays; as an [`ActionNetwork`] it is the policy.
 #[derive(Clone, Debug)]
@@ -71,6 +72,8 @@ impl ActionNetwork for FusedActorCritic {
         }
     }
 }
+
+resumable!([] FusedActorCritic { fixed parameters });
 
 impl FusedPpoNetwork for FusedActorCritic {
     fn from_weights(

@@ -212,4 +212,4 @@ impl DuelingDqnEngine for FusedDuelingDqn {
 }
 
 // The gradient is not saved, because it is 0 between updates.
-resumable!([] FusedDuelingDqn { adam; fixed network.parameters, target.parameters });
+resumable!([] FusedDuelingDqn { parts adam; fixed network.parameters, target.parameters });

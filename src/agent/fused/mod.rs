@@ -19,7 +19,9 @@ mod recurrent_network;
 mod reinforce;
 mod sequences;
 mod stack;
-mod state;
+
+use crate::kernel::Adam;
+use crate::state::resumable;
 
 pub use actor_critic::FusedActorCritic;
 pub use dueling_dqn::{FusedDuelingDqn, FusedDuelingNetwork};
@@ -27,3 +29,5 @@ pub use ppo::FusedPpo;
 pub use recurrent_actor_critic::FusedRecurrentActorCritic;
 pub use recurrent_dqn::{FusedRecurrentDqn, FusedRecurrentDuelingNetwork};
 pub use reinforce::{FusedPolicyNetwork, FusedReinforce};
+
+resumable!([] Adam { fixed first, second, powers, decays });

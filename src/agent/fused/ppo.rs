@@ -1,7 +1,5 @@
 //! Updates of PPO.
 
-use std::io;
-
 use crate::agent::fused::actor_critic::FusedActorCritic;
 use crate::agent::fused::ppo_loss::{Objective, PpoLoss};
 use crate::agent::fused::ppo_network::FusedPpoNetwork;
@@ -9,7 +7,7 @@ use crate::agent::ppo::{ADAM_EPSILON, Losses, Minibatch, Ppo, PpoEngine};
 use crate::agent::{Shape, Weights, WeightsError};
 use crate::env::Observations;
 use crate::kernel::{Adam, Aligned, Isa, clip_norm};
-use crate::state::{Resumable, StateError, StateReader, StateWriter};
+use crate::state::resumable;
 
 /// The policy and value networks with their optimiser.
 #[derive(Clone, Debug)]
@@ -100,15 +98,5 @@ impl<N: FusedPpoNetwork> PpoEngine for FusedPpo<N> {
     }
 }
 
-impl<N: FusedPpoNetwork> Resumable for FusedPpo<N> {
-    // The gradient is not saved, because it is 0 between updates.
-    fn save(&self, out: &mut StateWriter<'_>) -> io::Result<()> {
-        out.many(self.network.parameters())?;
-        self.adam.save(out)
-    }
-
-    fn restore(&mut self, from: &mut StateReader<'_>) -> Result<(), StateError> {
-        from.fill(self.network.parameters_mut(), "weights")?;
-        self.adam.restore(from)
-    }
-}
+// The gradient is not saved, because it is 0 between updates.
+resumable!([N: FusedPpoNetwork] FusedPpo<N> { parts network, adam });

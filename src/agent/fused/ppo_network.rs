@@ -6,9 +6,10 @@ use crate::agent::ppo::{Losses, Minibatch, Ppo};
 use crate::agent::{Shape, Weights, WeightsError};
 use crate::env::Observations;
 use crate::kernel::{Aligned, Isa};
+use crate::state::Resumable;
 
 /// Networks that PPO trains, in a flat array.
-pub trait FusedPpoNetwork: ActionNetwork + Clone + Send + 'static {
+pub trait FusedPpoNetwork: ActionNetwork + Resumable + Clone + Send + 'static {
     /// Networks with these weights, of this shape.
     ///
     /// **Errors**: an array is missing or of another shape.

@@ -10,6 +10,7 @@ use crate::agent::ppo::{Losses, Minibatch, Ppo, Sequences};
 use crate::agent::{Weights, WeightsError};
 use crate::env::Observations;
 use crate::kernel::{Aligned, Isa};
+use crate::state::resumable;
 
 /// A policy and a value that share a GRU, in a flat array; as an [`ActionNetwork`] it is the
 /// policy.
@@ -47,6 +48,8 @@ impl ActionNetwork for FusedRecurrentActorCritic {
         self.0.step(observations, memory, |logits, _| out.extend_from_slice(logits));
     }
 }
+
+resumable!([] FusedRecurrentActorCritic { fixed 0.parameters });
 
 impl FusedPpoNetwork for FusedRecurrentActorCritic {
     fn from_weights(

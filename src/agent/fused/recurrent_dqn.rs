@@ -173,4 +173,4 @@ impl RecurrentDqnEngine for FusedRecurrentDqn {
 }
 
 // The gradient is not saved, because it is 0 between updates.
-resumable!([] FusedRecurrentDqn { adam; fixed network.0.parameters, target.0.parameters });
+resumable!([] FusedRecurrentDqn { parts adam; fixed network.0.parameters, target.0.parameters });

@@ -223,4 +223,4 @@ impl ReinforceEngine for FusedReinforce {
 }
 
 // The gradient is not saved, because it is 0 between updates.
-resumable!([] FusedReinforce { adam; fixed network.parameters });
+resumable!([] FusedReinforce { parts adam; fixed network.parameters });

@@ -3,7 +3,7 @@
 use crate::agent::Shape;
 use crate::agent::actor::{Actor, StepObserver, reborrowed};
 use crate::agent::learner::{Actions, Learner, LearnerError, Span, TrainedEpisode};
-use crate::agent::linear_thompson::posterior::{Acting, Decision, fit_drawn};
+use crate::agent::linear_thompson::posterior::{Acting, Decision};
 use crate::agent::linear_thompson::sampler::{Sampler, pick};
 use crate::agent::linear_thompson::{Design, LinearThompson, LinearThompsonPolicy, Posterior};
 use crate::agent::weights::Weights;
@@ -11,7 +11,7 @@ use crate::env::{
     EpisodeStatus, LaneSet, LaneStreams, Observations, PhysicalActivity, VectorEnvironment,
 };
 use crate::rng::{Purpose, Stream, unit_from_bits};
-use crate::state::{StateError, resumable};
+use crate::state::resumable;
 
 /// A bandit in training, in an environment of one lane.
 pub struct LinearThompsonLearner<Env = PhysicalActivity> {
@@ -65,9 +65,9 @@ impl<Env: VectorEnvironment> LinearThompsonLearner<Env> {
         }
     }
 
-    /// Checks that coefficients of all regressions are drawn, or none.
-    fn fit(&self) -> Result<(), StateError> {
-        fit_drawn(&self.drawn, &self.acting)
+    /// Whether the drawn coefficients fit the posterior.
+    fn fits(&self) -> bool {
+        self.acting.fits(&self.drawn)
     }
 
     fn is_warm_up(&self) -> bool {
@@ -178,7 +178,7 @@ impl<Env: VectorEnvironment> Learner<Env> for LinearThompsonLearner<Env> {
 }
 
 resumable!([Env: VectorEnvironment] LinearThompsonLearner<Env> {
-    finished, updates, learned, known, acting, environment, episode, environment_streams, exploration_stream;
+    parts finished, updates, learned, known, acting, environment, episode, environment_streams, exploration_stream;
     grown drawn;
-    then fit
+    check fits, "drawn coefficients"
 });

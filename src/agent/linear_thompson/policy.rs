@@ -4,14 +4,14 @@ use std::io;
 
 use crate::agent::Actions;
 use crate::agent::actor::Actor;
-use crate::agent::linear_thompson::posterior::{Acting, Decision, fit_drawn};
+use crate::agent::linear_thompson::posterior::{Acting, Decision};
 use crate::agent::linear_thompson::sampler::Sampler;
 use crate::agent::linear_thompson::{BanditPosterior, Design, LinearThompson, Posterior};
 use crate::agent::unavailable::Unavailable;
 use crate::agent::weights::WeightsError;
 use crate::env::{Action, EpisodeStatus, LaneSet, Observations, VectorEnvironment};
 use crate::rng::Stream;
-use crate::state::{Resumable, StateError, StateReader, StateWriter};
+use crate::state::{Resumable, StateError, StateReader, StateWriter, resumable};
 
 /// The policy of a trained agent.
 ///
@@ -144,21 +144,19 @@ impl<Env: VectorEnvironment> Actor<Env> for LinearThompsonPolicy {
 /// which they start.
 impl Resumable for LinearThompsonPolicy {
     fn save(&self, out: &mut StateWriter<'_>) -> io::Result<()> {
-        out.each(self.lanes.iter(), |out, lane| {
-            lane.acting.iter().try_for_each(|acting| acting.save(out))?;
-            out.many(&lane.drawn)
-        })
+        out.each(self.lanes.iter(), |out, lane| lane.save(out))
     }
 
     fn restore(&mut self, from: &mut StateReader<'_>) -> Result<(), StateError> {
         let own = self.learns.then_some(&self.shared);
         self.lanes = from.each(usize::MAX, "lanes", |from| {
             let mut lane = Lane::new(own, self.sampler.actions());
-            lane.acting.iter_mut().try_for_each(|acting| acting.restore(from))?;
-            lane.drawn = from.many(usize::MAX, "drawn coefficients")?;
-            fit_drawn(&lane.drawn, &self.shared)?;
-            Ok(lane)
+            lane.restore(from)?;
+            let fits = self.shared.fits(&lane.drawn);
+            if fits { Ok(lane) } else { Err(StateError::Misfit("drawn coefficients")) }
         })?;
         Ok(())
     }
 }
+
+resumable!([] Lane { each acting; grown drawn });

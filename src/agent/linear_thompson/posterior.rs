@@ -1,7 +1,6 @@
 //! The posterior of the rewards of all actions.
 
 use std::collections::BTreeMap;
-use std::io;
 
 use nalgebra::{DMatrix, DVector};
 
@@ -11,7 +10,7 @@ use crate::agent::linear_thompson::regression::{Factored, NotPositiveDefinite, R
 use crate::agent::unavailable::certain;
 use crate::agent::weights::{Tensor, Weights, WeightsError};
 use crate::env::Action;
-use crate::state::{Resumable, StateError, StateReader, StateWriter};
+use crate::state::resumable;
 
 /// A step from which an agent learns.
 #[derive(Clone, Debug)]
@@ -161,15 +160,7 @@ fn centred(decision: &Decision, row: &mut Vec<f64>) {
     }
 }
 
-impl Resumable for Posterior {
-    fn save(&self, out: &mut StateWriter<'_>) -> io::Result<()> {
-        self.regressions.iter().try_for_each(|regression| regression.save(out))
-    }
-
-    fn restore(&mut self, from: &mut StateReader<'_>) -> Result<(), StateError> {
-        self.regressions.iter_mut().try_for_each(|regression| regression.restore(from))
-    }
-}
+resumable!([] Posterior { each regressions });
 
 /// A posterior with the factors of its precisions, from which actions are chosen.
 #[derive(Clone, Debug)]
@@ -196,7 +187,7 @@ impl Acting {
     /// Starts another episode with the given posterior.
     pub fn begin(&mut self, known: &Posterior) {
         self.posterior.copy_from(known);
-        self.stale.fill(true);
+        self.expire();
     }
 
     /// Learns the reward of a step.
@@ -245,23 +236,17 @@ impl Acting {
     pub fn coefficients(&self) -> usize {
         self.factored.len() * self.factored[0].mean().len()
     }
-}
 
-/// Saves the posterior; the factors are recomputed.
-impl Resumable for Acting {
-    fn save(&self, out: &mut StateWriter<'_>) -> io::Result<()> {
-        self.posterior.save(out)
+    /// Whether coefficients drawn for an episode are of all regressions, or none.
+    pub fn fits(&self, drawn: &[f64]) -> bool {
+        drawn.is_empty() || drawn.len() == self.coefficients()
     }
 
-    fn restore(&mut self, from: &mut StateReader<'_>) -> Result<(), StateError> {
-        self.posterior.restore(from)?;
+    /// Has all regressions factored anew.
+    fn expire(&mut self) {
         self.stale.fill(true);
-        Ok(())
     }
 }
 
-/// Checks that coefficients drawn for an episode are of all regressions, or none.
-pub fn fit_drawn(drawn: &[f64], acting: &Acting) -> Result<(), StateError> {
-    let fits = drawn.is_empty() || drawn.len() == acting.coefficients();
-    if fits { Ok(()) } else { Err(StateError::Misfit("drawn coefficients")) }
-}
+// The factors are recomputed.
+resumable!([] Acting { parts posterior; then expire });

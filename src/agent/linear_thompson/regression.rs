@@ -4,11 +4,11 @@
 //! These sums do not depend on when the precision is factored. It is factored only before a draw or
 //! a prediction.
 
-use std::{io, mem};
+use std::mem;
 
 use nalgebra::{Cholesky, DMatrix, DVector, Dyn};
 
-use crate::state::{Resumable, StateError, StateReader, StateWriter};
+use crate::state::resumable;
 
 /// The posterior of the coefficients of one regression, in accumulated form.
 #[derive(Clone, Debug, PartialEq)]
@@ -47,17 +47,7 @@ impl Regression {
     }
 }
 
-impl Resumable for Regression {
-    fn save(&self, out: &mut StateWriter<'_>) -> io::Result<()> {
-        out.many(self.precision.as_slice())?;
-        out.many(self.information.as_slice())
-    }
-
-    fn restore(&mut self, from: &mut StateReader<'_>) -> Result<(), StateError> {
-        from.fill(self.precision.as_mut_slice(), "precisions")?;
-        from.fill(self.information.as_mut_slice(), "means")
-    }
-}
+resumable!([] Regression { each precision, information });
 
 /// A precision that is not positive definite in floating-point arithmetic.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

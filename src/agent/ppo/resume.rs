@@ -4,27 +4,26 @@
 use crate::agent::ppo::learner::Learning;
 use crate::agent::ppo::{Ppo, PpoEngine, PpoLearner};
 use crate::env::{EpisodeStatus, VectorEnvironment};
-use crate::state::{StateError, resumable};
+use crate::state::resumable;
 
 resumable!([E: PpoEngine, Env: VectorEnvironment] PpoLearner<E, Env> {
-    engine, environment, environment_streams, exploration_stream, minibatch_stream, begun, ended, updates,
+    parts engine, environment, environment_streams, exploration_stream, minibatch_stream, begun, ended, updates,
     rollout, finished, loss_sum, losses, learning;
     fixed numbers, totals, lengths, memory;
-    then fit
+    check fits, "rollout"
 });
 
-resumable!([] Learning { epoch, parts; grown order });
+resumable!([] Learning { parts epoch, parts; grown order });
 
 impl<E: PpoEngine, Env: VectorEnvironment> PpoLearner<E, Env> {
-    /// Checks that the restored parts are consistent.
-    fn fit(&mut self) -> Result<(), StateError> {
+    /// Whether the restored parts are consistent.
+    fn fits(&self) -> bool {
         let count = self.environment.action_spec().count;
         let remembered = if self.rollout.steps() == 0 { 0 } else { self.memory.len() };
-        let fits = self.rollout.memory.len() == remembered
+        self.rollout.memory.len() == remembered
             && self.rollout.actions.iter().all(|action| action.index() < count)
             && self.counts_fit()
-            && self.learning.iter().all(|learning| self.fits(learning));
-        if fits { Ok(()) } else { Err(StateError::Misfit("rollout")) }
+            && self.learning.iter().all(|learning| self.fits_rollout(learning))
     }
 
     /// Whether the number of episodes that have begun equals those that ended plus those running.
@@ -36,7 +35,7 @@ impl<E: PpoEngine, Env: VectorEnvironment> PpoLearner<E, Env> {
     }
 
     /// Whether the progress of learning is consistent with the rollout.
-    fn fits(&self, learning: &Learning) -> bool {
+    fn fits_rollout(&self, learning: &Learning) -> bool {
         let Ppo { minibatches, epochs, .. } = self.parameters;
         let rows = self.rollout.real.len();
         let below = if self.engine.memory() > 0 { self.rollout.lanes } else { rows };

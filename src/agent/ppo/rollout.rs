@@ -3,7 +3,7 @@
 
 use crate::agent::memory::{self, OutOfMemory, reserve};
 use crate::env::{Action, EpisodeStatus, Observations};
-use crate::state::{StateError, resumable};
+use crate::state::resumable;
 
 /// The purpose of the memory, for messages.
 const ROLLOUT: &str = "a rollout";
@@ -162,14 +162,14 @@ pub fn advantages(
 
 // Saves the steps so far. A complete rollout includes its advantages.
 resumable!([] Rollout {
-    observations, actions, real, chosen, firsts, ended;
+    parts observations, actions, real, chosen, firsts, ended;
     grown memory, log_probabilities, values, rewards, advantages;
-    then fit
+    check fits, "rollout"
 });
 
 impl Rollout {
-    /// Checks that the restored arrays are of one length.
-    fn fit(&self) -> Result<(), StateError> {
+    /// Whether the restored arrays are of one length.
+    fn fits(&self) -> bool {
         let rows = self.observations.rows();
         let each = [
             self.actions.len(),
@@ -181,10 +181,9 @@ impl Rollout {
             self.firsts.len(),
             self.ended.len(),
         ];
-        let fits = rows.is_multiple_of(self.lanes)
+        rows.is_multiple_of(self.lanes)
             && each.iter().all(|len| *len == rows)
-            && [0, rows].contains(&self.advantages.len());
-        if fits { Ok(()) } else { Err(StateError::Misfit("rollout")) }
+            && [0, rows].contains(&self.advantages.len())
     }
 }
 

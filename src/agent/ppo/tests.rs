@@ -2,13 +2,12 @@
 //! episodes.
 
 use std::cell::RefCell;
-use std::io;
 use std::rc::Rc;
 
 use super::*;
 use crate::agent::learner::Learner;
 use crate::env::{Action, PhysicalActivity, StepCount};
-use crate::state::{StateError, StateReader, StateWriter};
+use crate::state::resumable;
 
 /// The value of every state.
 const VALUE: f32 = 10.0;
@@ -63,15 +62,7 @@ impl PpoEngine for Noting {
     }
 }
 
-impl Resumable for Noting {
-    fn save(&self, _: &mut StateWriter<'_>) -> io::Result<()> {
-        unreachable!("nobody saves it");
-    }
-
-    fn restore(&mut self, _: &mut StateReader<'_>) -> Result<(), StateError> {
-        unreachable!("nobody restores it");
-    }
-}
+resumable!([] Noting {});
 
 /// Rollouts of one episode in each of two lanes.
 fn parameters() -> Ppo {

@@ -1,8 +1,6 @@
 //! A step with all features of the manifest: noise, availability, cost and budget of messages, other endings,
 //! and the memory of the last step.
 
-use std::io;
-
 use pulp::{Simd, WithSimd};
 
 use crate::env::step_count::dynamics::{Dynamics, Effect, LaneDynamics};
@@ -13,7 +11,7 @@ use crate::env::step_count::parameters::{
 };
 use crate::env::step_count::scenario::{Feature, Scenario};
 use crate::env::vector::{Action, EpisodeStatus};
-use crate::state::{Resumable, StateError, StateReader, StateWriter};
+use crate::state::resumable;
 
 /// The steps walked before an episode, as the official code shows them.
 pub const INITIAL_STEPS: f64 = 0.1;
@@ -76,29 +74,12 @@ impl Memory {
     }
 }
 
-impl Resumable for Memory {
-    fn save(&self, out: &mut StateWriter<'_>) -> io::Result<()> {
-        out.each(0..self.steps.len(), |out, lane| {
-            out.one(u8::from(self.available[lane]))?;
-            out.one(self.messages[lane])?;
-            out.one(self.actions[lane].map_or(OPTIONS, Action::index) as u8)?;
-            out.one(self.steps[lane])
-        })
-    }
+resumable!([] Memory { each available, actions; fixed messages, steps; check fits, "actions" });
 
-    fn restore(&mut self, from: &mut StateReader<'_>) -> Result<(), StateError> {
-        const WHAT: &str = "the memory of lanes";
-        let mut lanes = 0..self.steps.len();
-        from.each(self.steps.len(), WHAT, |from| {
-            let lane = lanes.next().ok_or(StateError::Misfit(WHAT))?;
-            self.available[lane] = from.one::<u8>()? != 0;
-            self.messages[lane] = from.one()?;
-            let index = usize::from(from.one::<u8>()?);
-            self.actions[lane] = Action::from_index(index).filter(|_| index < OPTIONS);
-            self.steps[lane] = from.one()?;
-            Ok(())
-        })?;
-        if lanes.is_empty() { Ok(()) } else { Err(StateError::Misfit(WHAT)) }
+impl Memory {
+    /// Whether the actions are actions of the environment.
+    fn fits(&self) -> bool {
+        self.actions.iter().flatten().all(|action| action.index() < OPTIONS)
     }
 }
 

@@ -1,13 +1,11 @@
 //! The participants in the lanes: the parameters of every lane.
 
-use std::io;
-
 use crate::env::step_count::context::{ContextChain, Inference, LaneInference};
 use crate::env::step_count::dynamics::{Dynamics, LaneDynamics};
 use crate::env::step_count::parameters::StepCount;
 use crate::env::step_count::population::{ParticipantSampler, Population};
 use crate::rng::Stream;
-use crate::state::{StateError, StateReader, StateWriter};
+use crate::state::resumable;
 
 /// The participants in the lanes; every array except `values` is \[lanes\] or longer.
 #[derive(Clone, Debug)]
@@ -94,16 +92,13 @@ impl Participants {
         self.chains[lane] = ContextChain::of(person);
     }
 
-    pub(super) fn save(&self, out: &mut StateWriter<'_>) -> io::Result<()> {
-        out.many(&self.values)
-    }
-
-    pub(super) fn restore(&mut self, from: &mut StateReader<'_>) -> Result<(), StateError> {
-        from.fill(&mut self.values, "participants")?;
+    /// Derives the values of all lanes.
+    fn derive_all(&mut self) {
         (0..self.people.len()).for_each(|lane| self.derive(lane));
-        Ok(())
     }
 }
+
+resumable!([] Participants { fixed values; then derive_all });
 
 /// One value per lane.
 #[derive(Clone, Copy, Debug)]

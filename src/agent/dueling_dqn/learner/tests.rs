@@ -1,12 +1,10 @@
 //! Tests of the dueling DQN's learner: the batches that it gives its engine.
 
-use std::io;
-
 use super::*;
 use crate::agent::policy::ActionNetwork;
 use crate::agent::replay::{TerminalTarget, Transition};
 use crate::env::{EpisodeStatus, FirstContext, StepCount, TimeIndicator};
-use crate::state::{Resumable, StateReader, StateWriter};
+use crate::state::resumable;
 
 /// An engine whose values are a formula of the state and of the number of target renewals. It
 /// checks every batch that it receives.
@@ -87,15 +85,7 @@ impl DuelingDqnEngine for Formula {
     }
 }
 
-impl Resumable for Formula {
-    fn save(&self, _: &mut StateWriter<'_>) -> io::Result<()> {
-        unreachable!("nobody saves it");
-    }
-
-    fn restore(&mut self, _: &mut StateReader<'_>) -> Result<(), StateError> {
-        unreachable!("nobody restores it");
-    }
-}
+resumable!([] Formula {});
 
 #[test]
 fn batches_are_stored_steps_with_the_targets_of_their_period() {

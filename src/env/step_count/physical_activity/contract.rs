@@ -1,7 +1,5 @@
 //! The simulation as a vectorised environment whose state can be saved.
 
-use std::io;
-
 use super::{Moment, PhysicalActivity};
 use crate::env::observation::{ObservationSpec, Observations};
 use crate::env::step_count::context::{ContextDraw, ContextDrawsAhead};
@@ -12,7 +10,7 @@ use crate::env::step_count::population::Extreme;
 use crate::env::vector::{
     Action, ActionSpec, EpisodeStatus, LaneSet, LaneStreams, VectorEnvironment,
 };
-use crate::state::{Resumable, StateError, StateReader, StateWriter};
+use crate::state::resumable;
 
 impl VectorEnvironment for PhysicalActivity {
     fn lanes(&self) -> usize {
@@ -70,9 +68,9 @@ impl VectorEnvironment for PhysicalActivity {
             self.statuses[lane] = EpisodeStatus::Running;
             self.memory.reset(lane);
         }
-        if count == 1 && self.participants.is_some() && lanes.contains(0) {
+        if lanes.contains(0) {
             // Draws computed ahead belong to the previous participant.
-            self.ahead = ContextDrawsAhead::new(self.person(0).sigma);
+            self.draw_ahead();
         }
         let is_fixed = self.parameters.first_context == FirstContext::Fixed;
         if is_fixed {
@@ -115,50 +113,25 @@ impl VectorEnvironment for PhysicalActivity {
     }
 }
 
-impl Resumable for PhysicalActivity {
-    fn save(&self, out: &mut StateWriter<'_>) -> io::Result<()> {
-        out.each(0..self.lanes(), |out, lane| {
-            out.one(self.times[lane])?;
-            out.one(self.contexts[lane])?;
-            out.one(self.probabilities[lane])?;
-            out.one(self.habituation[lane])?;
-            out.one(self.disengagement[lane])?;
-            out.one(self.statuses[lane].number())
-        })?;
-        self.history.iter().try_for_each(|history| history.save(out))?;
-        if self.full.is_some() {
-            self.memory.save(out)?;
-        }
-        self.participants.as_ref().map_or(Ok(()), |people| people.save(out))
+resumable!([] PhysicalActivity {
+    fixed times, contexts, probabilities, likely, habituation, disengagement;
+    each statuses, history;
+    parts memory;
+    each participants;
+    check fits, "contexts";
+    then draw_ahead
+});
+
+impl PhysicalActivity {
+    /// Whether contexts are 0 or 1.
+    fn fits(&self) -> bool {
+        self.contexts.iter().chain(&self.likely).all(|context| *context <= 1)
     }
 
-    fn restore(&mut self, from: &mut StateReader<'_>) -> Result<(), StateError> {
-        const WHAT: &str = "lanes";
-        let mut lanes = 0..self.lanes();
-        from.each(self.lanes(), WHAT, |from| {
-            let lane = lanes.next().ok_or(StateError::Misfit(WHAT))?;
-            self.times[lane] = from.one()?;
-            let context = from.one::<u8>()? & 1;
-            self.set_context(lane, ContextDraw::new(context, from.one()?));
-            self.habituation[lane] = from.one()?;
-            self.disengagement[lane] = from.one()?;
-            let status = EpisodeStatus::from_number(from.one()?);
-            self.statuses[lane] = status.ok_or(StateError::Misfit("statuses"))?;
-            Ok(())
-        })?;
-        if !lanes.is_empty() {
-            return Err(StateError::Misfit(WHAT));
+    /// Draws contexts ahead for the participant of a single lane.
+    fn draw_ahead(&mut self) {
+        if self.lanes() == 1 && self.participants.is_some() {
+            self.ahead = ContextDrawsAhead::new(self.person(0).sigma);
         }
-        self.history.iter_mut().try_for_each(|history| history.restore(from))?;
-        if self.full.is_some() {
-            self.memory.restore(from)?;
-        }
-        if let Some(people) = &mut self.participants {
-            people.restore(from)?;
-            if self.times.len() == 1 {
-                self.ahead = ContextDrawsAhead::new(people.person(0).sigma);
-            }
-        }
-        Ok(())
     }
 }
