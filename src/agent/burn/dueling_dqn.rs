@@ -1,25 +1,19 @@
 //! Updates of the dueling DQN.
 
-use std::io;
-
 use burn::module::Module;
 use burn::tensor::Tensor;
 
 use crate::agent::DuelingDqn;
-use crate::agent::burn::trainer::{Trainer, restore_parameters, save_parameters};
+use crate::agent::burn::trainer::BurnDqn;
 use crate::agent::burn::{DuelingQNetwork, column, device, input, matrix};
 use crate::agent::dueling_dqn::DuelingDqnEngine;
 use crate::agent::policy::ActionNetwork;
 use crate::agent::replay::Batch;
 use crate::agent::{Shape, Weights, WeightsError};
 use crate::env::Observations;
-use crate::state::{Resumable, StateError, StateReader, StateWriter};
 
 /// A dueling network with its optimiser and its target network.
-pub struct BurnDuelingDqn {
-    network: Trainer<DuelingQNetwork>,
-    target: DuelingQNetwork,
-}
+pub type BurnDuelingDqn = BurnDqn<DuelingQNetwork>;
 
 impl BurnDuelingDqn {
     /// An engine that starts from these weights, of this shape.
@@ -32,10 +26,7 @@ impl BurnDuelingDqn {
     ) -> Result<Self, WeightsError> {
         let network =
             DuelingQNetwork::from_weights(parameters, shape, weights, &device::training())?;
-        Ok(BurnDuelingDqn {
-            target: network.valid(),
-            network: Trainer::new(network, parameters.learning_rate),
-        })
+        Ok(BurnDqn::of(network, parameters.learning_rate))
     }
 
     /// Mean squared difference of Q(s, a) from the targets; a tensor of one element.
@@ -59,16 +50,12 @@ impl DuelingDqnEngine for BurnDuelingDqn {
     }
 
     fn renew_target(&mut self) {
-        self.target = self.network.evaluated().clone();
+        self.copy_to_target();
     }
 
     fn update(&mut self, batch: &Batch) -> f32 {
         let loss = BurnDuelingDqn::loss(self.network.module(), batch);
-        let value: f32 = loss.clone().into_scalar();
-        if value.is_finite() {
-            self.network.step(&loss, None);
-        }
-        value
+        self.learn(&loss)
     }
 
     fn network(&self) -> DuelingQNetwork {
@@ -77,17 +64,5 @@ impl DuelingDqnEngine for BurnDuelingDqn {
 
     fn weights(&self) -> Weights {
         self.network.module().weights()
-    }
-}
-
-impl Resumable for BurnDuelingDqn {
-    fn save(&self, out: &mut StateWriter<'_>) -> io::Result<()> {
-        self.network.save(out)?;
-        save_parameters(&self.target, out)
-    }
-
-    fn restore(&mut self, from: &mut StateReader<'_>) -> Result<(), StateError> {
-        self.network.restore(from)?;
-        restore_parameters(&mut self.target, from)
     }
 }

@@ -1,25 +1,19 @@
 //! Updates of the dueling DQN with a GRU.
 
-use std::io;
-
 use burn::module::Module;
 use burn::tensor::{Device, Tensor};
 
 use crate::agent::burn::recurrent::{RecurrentDuelingQNetwork, Unrolled};
-use crate::agent::burn::trainer::{Trainer, restore_parameters, save_parameters};
+use crate::agent::burn::trainer::BurnDqn;
 use crate::agent::burn::{column, device, matrix, numbers};
 use crate::agent::dueling_dqn::{RecurrentDqnEngine, SequenceBatch};
 use crate::agent::layers::Shape;
 use crate::agent::policy::ActionNetwork;
 use crate::agent::{DuelingDqn, Weights, WeightsError};
 use crate::env::Observations;
-use crate::state::{Resumable, StateError, StateReader, StateWriter};
 
 /// A dueling network with a GRU, its optimiser and its target network.
-pub struct BurnRecurrentDqn {
-    network: Trainer<RecurrentDuelingQNetwork>,
-    target: RecurrentDuelingQNetwork,
-}
+pub type BurnRecurrentDqn = BurnDqn<RecurrentDuelingQNetwork>;
 
 impl BurnRecurrentDqn {
     /// An engine that starts from these weights, of this shape.
@@ -32,10 +26,7 @@ impl BurnRecurrentDqn {
     ) -> Result<Self, WeightsError> {
         let device = device::training();
         let network = RecurrentDuelingQNetwork::from_weights(parameters, shape, weights, &device)?;
-        Ok(BurnRecurrentDqn {
-            target: network.valid(),
-            network: Trainer::new(network, parameters.learning_rate),
-        })
+        Ok(BurnDqn::of(network, parameters.learning_rate))
     }
 
     /// Mean squared difference of Q(s, a) from the targets over the rows that count; a tensor of one
@@ -89,16 +80,12 @@ impl RecurrentDqnEngine for BurnRecurrentDqn {
     }
 
     fn renew_target(&mut self) {
-        self.target = self.network.evaluated().clone();
+        self.copy_to_target();
     }
 
     fn update(&mut self, batch: &SequenceBatch) -> f32 {
         let loss = BurnRecurrentDqn::loss(self.network.module(), batch);
-        let value: f32 = loss.clone().into_scalar();
-        if value.is_finite() {
-            self.network.step(&loss, None);
-        }
-        value
+        self.learn(&loss)
     }
 
     fn network(&self) -> RecurrentDuelingQNetwork {
@@ -107,17 +94,5 @@ impl RecurrentDqnEngine for BurnRecurrentDqn {
 
     fn weights(&self) -> Weights {
         self.network.module().weights()
-    }
-}
-
-impl Resumable for BurnRecurrentDqn {
-    fn save(&self, out: &mut StateWriter<'_>) -> io::Result<()> {
-        self.network.save(out)?;
-        save_parameters(&self.target, out)
-    }
-
-    fn restore(&mut self, from: &mut StateReader<'_>) -> Result<(), StateError> {
-        self.network.restore(from)?;
-        restore_parameters(&mut self.target, from)
     }
 }

@@ -8,7 +8,7 @@ use burn::tensor::{Gradients, Tensor, TensorData};
 
 use crate::agent::burn::numbers;
 use crate::kernel::{Adam, Aligned, Isa, LANES, clip_norm};
-use crate::state::{StateError, StateReader, StateWriter, resumable};
+use crate::state::{Resumable, StateError, StateReader, StateWriter, resumable};
 
 /// A module, its parameters as one array, and Adam on that array.
 ///
@@ -80,20 +80,46 @@ impl<M: Module> Trainer<M> {
 
 resumable!([M: Module] Trainer<M> { parts adam; fixed parameters; then renew });
 
-/// Saves the parameters of a module without an optimiser.
-pub(super) fn save_parameters(module: &impl Module, out: &mut StateWriter<'_>) -> io::Result<()> {
-    out.many(&parameters(module))
+/// A network that is trained, and its target network.
+pub struct BurnDqn<N> {
+    pub(super) network: Trainer<N>,
+    pub(super) target: N,
 }
 
-/// Replaces the parameters of a module by saved ones.
-pub(super) fn restore_parameters<M: Module>(
-    module: &mut M,
-    from: &mut StateReader<'_>,
-) -> Result<(), StateError> {
-    let mut saved = parameters(module);
-    from.fill(&mut saved, "weights")?;
-    *module = with_parameters(module, &saved);
-    Ok(())
+impl<N: Module> BurnDqn<N> {
+    /// Both networks from one module on the training device.
+    pub(super) fn of(network: N, learning_rate: f64) -> Self {
+        BurnDqn { target: network.valid(), network: Trainer::new(network, learning_rate) }
+    }
+
+    /// Copies the network into the target network.
+    pub(super) fn copy_to_target(&mut self) {
+        self.target = self.network.evaluated().clone();
+    }
+
+    /// One step of Adam on a loss of the network; returns the loss. Takes no step if it is not finite.
+    pub(super) fn learn(&mut self, loss: &Tensor<1>) -> f32 {
+        let value: f32 = loss.clone().into_scalar();
+        if value.is_finite() {
+            self.network.step(loss, None);
+        }
+        value
+    }
+}
+
+impl<N: Module> Resumable for BurnDqn<N> {
+    fn save(&self, out: &mut StateWriter<'_>) -> io::Result<()> {
+        self.network.save(out)?;
+        out.many(&parameters(&self.target))
+    }
+
+    fn restore(&mut self, from: &mut StateReader<'_>) -> Result<(), StateError> {
+        self.network.restore(from)?;
+        let mut saved = parameters(&self.target);
+        from.fill(&mut saved, "weights")?;
+        self.target = with_parameters(&self.target, &saved);
+        Ok(())
+    }
 }
 
 /// The parameters of a module one after the other, in the order in which Burn visits them, followed
@@ -166,7 +192,6 @@ mod tests {
     use crate::agent::burn::{PolicyNetwork, device, matrix};
     use crate::agent::{Reinforce, layers};
     use crate::rng::{Purpose, Stream};
-    use crate::state::Resumable;
 
     fn network() -> PolicyNetwork {
         let parameters = Reinforce { layers: vec![5, 3], ..Reinforce::default() };
@@ -222,21 +247,22 @@ mod tests {
 
     #[test]
     fn restored_trainers_and_modules_continue_to_the_same_bits() {
-        let mut whole = Trainer::new(network(), 0.01);
+        let mut dqn = BurnDqn::of(network(), 0.01);
+        let whole = &mut dqn.network;
         (0..20).for_each(|step| whole.step(&loss(whole.module(), step), None));
+        dqn.copy_to_target();
         let mut bytes = Vec::new();
-        whole.save(&mut StateWriter::new(&mut bytes)).unwrap();
-        save_parameters(&whole.module().valid(), &mut StateWriter::new(&mut bytes)).unwrap();
+        dqn.save(&mut StateWriter::new(&mut bytes)).unwrap();
 
-        let (mut resumed, mut module) = (Trainer::new(network(), 0.01), network().valid());
+        let mut restored = BurnDqn::of(network(), 0.01);
         let mut rest = &bytes[..];
-        resumed.restore(&mut StateReader::new(&mut rest)).unwrap();
-        restore_parameters(&mut module, &mut StateReader::new(&mut rest)).unwrap();
-        assert_eq!(module.weights(), whole.module().weights());
+        restored.restore(&mut StateReader::new(&mut rest)).unwrap();
+        let (mut whole, mut resumed) = (dqn.network, restored.network);
+        assert_eq!(restored.target.weights(), whole.module().weights());
         for trainer in [&mut whole, &mut resumed] {
             (20..40).for_each(|step| trainer.step(&loss(trainer.module(), step), None));
         }
         assert_eq!(resumed.module().weights(), whole.module().weights());
-        assert_ne!(module.weights(), whole.module().weights());
+        assert_ne!(restored.target.weights(), whole.module().weights());
     }
 }

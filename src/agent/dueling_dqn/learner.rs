@@ -8,7 +8,7 @@ use crate::agent::dueling_dqn::play::Play;
 use crate::agent::dueling_dqn::{DuelingDqn, DuelingDqnEngine, target, value_after};
 use crate::agent::learner::{Actions, Learner, LearnerError, Span, TrainedEpisode};
 use crate::agent::memory::OutOfMemory;
-use crate::agent::policy::{Choice, NetworkActor, best};
+use crate::agent::policy::best;
 use crate::agent::replay::{Batch, Replay};
 use crate::agent::weights::Weights;
 use crate::env::{Action, Observations, PhysicalActivity, VectorEnvironment};
@@ -155,15 +155,11 @@ impl<E: DuelingDqnEngine, Env: VectorEnvironment> Learner<Env> for DuelingDqnLea
     }
 
     fn policy(&self, actions: Actions) -> Box<dyn Actor<Env>> {
-        let choice = Choice::EpsilonGreedy { epsilon: self.play.epsilon };
-        let observations = self.play.environment.observation_spec().observations();
-        Box::new(NetworkActor::new(self.engine.network(), choice, actions, observations))
+        self.play.policy(self.engine.network(), actions)
     }
 
     fn weights(&self) -> Weights {
-        let mut weights = self.engine.weights();
-        weights.numbers.insert("epsilon".to_owned(), self.play.epsilon);
-        weights
+        self.play.weights(self.engine.weights())
     }
 }
 

@@ -3,12 +3,15 @@
 
 use std::mem;
 
-use crate::agent::actor::StepObserver;
+use crate::agent::actor::{Actor, StepObserver};
 use crate::agent::dueling_dqn::DuelingDqn;
-use crate::agent::learner::{Diverged, LearnerError, TrainedEpisode};
-use crate::agent::policy::{epsilon_greedy_probabilities, explore};
+use crate::agent::learner::{Actions, Diverged, LearnerError, TrainedEpisode};
+use crate::agent::policy::{
+    ActionNetwork, Choice, NetworkActor, epsilon_greedy_probabilities, explore,
+};
 use crate::agent::replay::Transition;
 use crate::agent::unavailable::certain;
+use crate::agent::weights::Weights;
 use crate::env::{Action, EpisodeStatus, LaneSet, LaneStreams, Observations, VectorEnvironment};
 use crate::rng::{Purpose, Stream};
 use crate::state::resumable;
@@ -146,6 +149,23 @@ impl<Env: VectorEnvironment> Play<Env> {
         self.episode.terminated = self.environment.statuses()[0] == EpisodeStatus::Terminated;
         self.episode.epsilon = Some(self.epsilon);
         self.episode
+    }
+
+    /// The policy of a network, with the current exploration rate.
+    pub(super) fn policy(
+        &self,
+        network: impl ActionNetwork + Send + 'static,
+        actions: Actions,
+    ) -> Box<dyn Actor<Env>> {
+        let choice = Choice::EpsilonGreedy { epsilon: self.epsilon };
+        let observations = self.environment.observation_spec().observations();
+        Box::new(NetworkActor::new(network, choice, actions, observations))
+    }
+
+    /// The weights of a network, with the current exploration rate.
+    pub(super) fn weights(&self, mut weights: Weights) -> Weights {
+        weights.numbers.insert("epsilon".to_owned(), self.epsilon);
+        weights
     }
 }
 

@@ -15,7 +15,7 @@ use crate::agent::dueling_dqn::play::Play;
 use crate::agent::dueling_dqn::{DuelingDqn, target, value_after};
 use crate::agent::learner::{Actions, Learner, LearnerError, Span, TrainedEpisode};
 use crate::agent::memory::OutOfMemory;
-use crate::agent::policy::{ActionNetwork, Choice, NetworkActor, best};
+use crate::agent::policy::{ActionNetwork, best};
 use crate::agent::weights::Weights;
 use crate::env::{Observations, PhysicalActivity, VectorEnvironment};
 use crate::state::{Resumable, resumable};
@@ -162,15 +162,11 @@ impl<E: RecurrentDqnEngine, Env: VectorEnvironment> Learner<Env> for RecurrentDq
     }
 
     fn policy(&self, actions: Actions) -> Box<dyn Actor<Env>> {
-        let choice = Choice::EpsilonGreedy { epsilon: self.play.epsilon };
-        let observations = self.play.environment.observation_spec().observations();
-        Box::new(NetworkActor::new(self.engine.network(), choice, actions, observations))
+        self.play.policy(self.engine.network(), actions)
     }
 
     fn weights(&self) -> Weights {
-        let mut weights = self.engine.weights();
-        weights.numbers.insert("epsilon".to_owned(), self.play.epsilon);
-        weights
+        self.play.weights(self.engine.weights())
     }
 }
 
