@@ -1,8 +1,8 @@
 //! The tables of an experiment's arms and agents.
 
 use super::data_table::{DataTable, Entry};
-use super::figure::arm_label;
-use super::tables::{between, high, in_unit, low};
+use super::names::Names;
+use super::tables::{self, between, high, in_unit, low};
 use crate::analyse::declared::{AgentSummary, ArmSummary, share_of_optimum};
 use crate::analyse::{Aggregate, Interval, Undefined};
 use crate::job::MetricUnit;
@@ -12,7 +12,7 @@ const FOUR: usize = 4;
 
 /// One row per arm: four summaries of its returns, the behaviour of its policies, and their share
 /// of the optimum. `unknown_optima` holds the reasons for unknown optima.
-pub fn arms(rows: &[ArmSummary], unknown_optima: &[String]) -> DataTable {
+pub fn arms(rows: &[ArmSummary], names: &Names, unknown_optima: &[String]) -> DataTable {
     let has_lost = rows.iter().any(|row| row.returns.lost().ended() > 0);
     let columns = [
         ("arm", "Arm"),
@@ -41,17 +41,17 @@ pub fn arms(rows: &[ArmSummary], unknown_optima: &[String]) -> DataTable {
     let unknown: String = unknown_optima.iter().map(|reason| format!("; {reason}")).collect();
     let caption = format!("{caption}{unknown}");
     let mut table = DataTable::new(caption, &columns);
-    table.rows = rows.iter().map(arm).collect();
+    table.rows = rows.iter().map(|row| arm(row, names)).collect();
     table
 }
 
-fn arm(row: &ArmSummary) -> Vec<Entry> {
+fn arm(row: &ArmSummary, names: &Names) -> Vec<Entry> {
     let (mean, interval) = (row.returns.mean(), row.returns.interval());
     let (interquartile, net) = (row.interquartile(), row.net_returns.interval());
     let middle = interval_of(interquartile);
     let share = |value| share(value, row.optimum);
     vec![
-        Entry::text(arm_label(&row.name)),
+        tables::arm(&row.name, names),
         Entry::number(row.returns.n() as f64, 0),
         Entry::number(f64::from(row.returns.lost().ended()), 0),
         in_unit(mean, MetricUnit::Return),
@@ -86,7 +86,7 @@ fn called_mean(entry: Entry, values: usize) -> Entry {
 }
 
 /// One row per agent and scenario: inter-quartile means over all their arms.
-pub fn agents(rows: &[AgentSummary]) -> DataTable {
+pub fn agents(rows: &[AgentSummary], names: &Names) -> DataTable {
     let columns = [
         ("agent", "Agent"),
         ("scenario", "Scenario"),
@@ -110,7 +110,7 @@ pub fn agents(rows: &[AgentSummary]) -> DataTable {
             shares.map_or_else(unknown, entry)
         };
         table.rows.push(vec![
-            Entry::text(&row.agent),
+            Entry::name(&row.agent, names.agent(&row.agent)),
             Entry::text(&row.scenario),
             Entry::number(row.arms as f64, 0),
             Entry::number(row.runs as f64, 0),
@@ -182,10 +182,10 @@ mod tests {
     #[test]
     fn lost_seeds_have_a_column_where_there_are_any() {
         let has_column = |table: &DataTable| table.markdown().contains("| Lost |");
-        let whole = arms(&[row(&[1.0, 2.0], 0)], &[]);
+        let whole = arms(&[row(&[1.0, 2.0], 0)], &Names::default(), &[]);
         assert!(!has_column(&whole));
         // One seed failed, and one value is NaN.
-        let lost = arms(&[row(&[1.0, 2.0], 0), row(&[1.0, f64::NAN], 1)], &[]);
+        let lost = arms(&[row(&[1.0, 2.0], 0), row(&[1.0, f64::NAN], 1)], &Names::default(), &[]);
         assert!(has_column(&lost));
         assert_eq!([lost.rows[0][2].shown(), lost.rows[1][2].shown()], ["0", "2"]);
         assert_eq!(lost.columns[2].name, "lost");
@@ -195,7 +195,10 @@ mod tests {
     fn the_inter_quartile_mean_of_few_values_is_called_mean() {
         for (n, is_mean) in [(3, true), (4, false)] {
             let values: Vec<f64> = (0..n).map(f64::from).collect();
-            assert_eq!(arms(&[row(&values, 0)], &[]).markdown().contains("(mean)"), is_mean);
+            assert_eq!(
+                arms(&[row(&values, 0)], &Names::default(), &[]).markdown().contains("(mean)"),
+                is_mean
+            );
         }
     }
 }

@@ -39,8 +39,13 @@ const NOT_PUBLISHED: &str = "not published";
 /// An entry of a table.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Entry {
-    /// Text.
-    Text(String),
+    /// Text, in files and for readers.
+    Text {
+        /// The text with the names of keys.
+        exact: String,
+        /// The displayed form.
+        shown: String,
+    },
     /// A number with its displayed form.
     Number {
         /// The number.
@@ -55,7 +60,13 @@ pub enum Entry {
 impl Entry {
     /// Text.
     pub fn text(text: impl Into<String>) -> Entry {
-        Entry::Text(text.into())
+        let shown = text.into();
+        Entry::Text { exact: shown.clone(), shown }
+    }
+
+    /// A name: in files the key, for readers the label.
+    pub fn name(key: impl Into<String>, label: impl Into<String>) -> Entry {
+        Entry::Text { exact: key.into(), shown: label.into() }
     }
 
     /// A number shown with `decimals` decimals.
@@ -87,8 +98,7 @@ impl Entry {
     /// The displayed form; a dash for a missing number.
     pub fn shown(&self) -> &str {
         match self {
-            Entry::Text(text) => text,
-            Entry::Number { shown, .. } => shown,
+            Entry::Text { shown, .. } | Entry::Number { shown, .. } => shown,
             Entry::Missing(_) => "–",
         }
     }
@@ -96,7 +106,7 @@ impl Entry {
     /// The form for programs, with every digit; empty for a missing number.
     fn exact(&self) -> String {
         match self {
-            Entry::Text(text) => text.clone(),
+            Entry::Text { exact, .. } => exact.clone(),
             // Adding 0 removes the sign of −0.
             Entry::Number { value, .. } => (value + 0.0).to_string(),
             Entry::Missing(_) => String::new(),
@@ -210,7 +220,7 @@ impl DataTable {
     pub fn is_numeric(&self, place: usize) -> bool {
         let mut entries = self.rows.iter().map(|row| &row[place]);
         entries.clone().any(|entry| matches!(entry, Entry::Number { .. }))
-            && entries.all(|entry| !matches!(entry, Entry::Text(text) if !text.is_empty()))
+            && entries.all(|entry| !matches!(entry, Entry::Text { shown, .. } if !shown.is_empty()))
     }
 
     /// The table as CSV, every digit kept.

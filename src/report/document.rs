@@ -7,7 +7,7 @@ use super::arm_tables;
 use super::data_table::DataTable;
 use super::escape::{unused, unused_stem};
 use super::figure::{Looks, Style};
-use super::kinds::{Sheet, caption, displayed, drawn, table};
+use super::kinds::{Sheet, caption, drawn, table};
 use super::latex::{is_printed, latex};
 use super::legend::Legend;
 use super::names::Names;
@@ -28,42 +28,34 @@ pub struct ReportFile {
 
 /// All files of the report of these experiments. `store` is the displayed name of the store.
 pub fn report(experiments: &[ReportedExperiment], store: &str, hosts: Hosts) -> Vec<ReportFile> {
-    // CSV files use the names of keys; everything else uses displayed names.
     let names: Vec<Names> = experiments.iter().map(Names::of).collect();
-    let displayed = experiments.iter().zip(&names).map(|(experiment, names)| {
+    let arms = experiments.iter().zip(&names).flat_map(|(experiment, names)| {
         let findings = experiment.findings.iter();
-        findings.map(|(finding, _)| displayed(finding, names)).collect()
+        findings.flat_map(|(finding, _)| names.arms(drawn(&finding.content).arms()))
     });
-    let displayed: Vec<Vec<Finding>> = displayed.collect();
-    let looks =
-        Looks::of(displayed.iter().flatten().flat_map(|finding| drawn(&finding.content).arms()));
+    let looks = Looks::of(&arms.collect::<Vec<_>>());
     let stems = Stems::of(experiments);
     let mut figures = stems.taken.clone();
     let mut files = Vec::new();
     let mut sections = Vec::new();
-    let all = experiments.iter().zip(&names).zip(&displayed).zip(stems.named);
-    for (((experiment, names), displayed), named) in all {
-        let analyses = experiment.findings.iter().zip(&experiment.winners);
-        let analyses = analyses.zip(displayed).zip(&experiment.styles).zip(named.findings);
-        let shown = analyses.map(|(((((finding, sql), winners), displayed), keys), stem)| {
-            let shown = Shown {
-                winners: winners.as_deref(),
-                ..shown(displayed, sql, stem, (&looks, &Style::of(keys)), &mut figures)
-            };
-            let data = table(finding);
-            write_finding(&shown, &data, &mut files);
-            shown
-        });
-        let shown: Vec<Shown<'_>> = shown.collect();
-        let unknown = &experiment.unknown_optima;
+    for ((experiment, names), named) in experiments.iter().zip(&names).zip(stems.named) {
+        let mut shown = Vec::new();
+        for (at, stem) in named.findings.into_iter().enumerate() {
+            let finding = &experiment.findings[at].0;
+            let style = Style::of(&experiment.styles[at]);
+            let sheet =
+                Sheet { stem: &stem, metric: finding.metric, names, looks: &looks, style: &style };
+            let (scenes, wholes) = figures_of(finding, &sheet, &mut figures);
+            let one = self::shown((experiment, at), names, (stem, scenes, wholes));
+            write_finding(&one, &mut files);
+            shown.push(one);
+        }
         let summaries = summarise_agents(&experiment.arms);
-        let tables = ArmTables {
-            arms: (named.arms, arm_tables::arms(&names.arms(&experiment.arms), unknown)),
-            agents: (named.agents, arm_tables::agents(&names.agents(&summaries))),
-        };
-        let data = [arm_tables::arms(&experiment.arms, unknown), arm_tables::agents(&summaries)];
-        for ((stem, table), data) in [&tables.arms, &tables.agents].into_iter().zip(data) {
-            write_table(&format!("tables/{stem}"), (table, &data), &mut files);
+        let arms = arm_tables::arms(&experiment.arms, names, &experiment.unknown_optima);
+        let agents = arm_tables::agents(&summaries, names);
+        let tables = ArmTables { arms: (named.arms, arms), agents: (named.agents, agents) };
+        for (stem, table) in [&tables.arms, &tables.agents] {
+            write_table(&format!("tables/{stem}"), table, &mut files);
         }
         let legend = Legend::of(shown.iter().flat_map(|one| &one.scenes), &looks);
         sections.push(Section { experiment, anchor: named.anchor, shown, tables, legend });
@@ -71,7 +63,7 @@ pub fn report(experiments: &[ReportedExperiment], store: &str, hosts: Hosts) -> 
     let reproduction = merged(experiments);
     if !reproduction.comparisons.is_empty() {
         let table = tables::reproduction(&reproduction);
-        write_table("reproduction", (&table, &table), &mut files);
+        write_table("reproduction", &table, &mut files);
     }
     let page = page::index(&sections, &reproduction, store, hosts);
     files.push(ReportFile { name: "index.html".to_owned(), bytes: page.into_bytes() });
@@ -146,28 +138,47 @@ fn merged(experiments: &[ReportedExperiment]) -> Reproduction {
 /// Maximum number of panels of a figure; more make several figures.
 const MOST_PANELS: usize = 12;
 
-/// A finding in displayed form. `taken` holds the stems of all figures, to which it adds its own.
+/// A finding of an experiment in displayed form.
 fn shown<'e>(
-    finding: &'e Finding,
-    sql: &'e str,
-    stem: String,
-    (looks, style): (&Looks, &Style),
-    taken: &mut Vec<String>,
+    (experiment, at): (&'e ReportedExperiment, usize),
+    names: &Names,
+    (stem, scenes, wholes): (String, Scenes, Scenes),
 ) -> Shown<'e> {
+    let (finding, sql) = &experiment.findings[at];
     let kind = drawn(&finding.content);
-    let sheet = Sheet { stem: &stem, metric: finding.metric, looks, style };
+    Shown {
+        caption: caption(finding, names),
+        table: table(finding, names),
+        is_table: kind.is_table(),
+        lacks_figure: kind.has_figures() && scenes.is_empty(),
+        finding,
+        stem,
+        scenes,
+        wholes,
+        sql,
+        winners: experiment.winners[at].as_deref(),
+    }
+}
+
+/// Figures with the stems of their files.
+type Scenes = Vec<(String, Scene)>;
+
+/// The figures of a finding, and those that its panels make together. `taken` holds the stems of all figures,
+/// to which it adds its own.
+fn figures_of(finding: &Finding, sheet: &Sheet<'_>, taken: &mut Vec<String>) -> (Scenes, Scenes) {
+    let (kind, stem) = (drawn(&finding.content), sheet.stem);
     // A figure without panels has the stem of its finding.
     let mut is_own_free = true;
     let mut name = |wanted: &str| {
         if wanted == stem && std::mem::take(&mut is_own_free) {
-            return stem.clone();
+            return stem.to_owned();
         }
         let stem = unused(taken, wanted);
         taken.push(stem.clone());
         stem
     };
-    let panels = kind.figures(&sheet);
-    let all = kind.wholes(&sheet, panels.len());
+    let panels = kind.figures(sheet);
+    let all = kind.wholes(sheet, panels.len());
     // Figures of several panels are named first, so that their names do not depend on the panels.
     let mut groups: Vec<(String, usize)> = Vec::new();
     for (of_group, count) in all.into_iter().filter(|(_, count)| *count > 0) {
@@ -182,8 +193,8 @@ fn shown<'e>(
             groups.push((if is_drawn { name(&wanted) } else { String::new() }, panels));
         }
     }
-    let scenes: Vec<(String, Scene)> =
-        panels.into_iter().map(|(wanted, scene)| (name(&wanted), style.set(scene))).collect();
+    let scenes: Scenes =
+        panels.into_iter().map(|(wanted, scene)| (name(&wanted), sheet.style.set(scene))).collect();
     let mut rest = &scenes[..];
     let mut wholes = Vec::new();
     for (of_group, count) in groups {
@@ -194,22 +205,11 @@ fn shown<'e>(
             wholes.push((of_group, Scene::in_rows(&panels, panels[0].description.clone())));
         }
     }
-    Shown {
-        caption: caption(finding),
-        table: table(finding),
-        is_table: kind.is_table(),
-        lacks_figure: kind.has_figures() && scenes.is_empty(),
-        finding,
-        stem,
-        scenes,
-        wholes,
-        sql,
-        winners: None,
-    }
+    (scenes, wholes)
 }
 
-/// Adds the files of a finding; `data` is its table with the names of keys.
-fn write_finding(shown: &Shown<'_>, data: &DataTable, files: &mut Vec<ReportFile>) {
+/// Adds the files of a finding.
+fn write_finding(shown: &Shown<'_>, files: &mut Vec<ReportFile>) {
     let panels = shown.scenes.iter().map(|(stem, scene)| (stem, scene));
     for (stem, scene) in panels.chain(shown.wholes.iter().map(|(stem, whole)| (stem, whole))) {
         let mut push = |extension: &str, bytes: Vec<u8>| {
@@ -221,7 +221,7 @@ fn write_finding(shown: &Shown<'_>, data: &DataTable, files: &mut Vec<ReportFile
             push("png", bytes);
         }
     }
-    write_table(&format!("tables/{}", shown.stem), (&shown.table, data), files);
+    write_table(&format!("tables/{}", shown.stem), &shown.table, files);
     let name = format!("sql/{}.sql", shown.stem);
     files.push(ReportFile { name, bytes: shown.sql.as_bytes().to_vec() });
     if let Some(winners) = shown.winners {
@@ -231,12 +231,12 @@ fn write_finding(shown: &Shown<'_>, data: &DataTable, files: &mut Vec<ReportFile
 }
 
 /// Adds a table for readers, and its data as CSV.
-fn write_table(stem: &str, (table, data): (&DataTable, &DataTable), files: &mut Vec<ReportFile>) {
+fn write_table(stem: &str, table: &DataTable, files: &mut Vec<ReportFile>) {
     let mut push = |extension: &str, text: String| {
         let name = format!("{stem}.{extension}");
         files.push(ReportFile { name, bytes: text.into_bytes() });
     };
-    push("csv", data.csv());
+    push("csv", table.csv());
     push("md", table.markdown());
     if is_printed(table) {
         push("tex", latex(table));

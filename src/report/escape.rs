@@ -55,17 +55,27 @@ fn latex_letters(text: &str, out: &mut String) {
             '×' => out.push_str("$\\times$"),
             '≥' => out.push_str("$\\geq$"),
             '≤' => out.push_str("$\\leq$"),
-            'σ' => out.push_str("$\\sigma$"),
-            'δ' => out.push_str("$\\delta$"),
-            'ε' => out.push_str("$\\epsilon$"),
-            'μ' => out.push_str("$\\mu$"),
-            'γ' => out.push_str("$\\gamma$"),
-            'ρ' => out.push_str("$\\rho$"),
             '<' => out.push_str("$<$"),
             '>' => out.push_str("$>$"),
             other if other.is_control() => out.push(' '),
-            other => out.push(other),
+            other => match greek(other) {
+                Some(name) => out.push_str(&format!("$\\{name}$")),
+                None => out.push(other),
+            },
         }
+    }
+}
+
+/// The name of a Greek letter of symbols.
+fn greek(letter: char) -> Option<&'static str> {
+    match letter {
+        'σ' => Some("sigma"),
+        'δ' => Some("delta"),
+        'ε' => Some("epsilon"),
+        'μ' => Some("mu"),
+        'γ' => Some("gamma"),
+        'ρ' => Some("rho"),
+        _ => None,
     }
 }
 
@@ -88,11 +98,12 @@ pub fn markdown(text: &str) -> String {
     out
 }
 
-/// A name as part of a file name: at most sixty letters, digits and hyphens.
+/// A name as part of a file name: at most sixty letters, digits and hyphens. Greek letters are spelt.
 pub fn file_stem(name: &str) -> String {
     const LONGEST: usize = 60;
     let mut out = String::new();
-    for character in name.chars() {
+    let spelt = |letter: char| greek(letter).map_or_else(|| letter.to_string(), str::to_owned);
+    for character in name.chars().map(spelt).collect::<String>().chars() {
         match character {
             'a'..='z' | '0'..='9' => out.push(character),
             'A'..='Z' => out.push(character.to_ascii_lowercase()),
@@ -133,5 +144,6 @@ mod tests {
         assert_eq!(file_stem("../../etc/passwd"), "etc-passwd");
         assert_eq!(file_stem("Figure 2 (a)"), "figure-2-a");
         assert_eq!(file_stem("…/.."), "unnamed");
+        assert_eq!(file_stem("δ_d=0.1"), "delta-d-0-1");
     }
 }

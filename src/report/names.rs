@@ -1,11 +1,12 @@
 //! Displayed names in figures and tables: labels of agents, symbols of parameters.
 //!
-//! CSV files keep the names of keys. Everything else is made from findings with displayed names.
+//! They are made where text is drawn. CSV files keep the names of keys.
 
+use super::figure::arm_label;
 use super::section::ReportedExperiment;
-use crate::analyse::declared::{AgentSummary, ArmId, ArmSummary, implied};
+use crate::analyse::declared::{ArmId, implied};
 use crate::env::{SYMBOLS, Symbol};
-use crate::job::{Scalar, short_name};
+use crate::job::short_name;
 use crate::manifest::PanelKey;
 use crate::record::JobRecord;
 
@@ -52,18 +53,18 @@ impl Names {
         }
     }
 
+    /// The last part of a dotted name, as a symbol if it has one.
+    pub fn short(dotted: &str) -> String {
+        short_name(&Names::key(dotted)).to_owned()
+    }
+
     /// The name of a parameter's quantity, as axes have it.
     pub fn quantity(dotted: &str) -> String {
-        let short = short_name(dotted);
+        let short = Names::short(dotted);
         match symbols().find(|one| one.symbol == short).and_then(|one| one.quantity) {
             Some(quantity) => format!("{quantity} {short}"),
             None => short.replace('_', " "),
         }
-    }
-
-    /// A text with symbols replaced by the names of their keys, for file names.
-    pub fn plain(text: &str) -> String {
-        symbols().fold(text.to_owned(), |text, one| text.replace(one.symbol, one.key))
     }
 
     /// The label of an agent.
@@ -73,7 +74,7 @@ impl Names {
     }
 
     /// Words such as `delta_d=0.1`, and names of agents if `has_agents`, as they are displayed.
-    fn words(&self, text: &str, has_agents: bool) -> String {
+    pub fn words(&self, text: &str, has_agents: bool) -> String {
         let word = |word: &str| match word.split_once('=') {
             Some((key, value)) => format!("{}={value}", Names::key(key)),
             None if has_agents => self.agent(word),
@@ -82,32 +83,21 @@ impl Names {
         text.split(' ').map(word).collect::<Vec<_>>().join(" ")
     }
 
-    /// The name of an arm as it is displayed.
-    pub fn arm(&self, name: &mut ArmId) {
-        name.agent = self.agent(&name.agent);
-        name.settings.retain(|(key, _)| !self.implied.contains(key));
-        Names::settings(&mut name.settings);
+    /// What figures show of an arm: its agent's label, and its settings without implied ones.
+    pub fn arm(&self, name: &ArmId) -> ArmId {
+        let mut arm = ArmId { agent: self.agent(&name.agent), ..name.clone() };
+        arm.settings.retain(|(key, _)| !self.implied.contains(key));
+        arm
     }
 
-    /// The summaries as they are displayed.
-    pub fn arms(&self, summaries: &[ArmSummary]) -> Vec<ArmSummary> {
-        let mut summaries = summaries.to_vec();
-        summaries.iter_mut().for_each(|summary| self.arm(&mut summary.name));
-        summaries
+    /// What figures show of these arms.
+    pub fn arms<'n>(&self, names: impl IntoIterator<Item = &'n ArmId>) -> Vec<ArmId> {
+        names.into_iter().map(|name| self.arm(name)).collect()
     }
 
-    /// The summaries as they are displayed.
-    pub fn agents(&self, summaries: &[AgentSummary]) -> Vec<AgentSummary> {
-        let mut summaries = summaries.to_vec();
-        summaries.iter_mut().for_each(|summary| summary.agent = self.agent(&summary.agent));
-        summaries
-    }
-
-    /// The sides of a difference as they are displayed; of agents if `has_agents`.
-    pub fn sides(&self, (first, second): &mut (String, String), has_agents: bool) {
-        for side in [first, second] {
-            *side = self.words(side, has_agents);
-        }
+    /// The label of an arm.
+    pub fn label(&self, name: &ArmId) -> String {
+        arm_label(&self.arm(name))
     }
 
     /// The subject of a map as it is displayed, without implied settings.
@@ -119,16 +109,12 @@ impl Names {
         let words = subject.split(' ').filter(|word| !is_implied(word));
         self.words(&words.collect::<Vec<_>>().join(" "), has_agents)
     }
-
-    /// Settings as they are displayed.
-    pub fn settings(settings: &mut [(String, Scalar)]) {
-        settings.iter_mut().for_each(|(name, _)| *name = Names::key(name));
-    }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::job::Scalar;
 
     #[test]
     fn a_key_has_a_symbol_and_an_agent_its_label() {
@@ -139,7 +125,7 @@ mod tests {
             labels: vec![("dqn".to_owned(), "Deep Q".to_owned())],
             implied: vec!["environment.kappa_h".to_owned()],
         };
-        let mut arm = ArmId {
+        let arm = ArmId {
             agent: "dqn".to_owned(),
             scenario: "P-H-D".to_owned(),
             settings: vec![
@@ -147,8 +133,7 @@ mod tests {
                 ("environment.rho_1".to_owned(), Scalar::Real(50.0)),
             ],
         };
-        names.arm(&mut arm);
-        assert_eq!((arm.agent.as_str(), arm.settings[0].0.as_str()), ("Deep Q", "environment.ρ_1"));
+        assert_eq!(names.label(&arm), "Deep Q P-H-D ρ_1=50");
         assert_eq!(names.words("dqn - ppo epsilon_d=0.2", true), "Deep Q - ppo ε_d=0.2");
         assert_eq!(names.words("dqn", false), "dqn");
     }

@@ -3,9 +3,8 @@
 use std::collections::HashSet;
 
 use super::figure::MOST_ARMS;
-use super::kinds::{displayed, drawn};
-use super::names::Names;
-use crate::analyse::declared::carry_out;
+use super::kinds::drawn;
+use crate::analyse::declared::{Finding, carry_out};
 use crate::job::Condition;
 use crate::job::{PlannedJob, without_seed};
 use crate::key::Parameter;
@@ -50,9 +49,7 @@ pub fn splits(manifest: &Manifest) -> Vec<String> {
         .iter()
         .map(|analysis| (*analysis, concerned(analysis.of_jobs().collect())))
         .collect();
-    let names = Names::default();
-    let sentence = |finding| {
-        let finding = displayed(finding, &names);
+    let sentence = |finding: &Finding| {
         let kind = drawn(&finding.content);
         let (arms, split) = (kind.arms().len(), kind.split()?);
         let is_split = split.panels.len() > 1 && !split.added.is_empty();
@@ -62,7 +59,7 @@ pub fn splits(manifest: &Manifest) -> Vec<String> {
                  panels by {}; `panel` chooses another key",
                 finding.name,
                 split.panels.len(),
-                split.added.iter().map(|key| Names::plain(key)).collect::<Vec<_>>().join(" and ")
+                split.added.join(" and ")
             )
         })
     };

@@ -1,12 +1,18 @@
 //! Tables that belong to no kind of analysis, and entries that all tables use.
 
 use super::data_table::{DataTable, Entry, shown, shown_ends};
-use super::figure::{Numbers, settings_label};
+use super::figure::{Numbers, arm_key, settings_key};
+use super::names::Names;
 use super::words::unit_numbers;
-use crate::analyse::declared::{Comparison, Reproduction, varying};
+use crate::analyse::declared::{ArmId, Comparison, Reproduction, varying};
 use crate::analyse::{Interval, Undefined, Verdict};
 use crate::job::{MetricUnit, Scalar};
 use crate::record::{JobRecord, JobStatus};
+
+/// The name of an arm.
+pub fn arm(name: &ArmId, names: &Names) -> Entry {
+    Entry::name(arm_key(name), names.label(name))
+}
 
 /// A number in its displayed unit.
 pub fn in_unit(value: Result<f64, Undefined>, unit: impl Into<MetricUnit>) -> Entry {
@@ -163,7 +169,7 @@ fn failed(experiment: &str, job: &JobRecord, told_by: &[String]) -> Option<Vec<E
         Entry::text(&*job.agent),
         Entry::text(&job.scenario),
         Entry::text(sigma),
-        Entry::text(settings_label(&settings)),
+        Entry::text(settings_key(&settings)),
         Entry::number(job.seed as f64, 0),
         Entry::text(failure.kind.name()),
         Entry::text(&failure.message),

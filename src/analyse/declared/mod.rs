@@ -28,7 +28,7 @@ pub use inference_error::{ErrorFigure, ErrorPoint};
 pub use learning_curve::{HighestEnd, LearningFigure, LearningLine, LearningPanel};
 pub use recovery::{RecoveryRow, ScenarioOptimum};
 pub use reproduction::{Comparison, Distance, Reproduction, Subject, reproduce};
-pub use selection::{Candidate, Ranking};
+pub use selection::{Candidate, RangeEnd, Ranking};
 pub use summary::{AgentSummary, ArmSummary, share_of_optimum, summarise_agents, summarise_arms};
 
 use std::collections::HashSet;

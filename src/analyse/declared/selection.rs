@@ -64,7 +64,8 @@ impl Ranking {
 /// A parameter whose best value is the smallest or the largest of those tried.
 #[derive(Clone, Debug, PartialEq)]
 pub struct RangeEnd {
-    name: String,
+    /// The dotted name.
+    pub name: String,
     value: f64,
     side: Side,
 }

@@ -5,6 +5,7 @@ use std::collections::HashMap;
 use super::INK;
 use crate::analyse::declared::ArmId;
 use crate::job::Scalar;
+use crate::report::names::Names;
 use crate::report::scene::{Color, Facets};
 
 /// The colours of Okabe and Ito, which colour-blind readers can distinguish. Black and yellow are
@@ -203,26 +204,40 @@ pub fn facets(name: &ArmId) -> Facets {
     let words = [("agent", &name.agent), ("scenario", &name.scenario)];
     let words = words.into_iter().filter(|(_, word)| !word.is_empty());
     let words = words.map(|(key, word)| (key.to_owned(), word.clone()));
-    let settings = name
-        .settings
-        .iter()
-        .map(|(key, value)| (key.rsplit('.').next().unwrap_or(key).to_owned(), value.to_string()));
+    let settings =
+        name.settings.iter().map(|(key, value)| (Names::key(last(key)), value.to_string()));
     words.chain(settings).collect()
 }
 
-/// The full label of an arm: `dqn P-H-D sigma=0.6`.
+/// The full label of an arm: `dqn P-H-D σ=0.6`.
 pub fn arm_label(name: &ArmId) -> String {
-    let parts = [name.agent.clone(), name.scenario.clone()].into_iter();
-    let settings = [settings_label(&name.settings)];
-    parts.chain(settings).filter(|part| !part.is_empty()).collect::<Vec<_>>().join(" ")
+    joined([&name.agent, &name.scenario, &settings_label(&name.settings)])
 }
 
-/// Settings on one line: `learning_rate=0.001 sigma=0.6`.
+/// The name of an arm in files: `dqn P-H-D sigma=0.6`.
+pub fn arm_key(name: &ArmId) -> String {
+    joined([&name.agent, &name.scenario, &settings_key(&name.settings)])
+}
+
+fn joined(parts: [&str; 3]) -> String {
+    parts.into_iter().filter(|part| !part.is_empty()).collect::<Vec<_>>().join(" ")
+}
+
+/// Settings on one line: `learning_rate=0.001 σ=0.6`.
 pub fn settings_label(settings: &[(String, Scalar)]) -> String {
-    let word = |(key, value): &(String, Scalar)| {
-        format!("{}={value}", key.rsplit('.').next().unwrap_or(key))
-    };
+    let word = |(key, value): &(String, Scalar)| format!("{}={value}", Names::key(last(key)));
     settings.iter().map(word).collect::<Vec<_>>().join(" ")
+}
+
+/// Settings on one line with the names of keys: `learning_rate=0.001 sigma=0.6`.
+pub fn settings_key(settings: &[(String, Scalar)]) -> String {
+    let word = |(key, value): &(String, Scalar)| format!("{}={value}", last(key));
+    settings.iter().map(word).collect::<Vec<_>>().join(" ")
+}
+
+/// The last part of a dotted name.
+fn last(dotted: &str) -> &str {
+    dotted.rsplit('.').next().unwrap_or(dotted)
 }
 
 /// The labels of arms that are shown together, without the parts that all of them share.

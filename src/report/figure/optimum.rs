@@ -112,7 +112,7 @@ mod tests {
         let looks = Looks::of(optima.iter().map(|(name, _)| *name));
         let lines = optimum_lines(optima.clone().into_iter(), &looks);
         let labels: Vec<&str> = lines.iter().map(|line| line.label.as_str()).collect();
-        assert_eq!(labels, ["optimum P-H-D sigma=0.6", "optimum H-D sigma=0.6, H-D sigma=1"]);
+        assert_eq!(labels, ["optimum P-H-D σ=0.6", "optimum H-D σ=0.6, H-D σ=1"]);
         let places: Vec<(f64, f64)> = lines[0].points.iter().map(|p| (p.x, p.y)).collect();
         assert_eq!(places, [(1.0, 95.0), (2.0, 90.0), (3.0, 80.0)]);
         let alone = optimum_lines(optima.into_iter().take(2), &looks);

@@ -4,7 +4,6 @@ use std::collections::HashMap;
 
 use super::look::{Looks, labels, settings_label};
 use crate::analyse::declared::ArmId;
-use crate::job::short_name;
 use crate::manifest::PanelKey;
 use crate::report::escape::file_stem;
 use crate::report::names::Names;
@@ -92,7 +91,7 @@ impl Panels {
         if panels.len() > 1 {
             for panel in panels.iter_mut().filter(|panel| panel.heading.is_empty()) {
                 let names = by.iter().map(By::name).collect::<Vec<_>>().join(", ");
-                panel.heading = format!("without {}", short_name(&names));
+                panel.heading = format!("without {}", Names::short(&names));
             }
         }
         let mut rest: Vec<ArmId> = arms.iter().map(|name| (*name).clone()).collect();
@@ -137,7 +136,7 @@ impl Panels {
     pub fn stems(&self, stem: &str) -> Vec<String> {
         let of_panel = |panel: &Panel| match panel.heading.as_str() {
             "" => stem.to_owned(),
-            heading => format!("{stem}-{}", file_stem(&Names::plain(heading))),
+            heading => format!("{stem}-{}", file_stem(heading)),
         };
         self.panels.iter().map(of_panel).collect()
     }
@@ -152,7 +151,7 @@ fn by(key: PanelKey) -> By {
     match key {
         PanelKey::Agent => By::Agent,
         PanelKey::Scenario => By::Scenario,
-        PanelKey::Key(parameter) => By::Key(Names::key(&parameter.to_string())),
+        PanelKey::Key(parameter) => By::Key(parameter.to_string()),
     }
 }
 
@@ -208,7 +207,7 @@ mod tests {
         for agent in agents {
             for scenario in scenarios {
                 for decay in decays {
-                    let settings = vec![("environment.δ_d".to_owned(), Scalar::Real(*decay))];
+                    let settings = vec![("environment.delta_d".to_owned(), Scalar::Real(*decay))];
                     let (agent, scenario) = ((*agent).to_owned(), (*scenario).to_owned());
                     arms.push(ArmId { agent, scenario, settings });
                 }

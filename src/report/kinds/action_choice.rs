@@ -14,7 +14,7 @@ use crate::report::names::Names;
 use crate::report::scene::{
     Anchor, Color, Fill, Mark, Point, Scene, Shape, Stroke, Weight, rectangle, width,
 };
-use crate::report::tables::{between, high, in_unit, low, no_interval};
+use crate::report::tables::{arm, between, high, in_unit, low, no_interval};
 
 impl Drawn for Vec<ActionPanel> {
     fn figures(&self, sheet: &Sheet<'_>) -> Vec<(String, Scene)> {
@@ -22,10 +22,10 @@ impl Drawn for Vec<ActionPanel> {
         let of_group = groups.into_iter().flat_map(|(stem, members)| {
             let is_alone = members.len() == 1;
             members.into_iter().map(move |at| {
-                let panel = &self[at];
-                let label = file_stem(&Names::plain(&arm_label(&panel.name)));
+                let arm = sheet.names.arm(&self[at].name);
+                let label = file_stem(&arm_label(&arm));
                 let stem = if is_alone { stem.clone() } else { format!("{stem}-{label}") };
-                (stem, action_figure(panel, sheet.style))
+                (stem, action_figure(&self[at], &arm, sheet.style))
             })
         });
         of_group.collect()
@@ -35,15 +35,11 @@ impl Drawn for Vec<ActionPanel> {
         groups(self, sheet).into_iter().map(|(stem, members)| (stem, members.len())).collect()
     }
 
-    fn display(&mut self, names: &Names) {
-        self.iter_mut().for_each(|panel| names.arm(&mut panel.name));
+    fn table(&self, title: &str, _: Measure, names: &Names) -> DataTable {
+        table(title, self, names)
     }
 
-    fn table(&self, title: &str, _: Measure) -> DataTable {
-        table(title, self)
-    }
-
-    fn shows(&self, _: Measure) -> String {
+    fn shows(&self, _: Measure, _: &Names) -> String {
         format!(
             "Shares of the four actions in the tests by the inferred probability of context 0: means \
              over {}, with 95 % intervals in the table",
@@ -51,7 +47,7 @@ impl Drawn for Vec<ActionPanel> {
         )
     }
 
-    fn finds(&self, _: Measure) -> Option<String> {
+    fn finds(&self, _: Measure, _: &Names) -> Option<String> {
         let range = |bin: fn(&ActionPanel) -> usize| {
             let shares = || self.iter().filter_map(|panel| panel.tailored(bin(panel)));
             let (least, most) = (shares().reduce(f64::min)?, shares().reduce(f64::max)?);
@@ -90,7 +86,8 @@ const BOTTOM: f64 = 34.0;
 
 /// The panels that a declared key puts together, with the stem of each group; all panels without such a key.
 fn groups(panels: &[ActionPanel], sheet: &Sheet<'_>) -> Vec<(String, Vec<usize>)> {
-    let names: Vec<&ArmId> = panels.iter().map(|panel| &panel.name).collect();
+    let arms = sheet.names.arms(panels.iter().map(|panel| &panel.name));
+    let names: Vec<&ArmId> = arms.iter().collect();
     let groups = match sheet.style.panel {
         Some(_) => Panels::of(&names, sheet.style.panel, None),
         None => Panels::whole(&names),
@@ -100,13 +97,14 @@ fn groups(panels: &[ActionPanel], sheet: &Sheet<'_>) -> Vec<(String, Vec<usize>)
 }
 
 /// The stacks of an arm.
-fn action_figure(panel: &ActionPanel, style: &Style) -> Scene {
+fn action_figure(panel: &ActionPanel, arm: &ArmId, style: &Style) -> Scene {
     let whole = style.width();
     let beside = TOP + BOTTOM - if style.has_titles() { 0.0 } else { NOTE + 3.0 };
     let high = style.row(PANEL, 1, beside);
     let height = beside + high;
     let mut marks = legend(whole);
-    let of_panel = panel_marks(panel, TOP, (whole, high - (PANEL - STACK)));
+    let label = arm_label(arm);
+    let of_panel = panel_marks(panel, &label, TOP, (whole, high - (PANEL - STACK)));
     marks.extend(of_panel.into_iter().map(|mark| mark.of(0)));
     let under = height - style.note() - 9.0;
     let at = (LEFT + (whole - LEFT - RIGHT) / 2.0, under);
@@ -121,9 +119,8 @@ fn action_figure(panel: &ActionPanel, style: &Style) -> Scene {
         let at = (whole / 2.0, height - 5.0);
         marks.push(fitting(at, note, (NOTE, whole - 8.0), FAINT).into());
     }
-    let label = arm_label(&panel.name);
     let description = format!("shares of actions by the probability of context 0, {label}");
-    Scene { width: whole, height, description, marks, series: vec![facets(&panel.name)] }
+    Scene { width: whole, height, description, marks, series: vec![facets(arm)] }
 }
 
 /// The median and the largest half-width of the intervals of labelled shares. Shares near 0 have
@@ -174,11 +171,10 @@ fn legend(whole: f64) -> Vec<Mark> {
     marks
 }
 
-fn panel_marks(panel: &ActionPanel, top: f64, (whole, high): (f64, f64)) -> Vec<Mark> {
+fn panel_marks(panel: &ActionPanel, label: &str, top: f64, (whole, high): (f64, f64)) -> Vec<Mark> {
     let plain = (NOTE, Weight::Regular);
-    let label = arm_label(&panel.name);
-    let size = TEXT * ((whole - LEFT - 4.0) / width(&label, TEXT, Weight::SemiBold)).min(1.0);
-    let heading = text((LEFT, top + 11.0), &label, (size, Weight::SemiBold), INK, Anchor::Start);
+    let size = TEXT * ((whole - LEFT - 4.0) / width(label, TEXT, Weight::SemiBold)).min(1.0);
+    let heading = text((LEFT, top + 11.0), label, (size, Weight::SemiBold), INK, Anchor::Start);
     let mut marks: Vec<Mark> = vec![heading.into()];
     let slot = (whole - LEFT - RIGHT) / panel.bins.len().max(1) as f64;
     let base = top + 16.0 + high;
@@ -190,7 +186,7 @@ fn panel_marks(panel: &ActionPanel, top: f64, (whole, high): (f64, f64)) -> Vec<
     }
     for (at, bin) in panel.bins.iter().enumerate() {
         let left = LEFT + at as f64 * slot;
-        marks.extend(stack(bin, &label, (left + 2.0, base), (slot - 4.0, high)));
+        marks.extend(stack(bin, label, (left + 2.0, base), (slot - 4.0, high)));
         let words = format!("{}–{}", shown(bin.low, 1), shown(bin.high, 1));
         let at = (left + slot / 2.0, base + 10.0);
         marks.push(fitting(at, words, (NOTE, slot - 2.0), FAINT).into());
@@ -244,7 +240,7 @@ fn stack(
     marks
 }
 
-fn table(title: &str, panels: &[ActionPanel]) -> DataTable {
+fn table(title: &str, panels: &[ActionPanel], names: &Names) -> DataTable {
     let columns = [
         ("arm", "Arm"),
         ("p_low", "p from"),
@@ -263,7 +259,7 @@ fn table(title: &str, panels: &[ActionPanel]) -> DataTable {
             for (action, (share, interval)) in bin.shares.iter().flatten().enumerate() {
                 let interval = interval.ok_or(no_interval(bin.seeds));
                 table.rows.push(vec![
-                    Entry::text(arm_label(&panel.name)),
+                    arm(&panel.name, names),
                     Entry::number(bin.low, 1),
                     Entry::number(bin.high, 1),
                     Entry::number(action as f64, 0),

@@ -6,10 +6,10 @@ use crate::analyse::declared::{ALPHA, ContrastFigure, ContrastRow, Family};
 use crate::analyse::{FEW_SEEDS, Undefined};
 use crate::job::{Measure, counted};
 use crate::report::data_table::{DataTable, Entry, shown};
-use crate::report::figure::{arm_label, seeds};
+use crate::report::figure::seeds;
 use crate::report::names::Names;
 use crate::report::scene::Scene;
-use crate::report::tables::{between, high, in_unit, low};
+use crate::report::tables::{arm, between, high, in_unit, low};
 
 impl Drawn for ContrastFigure {
     fn figures(&self, sheet: &Sheet<'_>) -> Vec<(String, Scene)> {
@@ -27,22 +27,12 @@ impl Drawn for ContrastFigure {
         }
     }
 
-    fn display(&mut self, names: &Names) {
-        // The sides are agents if the rows have none.
-        let has_agents = self.rows.iter().all(|row| row.name.agent.is_empty());
-        names.sides(&mut self.sides, has_agents);
-        for row in &mut self.rows {
-            names.sides(&mut row.sides, has_agents);
-            names.arm(&mut row.name);
-        }
+    fn table(&self, title: &str, metric: Measure, names: &Names) -> DataTable {
+        table(title, self, metric, names)
     }
 
-    fn table(&self, title: &str, metric: Measure) -> DataTable {
-        table(title, self, metric)
-    }
-
-    fn shows(&self, metric: Measure) -> String {
-        let (first, second) = &self.sides;
+    fn shows(&self, metric: Measure, names: &Names) -> String {
+        let [first, second] = self.named_sides(names);
         let counts = self.rows.iter().flat_map(|row| <[usize; 2]>::from(row.contrast.seeds));
         let (words, seeds) = (metric_words(metric), seeds(counts.filter(|n| *n > 0)));
         let tested = self.rows.iter().filter(|row| row.contrast.test.is_ok());
@@ -55,8 +45,8 @@ impl Drawn for ContrastFigure {
         format!("Differences in {words} between {first} and {second}{intervals}, {seeds} per side")
     }
 
-    fn finds(&self, metric: Measure) -> Option<String> {
-        let (first, second) = (&self.sides.0, &self.sides.1);
+    fn finds(&self, metric: Measure, names: &Names) -> Option<String> {
+        let [first, second] = self.named_sides(names);
         let answered: Vec<(&ContrastRow, f64)> =
             self.rows.iter().filter_map(|row| Some((row, row.contrast.difference.ok()?))).collect();
         if answered.is_empty() {
@@ -76,7 +66,7 @@ impl Drawn for ContrastFigure {
             let reason = reason.map_or_else(String::new, |reason| format!(" ({reason})"));
             return Some(format!(
                 "No difference can be tested{reason}; {}",
-                widest(&answered, metric)
+                widest(&answered, metric, names)
             ));
         }
         let family = family(tested[0].0);
@@ -86,7 +76,7 @@ impl Drawn for ContrastFigure {
             let verdict = if significant.is_empty() { "not significant" } else { "significant" };
             return Some(format!(
                 "{}: {verdict}{}{family}",
-                widest(&tested, metric),
+                widest(&tested, metric, names),
                 statistic(row)
             ));
         }
@@ -111,7 +101,7 @@ impl Drawn for ContrastFigure {
         };
         Some(format!(
             "{signs}; at {which}, {}{}{family}",
-            widest(quoted, metric),
+            widest(quoted, metric, names),
             statistic(widest_of(quoted))
         ))
     }
@@ -153,6 +143,19 @@ impl Drawn for ContrastFigure {
     }
 }
 
+impl ContrastFigure {
+    /// The sides as they are displayed. They are agents if the rows have none.
+    fn named_sides(&self, names: &Names) -> [String; 2] {
+        let has_agents = self.rows.iter().all(|row| row.name.agent.is_empty());
+        [&self.sides.0, &self.sides.1].map(|side| names.words(side, has_agents))
+    }
+}
+
+/// The sides of a row as they are displayed.
+pub(super) fn sides(row: &ContrastRow, names: &Names) -> [String; 2] {
+    [&row.sides.0, &row.sides.1].map(|side| names.words(side, row.name.agent.is_empty()))
+}
+
 /// "9 degrees of freedom".
 fn freedom(df: f64) -> String {
     if df == 1.0 { "1 degree of freedom".to_owned() } else { format!("{df} degrees of freedom") }
@@ -166,13 +169,13 @@ fn widest_of<'r>(rows: &[(&'r ContrastRow, f64)]) -> &'r ContrastRow {
 }
 
 /// The largest of some differences: "a is above b by 12, for dqn".
-fn widest(rows: &[(&ContrastRow, f64)], metric: Measure) -> String {
+fn widest(rows: &[(&ContrastRow, f64)], metric: Measure, names: &Names) -> String {
     let row = widest_of(rows);
     let difference = row.contrast.difference.unwrap_or_default();
     let side = if difference < 0.0 { "below" } else { "above" };
-    let label = arm_label(&row.name);
+    let label = names.label(&row.name);
     let place = if label.is_empty() { String::new() } else { format!(", for {label}") };
-    let (first, second) = (&row.sides.0, &row.sides.1);
+    let [first, second] = sides(row, names);
     format!("{first} is {side} {second} by {}{place}", gap(difference.abs(), metric))
 }
 
@@ -214,8 +217,8 @@ fn statistic(row: &ContrastRow) -> String {
     }
 }
 
-fn table(title: &str, figure: &ContrastFigure, metric: Measure) -> DataTable {
-    let ContrastFigure { sides: (first, second), rows } = figure;
+fn table(title: &str, figure: &ContrastFigure, metric: Measure, names: &Names) -> DataTable {
+    let ([first, second], rows) = (figure.named_sides(names), &figure.rows);
     let is_paired = !rows.is_empty() && rows.iter().all(ContrastRow::is_paired);
     let is_mixed = !is_paired && rows.iter().any(ContrastRow::is_paired);
     // Readers see only columns that some row needs; files have every column.
@@ -270,14 +273,16 @@ fn table(title: &str, figure: &ContrastFigure, metric: Measure) -> DataTable {
     let caption = format!("{title}: {}{test}{family}", gap_title(metric));
     let mut table = DataTable::new(caption, &columns);
     for row in rows {
-        table.rows.push(contrast_entries(row, metric, is_mixed));
+        let mut entries = vec![arm(&row.name, names)];
+        entries.extend(contrast_entries(row, metric, is_mixed));
+        table.rows.push(entries);
     }
     table
 }
 
 /// The numbers of seeds of the first and the second side; a single 0 if both are 0.
 fn of_sides(numbers: (usize, usize)) -> Entry {
-    Entry::Text(match numbers {
+    Entry::text(match numbers {
         (0, 0) => "0".to_owned(),
         (first, second) => format!("{first}, {second}"),
     })
@@ -294,12 +299,11 @@ fn contrast_entries(row: &ContrastRow, metric: Measure, is_mixed: bool) -> Vec<E
     let g = contrast.hedges_g;
     let (first, second) = row.means();
     vec![
-        Entry::text(arm_label(&row.name)),
         row.error.map_or_else(
             || Entry::Missing("not the same on both sides".to_owned()),
             |error| Entry::Number { value: error, shown: shown(error * 100.0, 1) },
         ),
-        Entry::Text(seeds),
+        Entry::text(seeds),
         of_sides(row.unmatched()),
         of_sides(row.lost()),
         in_unit(first, metric),
@@ -376,7 +380,7 @@ mod tests {
             let members = rows.len();
             let family = Family { name: "f".into(), members };
             let rows = rows.into_iter().map(|row| ContrastRow { family: family.clone(), ..row });
-            figure(rows.collect()).finds(RETURN).unwrap()
+            figure(rows.collect()).finds(RETURN, &Names::default()).unwrap()
         };
         assert_eq!(
             of(&[(12.0, Some(0.2)), (16.0, Some(0.05)), (90.0, None)]),
@@ -409,7 +413,7 @@ mod tests {
     #[test]
     fn equal_means_are_called_equal() {
         let equal = || row(10.0, Some(1.0));
-        let of = |rows| figure(rows).finds(RETURN).unwrap();
+        let of = |rows| figure(rows).finds(RETURN, &Names::default()).unwrap();
         assert_eq!(of(vec![equal(), equal()]), "a and b have equal means in all 2 comparisons");
         assert_eq!(of(vec![equal()]), "a and b have equal means");
     }
@@ -417,10 +421,10 @@ mod tests {
     #[test]
     fn a_contrast_without_comparisons_names_its_sides_and_its_reason() {
         let none = figure(Vec::new());
-        let table = none.table("", RETURN);
+        let table = none.table("", RETURN, &Names::default());
         let headings: Vec<&str> = table.columns.iter().map(|one| one.heading.as_str()).collect();
         assert!(headings.contains(&"a") && headings.contains(&"b"), "{headings:?}");
-        assert!(none.shows(RETURN).contains("between a and b"));
+        assert!(none.shows(RETURN, &Names::default()).contains("between a and b"));
         assert!(none.lacks().unwrap().starts_with("no comparison"));
     }
 }

@@ -5,7 +5,7 @@ use crate::analyse::Sample;
 use crate::analyse::declared::{
     ALPHA, Apart, ArmId, CurveFigure, CurveLine, CurvePoint, Ends, Trends,
 };
-use crate::job::{Measure, short_name};
+use crate::job::Measure;
 use crate::report::arm_tables::{optimum, share};
 use crate::report::data_table::{DataTable, Entry, shown};
 use crate::report::figure::{
@@ -14,7 +14,7 @@ use crate::report::figure::{
 };
 use crate::report::names::Names;
 use crate::report::scene::Scene;
-use crate::report::tables::{between, high, in_unit, low};
+use crate::report::tables::{arm, between, high, in_unit, low};
 
 impl Drawn for CurveFigure {
     fn figures(&self, sheet: &Sheet<'_>) -> Vec<(String, Scene)> {
@@ -25,23 +25,18 @@ impl Drawn for CurveFigure {
         Some(Panels::of(&self.arms(), None, None))
     }
 
-    fn display(&mut self, names: &Names) {
-        self.axis = Names::key(&self.axis);
-        self.lines.iter_mut().for_each(|line| names.arm(&mut line.name));
+    fn table(&self, title: &str, metric: Measure, names: &Names) -> DataTable {
+        table(title, self, metric, names)
     }
 
-    fn table(&self, title: &str, metric: Measure) -> DataTable {
-        table(title, self, metric)
-    }
-
-    fn shows(&self, metric: Measure) -> String {
+    fn shows(&self, metric: Measure, _: &Names) -> String {
         let axis = match self.is_error() {
             true => "context inference error",
             false => &Names::quantity(&self.axis),
         };
         let seeds = seeds(self.lines.iter().flat_map(CurveLine::seeds));
         let across = match self.lines.iter().any(|line| line.across.is_some()) {
-            true => format!("; arms without {} are lines across", short_name(&self.axis)),
+            true => format!("; arms without {} are lines across", Names::short(&self.axis)),
             false => String::new(),
         };
         format!(
@@ -55,10 +50,13 @@ impl Drawn for CurveFigure {
         )
     }
 
-    fn finds(&self, metric: Measure) -> Option<String> {
+    fn finds(&self, metric: Measure, names: &Names) -> Option<String> {
         match self.lines.as_slice() {
-            [first, second] => self.gap(first, second, metric).or_else(|| self.trend_counts()),
-            [line] => self.trend(line, metric),
+            [first, second] => {
+                let sides = [first, second].map(|line| names.label(&line.name));
+                self.gap(sides, metric).or_else(|| self.trend_counts())
+            }
+            [line] => self.trend(line, names.label(&line.name), metric),
             _ => self.trend_counts(),
         }
     }
@@ -73,13 +71,12 @@ impl CurveFigure {
     fn at(&self, point: &CurvePoint) -> String {
         match self.is_error() {
             true => format!("{} % error", shown(point.x * 100.0, 0)),
-            false => format!("{} = {}", short_name(&self.axis), parameter(point.x)),
+            false => format!("{} = {}", Names::short(&self.axis), parameter(point.x)),
         }
     }
 
     /// Whether two lines differ at any point; `None` if no point can be tested.
-    fn gap(&self, first: &CurveLine, second: &CurveLine, metric: Measure) -> Option<String> {
-        let (one, other) = (arm_label(&first.name), arm_label(&second.name));
+    fn gap(&self, [one, other]: [String; 2], metric: Measure) -> Option<String> {
         let (point, gap, apart, design) = self.widest_gap()?;
         let test = test_name([design]).unwrap_or_default();
         match apart {
@@ -99,8 +96,7 @@ impl CurveFigure {
     }
 
     /// The ends of a line, and whether they differ.
-    fn trend(&self, line: &CurveLine, metric: Measure) -> Option<String> {
-        let name = arm_label(&line.name);
+    fn trend(&self, line: &CurveLine, name: String, metric: Measure) -> Option<String> {
         let Ends { first: (first, start), last: (last, end), apart, design } = line.ends(1)?;
         let test = test_name([design]).unwrap_or_default();
         let (from, to) = (amount(start, metric), amount(end, metric));
@@ -155,7 +151,8 @@ impl CurveFigure {
 /// Means over seeds with their intervals, and the published lines, with one figure per panel.
 fn curve_figures(figure: &CurveFigure, sheet: &Sheet<'_>) -> Vec<(String, Scene)> {
     let (metric, style) = (sheet.metric, sheet.style);
-    let names: Vec<&ArmId> = figure.lines.iter().map(|line| &line.name).collect();
+    let arms = sheet.names.arms(figure.arms());
+    let names: Vec<&ArmId> = arms.iter().collect();
     let panels = Panels::of(&names, style.panel, None);
     let looks = panels.looks(sheet.looks, &names);
     let is_error = figure.is_error();
@@ -167,10 +164,11 @@ fn curve_figures(figure: &CurveFigure, sheet: &Sheet<'_>) -> Vec<(String, Scene)
     let line = |at: usize| {
         let (line, label) = (&figure.lines[at], panels.labels[at].clone());
         let seen = line.points.iter().filter(|point| point.sample.n() > 0);
-        let points = seen.map(|point| curve_place(point, &line.name, (metric, figure)));
+        let name = arm_label(&arms[at]);
+        let points = seen.map(|point| curve_place(point, &name, (metric, figure)));
         let across = line.across.iter().filter(|sample| sample.n() > 0);
         let across =
-            across.flat_map(|sample| across_places(sample, line, extent, (metric, figure)));
+            across.flat_map(|sample| across_places(sample, &name, extent, (metric, figure)));
         let is_single = line.seeds().all(|n| n == 1) && line.seeds().next().is_some();
         let label = if is_single { format!("{label} (n = 1)") } else { label };
         Line {
@@ -179,13 +177,13 @@ fn curve_figures(figure: &CurveFigure, sheet: &Sheet<'_>) -> Vec<(String, Scene)
             points: points.chain(across).collect(),
             reference: line.published.clone(),
             spread: if line.across.is_some() { Spread::Band } else { Spread::Bars },
-            facets: facets(&line.name),
+            facets: facets(&arms[at]),
         }
     };
     let chart = |panel: &Panel| {
         let members = || panel.members.iter().map(|at| &figure.lines[*at]);
         let mut lines: Vec<Line> = panel.members.iter().map(|at| line(*at)).collect();
-        let optima = members().map(|line| (&line.name, line.optimum.clone()));
+        let optima = panel.members.iter().map(|at| (&arms[*at], figure.lines[*at].optimum.clone()));
         lines.extend(optimum_lines(optima, &looks));
         let has_reference = lines.iter().any(|line| !line.reference.is_empty());
         let note = format!(
@@ -231,11 +229,11 @@ fn extent(figure: &CurveFigure) -> Option<(f64, f64)> {
 /// The ends of the line of an arm that lacks the parameter of the axis.
 fn across_places(
     sample: &Sample,
-    line: &CurveLine,
+    name: &str,
     extent: Option<(f64, f64)>,
     (metric, of): (Measure, &CurveFigure),
 ) -> Vec<Place> {
-    let (name, axis) = (arm_label(&line.name), short_name(&of.axis));
+    let axis = Names::short(&of.axis);
     let tip = format!("{name}, which lacks {axis}: {}", measured(sample, metric));
     let interval = sample.interval().ok().map(|interval| (interval.low, interval.high));
     let y = sample.mean().unwrap_or(f64::NAN);
@@ -258,15 +256,15 @@ fn scale_of<'l>(lines: impl Iterator<Item = &'l Line> + Clone) -> AxisScale {
 }
 
 /// A point of a curve with its tooltip. The axis shows the context inference error or a parameter.
-fn curve_place(point: &CurvePoint, name: &ArmId, (metric, of): (Measure, &CurveFigure)) -> Place {
+fn curve_place(point: &CurvePoint, name: &str, (metric, of): (Measure, &CurveFigure)) -> Place {
     let at = match of.is_error() {
         true => {
             let error = shown(point.x * 100.0, 1);
             format!("σ = {}, error {error} %", parameter(point.parameter))
         }
-        false => format!("{} = {}", short_name(&of.axis), parameter(point.parameter)),
+        false => format!("{} = {}", Names::short(&of.axis), parameter(point.parameter)),
     };
-    let tip = format!("{}, {at}: {}", arm_label(name), measured(&point.sample, metric));
+    let tip = format!("{name}, {at}: {}", measured(&point.sample, metric));
     let interval = point.sample.interval().ok().map(|interval| (interval.low, interval.high));
     let y = point.sample.mean().unwrap_or(f64::NAN);
     Place { x: point.x, y, interval, is_single: point.sample.n() == 1, tip }
@@ -294,13 +292,13 @@ fn shared_word(names: &[&ArmId]) -> Option<String> {
     }
 }
 
-fn table(title: &str, figure: &CurveFigure, metric: Measure) -> DataTable {
-    let (axis, is_error) = (short_name(&figure.axis), figure.is_error());
+fn table(title: &str, figure: &CurveFigure, metric: Measure, names: &Names) -> DataTable {
+    let (axis, is_error) = (Names::short(&figure.axis), figure.is_error());
     let name = metric.title();
     let has_optimum = figure.lines.iter().any(|line| !line.optimum.is_empty());
     let columns = [
         ("arm", "Arm"),
-        ("parameter", if is_error { "σ" } else { axis }),
+        ("parameter", if is_error { "σ" } else { &axis }),
         ("x", if is_error { "Error, %" } else { "x" }),
         ("seeds", "n"),
         ("mean", name.as_str()),
@@ -318,7 +316,7 @@ fn table(title: &str, figure: &CurveFigure, metric: Measure) -> DataTable {
             let (mean, interval) = (sample.mean(), sample.interval());
             let [parameter, x] = place;
             vec![
-                Entry::text(arm_label(&line.name)),
+                arm(&line.name, names),
                 parameter,
                 x,
                 Entry::number(sample.n() as f64, 0),

@@ -1,12 +1,13 @@
 //! The figures of contrasts: forest plots around zero, with one row per comparison.
 
+use super::contrast::sides;
 use super::{Sheet, gap_ends, gap_title, is_rate, related, test_name};
 use crate::analyse::declared::{ArmId, ContrastRow, Family};
 use crate::job::Measure;
 use crate::report::data_table::shown;
 use crate::report::figure::{
-    Axis, AxisScale, FAINT, GRID, INK, Look, Marker, NOTE, PUBLISHED, Panel, Panels, Style, TEXT,
-    facets, fitting, marker, round_range, seeds, text,
+    Axis, AxisScale, FAINT, GRID, INK, Look, Marker, NOTE, PUBLISHED, Panel, Panels, TEXT, facets,
+    fitting, marker, round_range, seeds, text,
 };
 use crate::report::scene::{Anchor, Mark, Scene, Shape, Stroke, Weight, width};
 use crate::report::words::{Numbers, unit_numbers};
@@ -38,7 +39,8 @@ impl Across {
 
 /// The rows of a contrast, with one figure per panel.
 pub(super) fn forest_figures(rows: &[ContrastRow], sheet: &Sheet<'_>) -> Vec<(String, Scene)> {
-    let names: Vec<&ArmId> = rows.iter().map(|row| &row.name).collect();
+    let arms = sheet.names.arms(rows.iter().map(|row| &row.name));
+    let names: Vec<&ArmId> = arms.iter().collect();
     let panels = match sheet.style.panel {
         Some(_) => Panels::of(&names, sheet.style.panel, None),
         None => Panels::whole(&names),
@@ -57,8 +59,7 @@ pub(super) fn forest_figures(rows: &[ContrastRow], sheet: &Sheet<'_>) -> Vec<(St
             let shown = members.iter();
             let shown =
                 shown.map(|at| (&rows[*at], panels.labels[*at].as_str(), written[*at].as_str()));
-            let layout = (&across, sheet.metric, sheet.style);
-            let scene = forest(&shown.collect::<Vec<_>>(), &panel.heading, layout);
+            let scene = forest(&shown.collect::<Vec<_>>(), &panel.heading, &across, sheet);
             let stem = if part == 0 { stem.clone() } else { format!("{stem}-part-{}", part + 1) };
             (stem, scene)
         };
@@ -95,7 +96,8 @@ fn family(row: &ContrastRow) -> String {
 fn forest(
     rows: &[(&ContrastRow, &str, &str)],
     heading: &str,
-    (across, metric, style): (&Across, Measure, &Style),
+    across: &Across,
+    &Sheet { metric, style, names, .. }: &Sheet<'_>,
 ) -> Scene {
     let Across { left, right, whole, .. } = *across;
     let has_upper = rows.len() >= MANY_ROWS;
@@ -105,7 +107,7 @@ fn forest(
     let bottom = top + high * rows.len() as f64;
     let mut marks = ruler(across, (top, bottom), has_upper);
     if let Some((row, ..)) = rows.first().filter(|_| style.has_titles() || !heading.is_empty()) {
-        let sides = format!("{} − {}", row.sides.0, row.sides.1);
+        let sides = sides(row, names).join(" − ");
         let heading = if heading.is_empty() { sides } else { format!("{heading}: {sides}") };
         let (size, weight) = (TEXT + 1.0, Weight::SemiBold);
         let room = width(&heading, size, weight);
@@ -139,7 +141,7 @@ fn forest(
         marks.push(fitting((whole / 2.0, height - 5.0), note, (NOTE, whole - 8.0), FAINT).into());
     }
     let description = format!("differences in {}", metric.title());
-    let series = rows.iter().map(|(row, ..)| facets(&row.name)).collect();
+    let series = rows.iter().map(|(row, ..)| facets(&names.arm(&row.name))).collect();
     debug_assert!(right < whole);
     Scene { width: whole, height, description, marks, series }
 }

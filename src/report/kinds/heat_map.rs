@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use super::{Drawn, Sheet, amount, gap, is_rate, metric_words, parameter};
 use crate::analyse::Interval;
 use crate::analyse::declared::{ArmId, HeatFigure, HeatTile, Scale, heat_range};
-use crate::job::{Measure, short_name};
+use crate::job::Measure;
 use crate::report::data_table::{DataTable, Entry, exponential, shown, shown_ends, signed};
 use crate::report::escape::file_stem;
 use crate::report::figure::{
@@ -25,14 +25,12 @@ impl Drawn for Vec<HeatFigure> {
         let figure = |figure: &HeatFigure| {
             let range = scales.get(figure.agent.as_str()).copied().unwrap_or(whole);
             let range = (range, scales.is_empty());
-            let panel = file_stem(&Names::plain(&format!("{} {}", figure.agent, figure.subject)));
-            (
-                format!("{}-{panel}", sheet.stem),
-                heat_figure(figure, (sheet.metric, sheet.style), range),
-            )
+            let panel = file_stem(&named(figure, sheet.names).join(" "));
+            (format!("{}-{panel}", sheet.stem), heat_figure(figure, sheet, range))
         };
         // Every map is already a panel. A declared key only groups the maps that share its value.
-        let names: Vec<&ArmId> = self.iter().map(|map| &map.name).collect();
+        let arms = sheet.names.arms(self.iter().map(|map| &map.name));
+        let names: Vec<&ArmId> = arms.iter().collect();
         let ordered = match sheet.style.panel {
             Some(_) => Panels::of(&names, sheet.style.panel, None).panels,
             None => return self.iter().map(figure).collect(),
@@ -40,21 +38,11 @@ impl Drawn for Vec<HeatFigure> {
         ordered.iter().flat_map(|panel| &panel.members).map(|at| figure(&self[*at])).collect()
     }
 
-    fn display(&mut self, names: &Names) {
-        for map in self {
-            map.subject = names.subject(&map.subject, map.agent.is_empty());
-            map.agent = names.agent(&map.agent);
-            names.arm(&mut map.name);
-            map.x.0 = Names::key(&map.x.0);
-            map.y.0 = Names::key(&map.y.0);
-        }
+    fn table(&self, title: &str, metric: Measure, names: &Names) -> DataTable {
+        table(title, self, metric, names)
     }
 
-    fn table(&self, title: &str, metric: Measure) -> DataTable {
-        table(title, self, metric)
-    }
-
-    fn shows(&self, metric: Measure) -> String {
+    fn shows(&self, metric: Measure, _: &Names) -> String {
         let is_difference = self.first().is_some_and(|map| map.scale == Scale::Difference);
         let counts = self.iter().flat_map(|map| &map.tiles).map(|tile| tile.seeds);
         format!(
@@ -66,7 +54,7 @@ impl Drawn for Vec<HeatFigure> {
         )
     }
 
-    fn finds(&self, metric: Measure) -> Option<String> {
+    fn finds(&self, metric: Measure, names: &Names) -> Option<String> {
         let tiles = || {
             let all = self.iter().flat_map(|map| map.tiles.iter().map(move |tile| (map, tile)));
             all.filter_map(|(map, tile)| Some((map, tile, tile.value.ok()?)))
@@ -85,15 +73,15 @@ impl Drawn for Vec<HeatFigure> {
             });
         }
         let tied = tiles().filter(|(_, _, value)| amount(*value, metric) == most).count();
+        let [agent, subject] = named(map, names);
         let place = match tied {
             1 => format!(
-                "at {} = {} and {} = {} of {} {}",
-                short_name(&map.x.0),
+                "at {} = {} and {} = {} of {agent} {}",
+                Names::short(&map.x.0),
                 parameter(tile.x),
-                short_name(&map.y.0),
+                Names::short(&map.y.0),
                 parameter(tile.y),
-                map.agent,
-                map.subject.replace(" - ", " − ")
+                subject.replace(" - ", " − ")
             ),
             tied => format!("in {tied} of {all} tiles"),
         };
@@ -131,6 +119,11 @@ const EDGE: Color = Color(170, 170, 170);
 /// Height of three lines of numbers.
 const LEAST_TILE: f64 = 36.0;
 
+/// The agent and the subject of a map as they are displayed.
+fn named(map: &HeatFigure, names: &Names) -> [String; 2] {
+    [names.agent(&map.agent), names.subject(&map.subject, map.agent.is_empty())]
+}
+
 /// How tiles write their interval.
 fn interval_words(scale: Scale, metric: Measure) -> &'static str {
     match is_rate(metric) && scale == Scale::Mean {
@@ -166,7 +159,7 @@ fn scales(figures: &[HeatFigure]) -> BTreeMap<&str, (f64, f64)> {
 /// A map of one agent, with its colour range, and whether all maps of the analysis share it.
 fn heat_figure(
     figure: &HeatFigure,
-    (metric, style): (Measure, &Style),
+    &Sheet { metric, style, names, .. }: &Sheet<'_>,
     (range, is_shared): ((f64, f64), bool),
 ) -> Scene {
     let (columns, rows) = (&figure.x.1, &figure.y.1);
@@ -176,6 +169,7 @@ fn heat_figure(
     let tile_height = style.row(TILE_HEIGHT, rows.len(), TOP + bottom).max(LEAST_TILE);
     let height = TOP + bottom + tile_height * rows.len() as f64;
     let tile_width = (style.width() - first - RIGHT) / columns.len().max(1) as f64;
+    let named = named(figure, names);
     let mut marks: Vec<Mark> = Vec::new();
     for tile in &figure.tiles {
         let place =
@@ -189,18 +183,17 @@ fn heat_figure(
         };
         marks.extend(tile_marks(
             tile,
-            (figure, metric),
+            (figure, metric, &named),
             color,
             (left, top, (tile_width, tile_height)),
         ));
     }
-    let facets = facets(&figure.name);
+    let facets = facets(&names.arm(&figure.name));
     let mut marks: Vec<Mark> = marks.into_iter().map(|mark| mark.of(0)).collect();
     let across = (first, tile_width, tile_height);
-    marks.extend(frame((figure, metric, style), (range, is_shared), across, height));
+    marks.extend(frame((figure, metric, style), &named, (range, is_shared), across, height));
     let title = metric.title();
-    let description =
-        format!("{title}: {} of {} over two parameters", figure.subject, figure.agent);
+    let description = format!("{title}: {} of {} over two parameters", named[1], named[0]);
     Scene { width: style.width(), height, description, marks, series: vec![facets] }
 }
 
@@ -299,7 +292,7 @@ fn share(part: f64, whole: f64) -> f64 {
 
 fn tile_marks(
     tile: &HeatTile,
-    (figure, metric): (&HeatFigure, Measure),
+    (figure, metric, [agent, subject]): (&HeatFigure, Measure, &[String; 2]),
     color: Color,
     (left, top, (width, height)): (f64, f64, (f64, f64)),
 ) -> Vec<Mark> {
@@ -339,12 +332,10 @@ fn tile_marks(
     };
     let published = tile.published.map(|value| format!("publ. {}", in_unit(value)));
     let tip = format!(
-        "{} {}, {} = {}, {} = {}: {value}{spread_words} (95 %), {}{}",
-        figure.agent,
-        figure.subject,
-        short_name(&figure.x.0),
+        "{agent} {subject}, {} = {}, {} = {}: {value}{spread_words} (95 %), {}{}",
+        Names::short(&figure.x.0),
         parameter(tile.x),
-        short_name(&figure.y.0),
+        Names::short(&figure.y.0),
         parameter(tile.y),
         seeds(std::iter::once(tile.seeds)),
         published.as_ref().map_or_else(String::new, |words| format!("; {words}"))
@@ -375,6 +366,7 @@ fn tile_marks(
 /// The heading, the values and names of the parameters, and the note.
 fn frame(
     (figure, metric, style): (&HeatFigure, Measure, &Style),
+    [agent, subject]: &[String; 2],
     (range, is_shared): ((f64, f64), bool),
     (left, tile_width, tile_height): (f64, f64, f64),
     height: f64,
@@ -382,8 +374,8 @@ fn frame(
     let plain = (TEXT, Weight::Regular);
     let (columns, rows) = (&figure.x.1, &figure.y.1);
     let bottom = TOP + tile_height * rows.len() as f64;
-    let subject = figure.subject.replace(" - ", " − ");
-    let heading = match figure.agent.as_str() {
+    let subject = subject.replace(" - ", " − ");
+    let heading = match agent.as_str() {
         "" => subject,
         agent => format!("{agent}, {subject}"),
     };
@@ -428,15 +420,15 @@ fn narrowed(words: &str, (size, weight): (f64, Weight), room: f64) -> f64 {
     size * (room / width(words, size, weight)).min(1.0)
 }
 
-fn table(title: &str, figures: &[HeatFigure], metric: Measure) -> DataTable {
+fn table(title: &str, figures: &[HeatFigure], metric: Measure, names: &Names) -> DataTable {
     let name = metric.title();
     let axes = figures.first().map_or(("", ""), |map| (map.x.0.as_str(), map.y.0.as_str()));
-    let (x, y) = (short_name(axes.0), short_name(axes.1));
+    let (x, y) = (Names::short(axes.0), Names::short(axes.1));
     let columns = [
         ("agent", "Agent"),
         ("subject", "Subject"),
-        ("y", y),
-        ("x", x),
+        ("y", y.as_str()),
+        ("x", x.as_str()),
         ("seeds", "n"),
         ("value", name.as_str()),
         ("interval", "95 % interval"),
@@ -446,10 +438,11 @@ fn table(title: &str, figures: &[HeatFigure], metric: Measure) -> DataTable {
     ];
     let mut table = DataTable::new(title, &columns);
     for figure in figures {
+        let [agent, subject] = named(figure, names);
         for tile in &figure.tiles {
             table.rows.push(vec![
-                Entry::text(&figure.agent),
-                Entry::text(&figure.subject),
+                Entry::name(&figure.agent, &agent),
+                Entry::name(&figure.subject, &subject),
                 Entry::Number { value: tile.y, shown: parameter(tile.y) },
                 Entry::Number { value: tile.x, shown: parameter(tile.x) },
                 Entry::number(tile.seeds as f64, 0),
@@ -469,6 +462,7 @@ mod tests {
     use super::*;
     use crate::job::metric::MEAN_RETURN;
     use crate::manifest::FigureKeys;
+    use crate::report::figure::Looks;
 
     fn map(values: &[f64], place: f64) -> HeatFigure {
         let tile = |(x, value): (usize, &f64)| HeatTile {
@@ -504,7 +498,9 @@ mod tests {
         for place in [1e-300, 0.1, 1e6, 0.300_000_000_000_000_04] {
             let map = map(&values, place);
             let range = heat_range(std::slice::from_ref(&map));
-            let scene = heat_figure(&map, (RETURN, &style), (range, true));
+            let (names, looks) = (&Names::default(), &Looks::default());
+            let sheet = Sheet { stem: "", metric: RETURN, names, looks, style: &style };
+            let scene = heat_figure(&map, &sheet, (range, true));
             let room = (scene.width - left(&map) - RIGHT) / values.len() as f64;
             let mut numbers = Vec::new();
             for mark in &scene.marks {

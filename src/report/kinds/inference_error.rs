@@ -17,13 +17,11 @@ impl Drawn for ErrorFigure {
         stem.zip(error_figure(self, sheet.style)).collect()
     }
 
-    fn display(&mut self, _: &Names) {}
-
-    fn table(&self, title: &str, _: Measure) -> DataTable {
+    fn table(&self, title: &str, _: Measure, _: &Names) -> DataTable {
         table(title, self)
     }
 
-    fn shows(&self, _: Measure) -> String {
+    fn shows(&self, _: Measure, _: &Names) -> String {
         let runs: usize = self.points.iter().map(|point| point.runs).sum();
         format!(
             "Rate at which the most likely context is wrong, exact and over the test steps of n = {}, \
@@ -32,7 +30,7 @@ impl Drawn for ErrorFigure {
         )
     }
 
-    fn finds(&self, _: Measure) -> Option<String> {
+    fn finds(&self, _: Measure, _: &Names) -> Option<String> {
         if let Some((sigma, gap)) = self.furthest_published() {
             return Some(format!(
                 "The published rates are counts of 1000 draws; the largest difference is {} \

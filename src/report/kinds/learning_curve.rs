@@ -13,7 +13,7 @@ use crate::report::figure::{
 };
 use crate::report::names::Names;
 use crate::report::scene::Scene;
-use crate::report::tables::{between, high, low, no_interval};
+use crate::report::tables::{arm, between, high, low, no_interval};
 
 impl Drawn for LearningFigure {
     fn figures(&self, sheet: &Sheet<'_>) -> Vec<(String, Scene)> {
@@ -24,16 +24,11 @@ impl Drawn for LearningFigure {
         Some(Panels::of(&self.arms(), None, Some(PanelKey::Scenario)))
     }
 
-    fn display(&mut self, names: &Names) {
-        let lines = self.panels.iter_mut().flat_map(|panel| &mut panel.lines);
-        lines.for_each(|line| names.arm(&mut line.name));
+    fn table(&self, title: &str, _: Measure, names: &Names) -> DataTable {
+        table(title, &self.panels, names)
     }
 
-    fn table(&self, title: &str, _: Measure) -> DataTable {
-        table(title, &self.panels)
-    }
-
-    fn shows(&self, _: Measure) -> String {
+    fn shows(&self, _: Measure, _: &Names) -> String {
         let counts = self.lines().map(|line| line.seeds.0).filter(|n| *n > 0);
         format!(
             "Return in training: moving mean over {}{}, {}",
@@ -47,12 +42,12 @@ impl Drawn for LearningFigure {
         )
     }
 
-    fn finds(&self, _: Measure) -> Option<String> {
+    fn finds(&self, _: Measure, names: &Names) -> Option<String> {
         let HighestEnd { line, mean, interval, others } = self.highest_end()?;
         let interval = interval.map_or_else(String::new, |interval| {
             format!(" (95 % interval {})", ends(interval, MetricUnit::Return))
         });
-        let name = arm_label(&line.name);
+        let name = names.label(&line.name);
         let at = format!("{name} ends at {}{interval}", shown(mean, 0));
         if others.is_empty() {
             return Some(at);
@@ -97,7 +92,8 @@ fn learning_figures(figure: &LearningFigure, sheet: &Sheet<'_>) -> Vec<(String, 
     if all.is_empty() {
         return Vec::new();
     }
-    let names: Vec<&ArmId> = all.iter().map(|line| &line.name).collect();
+    let arms = sheet.names.arms(figure.arms());
+    let names: Vec<&ArmId> = arms.iter().collect();
     let panels = Panels::of(&names, sheet.style.panel, Some(PanelKey::Scenario));
     let looks = panels.looks(sheet.looks, &names);
     let ends = || all.iter().filter_map(|line| line.points.last()).map(|last| f64::from(last.0));
@@ -109,16 +105,16 @@ fn learning_figures(figure: &LearningFigure, sheet: &Sheet<'_>) -> Vec<(String, 
     };
     let chart = |panel: &Panel| {
         let members = || panel.members.iter().map(|at| all[*at]);
-        let labelled = panel
-            .members
-            .iter()
-            .map(|at| (all[*at], panels.labels[*at].clone(), looks.look(&panels.arms[*at])));
-        let mut lines: Vec<Line> =
-            labelled.map(|(line, label, look)| drawn_line(line, label, look)).collect();
+        let line = |at: &usize| {
+            let look = looks.look(&panels.arms[*at]);
+            drawn_line((all[*at], &arms[*at]), panels.labels[*at].clone(), look)
+        };
+        let mut lines: Vec<Line> = panel.members.iter().map(line).collect();
         let is_empty = members().all(|line| line.points.is_empty());
         let is_short = is_empty && members().any(|line| line.seeds.0 > 0);
         if !is_empty {
-            lines.extend(optimum_lines(members().map(|l| (&l.name, level(l))), &looks));
+            let optima = panel.members.iter().map(|at| (&arms[*at], level(all[*at])));
+            lines.extend(optimum_lines(optima, &looks));
         }
         let note = format!(
             "Moving mean over {}; mean and 95 % interval, {}.",
@@ -144,7 +140,7 @@ fn learning_figures(figure: &LearningFigure, sheet: &Sheet<'_>) -> Vec<(String, 
 }
 
 /// A learning curve, with tooltips at some of its points.
-fn drawn_line(line: &LearningLine, label: String, look: Look) -> Line {
+fn drawn_line((line, arm): (&LearningLine, &ArmId), label: String, look: Look) -> Line {
     const TIPS: usize = 60;
     let every = line.points.len().div_ceil(TIPS).max(1);
     let last = line.points.len().saturating_sub(1);
@@ -156,7 +152,7 @@ fn drawn_line(line: &LearningLine, label: String, look: Look) -> Line {
         });
         let tip = match at.is_multiple_of(every) || at == last {
             true => {
-                let name = arm_label(&line.name);
+                let name = arm_label(arm);
                 format!("{name}, episode {episode}: {}{spread}, {n}", shown(*mean, 0))
             }
             false => String::new(),
@@ -171,7 +167,7 @@ fn drawn_line(line: &LearningLine, label: String, look: Look) -> Line {
         points: thinned(&line.points).into_iter().map(place).collect(),
         reference: Vec::new(),
         spread: Spread::Band,
-        facets: facets(&line.name),
+        facets: facets(arm),
     }
 }
 
@@ -192,7 +188,7 @@ fn thinned<T>(points: &[T]) -> Vec<usize> {
     places
 }
 
-fn table(title: &str, panels: &[LearningPanel]) -> DataTable {
+fn table(title: &str, panels: &[LearningPanel], names: &Names) -> DataTable {
     let columns = [
         ("arm", "Arm"),
         ("seeds", "n"),
@@ -207,7 +203,7 @@ fn table(title: &str, panels: &[LearningPanel]) -> DataTable {
         for (episode, mean, interval) in &line.points {
             let interval = interval.ok_or(no_interval(line.seeds.0));
             table.rows.push(vec![
-                Entry::text(arm_label(&line.name)),
+                arm(&line.name, names),
                 Entry::number(line.seeds.0 as f64, 0),
                 Entry::number(f64::from(*episode), 0),
                 Entry::number(*mean, 1),

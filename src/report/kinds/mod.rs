@@ -25,6 +25,7 @@ pub(super) struct Sheet<'s> {
     /// The beginning of the stems of their files.
     pub stem: &'s str,
     pub metric: Measure,
+    pub names: &'s Names,
     pub looks: &'s Looks,
     pub style: &'s Style,
 }
@@ -52,21 +53,18 @@ pub(super) trait Drawn {
     }
 
     /// Its numbers.
-    fn table(&self, title: &str, metric: Measure) -> DataTable;
+    fn table(&self, title: &str, metric: Measure, names: &Names) -> DataTable;
 
     /// The content, with n and the kind of intervals; a sentence without its full stop.
-    fn shows(&self, metric: Measure) -> String;
+    fn shows(&self, metric: Measure, names: &Names) -> String;
 
     /// The main finding with its test, if there is one; a sentence without its full stop.
-    fn finds(&self, metric: Measure) -> Option<String>;
+    fn finds(&self, metric: Measure, names: &Names) -> Option<String>;
 
     /// The missing data other than jobs, if any.
     fn lacks(&self) -> Option<String> {
         None
     }
-
-    /// Gives agents their labels and parameters their symbols.
-    fn display(&mut self, names: &Names);
 
     /// The arms that its figures draw.
     fn arms(&self) -> Vec<&ArmId> {
@@ -79,38 +77,22 @@ pub(super) trait Drawn {
     }
 }
 
-/// Finds the presentation of a finding's content.
-macro_rules! drawn_of {
-    ($content:ident) => {
-        match $content {
-            Content::Contrast(figure) => figure,
-            Content::Curve(figure) => figure,
-            Content::LearningCurve(figure) => figure,
-            Content::HeatMap(figures) => figures,
-            Content::ActionChoice(panels) => panels,
-            Content::Selection(rankings) => rankings,
-            Content::Recovery(rows) => rows,
-            Content::InferenceError(figure) => figure,
-        }
-    };
-}
-
 /// The presentation of a finding.
 pub(super) fn drawn(content: &Content) -> &dyn Drawn {
-    drawn_of!(content)
-}
-
-/// The finding with displayed names.
-pub(super) fn displayed(finding: &Finding, names: &Names) -> Finding {
-    let mut finding = finding.clone();
-    let content = &mut finding.content;
-    let drawn: &mut dyn Drawn = drawn_of!(content);
-    drawn.display(names);
-    finding
+    match content {
+        Content::Contrast(figure) => figure,
+        Content::Curve(figure) => figure,
+        Content::LearningCurve(figure) => figure,
+        Content::HeatMap(figures) => figures,
+        Content::ActionChoice(panels) => panels,
+        Content::Selection(rankings) => rankings,
+        Content::Recovery(rows) => rows,
+        Content::InferenceError(figure) => figure,
+    }
 }
 
 /// The caption of a finding, in at most three sentences: content, main result, missing data.
-pub(super) fn caption(finding: &Finding) -> String {
+pub(super) fn caption(finding: &Finding, names: &Names) -> String {
     let drawn = drawn(&finding.content);
     let jobs = finding.jobs;
     let failed =
@@ -119,14 +101,14 @@ pub(super) fn caption(finding: &Finding) -> String {
     let open = (open > 0).then(|| format!("{open} of {}{failed}", counted(jobs.total(), "job")));
     let missing: Vec<String> = open.into_iter().chain(drawn.lacks()).collect();
     let missing = (!missing.is_empty()).then(|| format!("Missing: {}", missing.join("; ")));
-    let shown = drawn.shows(finding.metric) + &among(finding);
-    let sentences = [Some(shown), drawn.finds(finding.metric), missing];
+    let shown = drawn.shows(finding.metric, names) + &among(finding);
+    let sentences = [Some(shown), drawn.finds(finding.metric, names), missing];
     sentences.into_iter().flatten().map(|one| one + ".").collect::<Vec<_>>().join(" ")
 }
 
 /// The table of a finding.
-pub(super) fn table(finding: &Finding) -> DataTable {
-    let mut table = drawn(&finding.content).table(&finding.title, finding.metric);
+pub(super) fn table(finding: &Finding, names: &Names) -> DataTable {
+    let mut table = drawn(&finding.content).table(&finding.title, finding.metric, names);
     table.caption += &among(finding);
     table
 }
@@ -295,7 +277,11 @@ mod tests {
         // Seeds 2 and 3 are matched, with means of 30 and 35.
         let first = sample(&[(1, 900.0), (2, 20.0), (3, 40.0)], 0);
         let second = sample(&[(2, 25.0), (3, 45.0), (4, 1.0), (5, 2.0)], 0);
-        let table = contrast(vec![row(first, second, Design::Matched)]).table("", RETURN);
+        let table = contrast(vec![row(first, second, Design::Matched)]).table(
+            "",
+            RETURN,
+            &Names::default(),
+        );
         assert_eq!([number(&table, "first"), number(&table, "second")], [30.0, 35.0]);
         assert_eq!(number(&table, "difference"), -5.0);
         assert_eq!(entry(&table, "seeds").shown(), "2");
@@ -307,7 +293,11 @@ mod tests {
     fn seeds_of_independent_sides_need_no_partner() {
         let first = sample(&[(1, 10.0), (2, 20.0)], 1);
         let second = sample(&[(3, 30.0)], 0);
-        let table = contrast(vec![row(first, second, Design::Independent)]).table("", RETURN);
+        let table = contrast(vec![row(first, second, Design::Independent)]).table(
+            "",
+            RETURN,
+            &Names::default(),
+        );
         assert_eq!([number(&table, "first"), number(&table, "second")], [15.0, 30.0]);
         assert!(!is_shown(&table, "unmatched") && is_shown(&table, "lost"));
         assert_eq!(entry(&table, "lost").shown(), "1, 0");
@@ -318,7 +308,11 @@ mod tests {
         let of = |n: u64| {
             let values: Vec<(u64, f64)> = (1..=n).map(|seed| (seed, seed as f64 * 0.01)).collect();
             let (first, second) = (sample(&values, 0), sample(&values, 0));
-            contrast(vec![row(first, second, Design::Independent)]).table("", RATE)
+            contrast(vec![row(first, second, Design::Independent)]).table(
+                "",
+                RATE,
+                &Names::default(),
+            )
         };
         assert!(is_shown(&of(9), "detectable") && !is_shown(&of(10), "detectable"));
         // The standard deviation of 1, 2, 3 % is 1 %; t with 2 degrees of freedom detects 5.65 standard errors.
@@ -337,13 +331,13 @@ mod tests {
                 points: vec![(100, 5.0, None)],
             };
             let panels = vec![LearningPanel { scenario: "P-H-D".into(), lines: vec![line] }];
-            LearningFigure { window: 1, panels }.table("", RETURN)
+            LearningFigure { window: 1, panels }.table("", RETURN, &Names::default())
         };
         let actions_of = |n: usize| {
             let shares = Some([(0.25, None); 4]);
             let bin = BinShares { low: 0.0, high: 0.1, seeds: n, steps: 9, shares };
             let panel = ActionPanel { name: name(), seeds: (3, 3), bins: vec![bin] };
-            vec![panel].table("", RETURN)
+            vec![panel].table("", RETURN, &Names::default())
         };
         let few = Undefined::TooFewSeeds { have: 1, need: 2 };
         for (n, reason) in [(1, few), (3, Undefined::NoVariance)] {
@@ -358,7 +352,10 @@ mod tests {
     fn said(content: Content, jobs: JobCounts) -> String {
         let (name, title) = (String::new(), String::new());
         let metric = RETURN;
-        caption(&Finding { name, title, metric, participants: None, jobs, content })
+        caption(
+            &Finding { name, title, metric, participants: None, jobs, content },
+            &Names::default(),
+        )
     }
 
     const ALL: JobCounts = JobCounts { completed: 4, failed: 0, open: 0 };
@@ -407,15 +404,15 @@ mod tests {
         };
         // Differences -50 and -50.5: mean -50.25, standard error 0.25.
         assert_eq!(
-            caption(&finding(0.003_2)),
+            caption(&finding(0.003_2), &Names::default()),
             "Differences in mean return per episode (points) between a and b (t test paired by seed) with their \
              95 % intervals, not corrected for the number of comparisons, n = 2 seeds per side, among the \
              20 % of participants with the largest ε_d. a is below b by 50, for dqn P-H-D: significant \
              (paired t = −201.00, 1 degree of freedom, p = 0.0032)."
         );
-        assert!(caption(&finding(0.2)).contains("not significant (paired t"));
+        assert!(caption(&finding(0.2), &Names::default()).contains("not significant (paired t"));
         assert_eq!(
-            table(&finding(0.2)).caption,
+            table(&finding(0.2), &Names::default()).caption,
             ": mean return per episode, points; t test paired by seed, among the 20 % of participants with the \
              largest ε_d"
         );
@@ -437,7 +434,8 @@ mod tests {
                 ..row
             }
         };
-        let finds = |rows: Vec<ContrastRow>| contrast(rows).finds(RETURN).unwrap();
+        let finds =
+            |rows: Vec<ContrastRow>| contrast(rows).finds(RETURN, &Names::default()).unwrap();
         assert_eq!(
             finds(vec![of("dqn", 100.5), of("reinforce", 124.0)]),
             "None of 2 tested differences is significant; at the widest, population.phases=test is below \
@@ -472,7 +470,7 @@ mod tests {
             let (shown, found) = said.split_once(". ").unwrap();
             assert_eq!(
                 shown,
-                "Mean and its 95 % interval of mean return per episode (points) against delta d, n = 3 seeds \
+                "Mean and its 95 % interval of mean return per episode (points) against disengagement decay δ_d, n = 3 seeds \
                  per point"
             );
             found.to_owned()
@@ -484,11 +482,11 @@ mod tests {
         let (falls, noise) = (&falls, &noise);
         assert_eq!(
             of(slice::from_ref(falls)),
-            "a P-H-D falls from 90 at delta_d = 1 to 20 at delta_d = 3 (t test paired by seed, p < 0.05)."
+            "a P-H-D falls from 90 at δ_d = 1 to 20 at δ_d = 3 (t test paired by seed, p < 0.05)."
         );
         assert_eq!(
             of(slice::from_ref(noise)),
-            "b P-H-D is at 90 at delta_d = 1 and at 30 at delta_d = 3; the difference is not significant \
+            "b P-H-D is at 90 at δ_d = 1 and at 30 at δ_d = 3; the difference is not significant \
              (t test paired by seed, p ≥ 0.05)."
         );
         assert_eq!(
@@ -498,7 +496,7 @@ mod tests {
         );
         let other = line("c", &[(90.0, 1.0), (10.0, 2.0), (20.0, 2.0)]);
         assert!(of(&[falls.clone(), other.clone()]).starts_with(
-            "a P-H-D and c P-H-D are furthest apart at delta_d = 2, by 40 (t test paired by seed"
+            "a P-H-D and c P-H-D are furthest apart at δ_d = 2, by 40 (t test paired by seed"
         ));
         assert!(
             of(&[falls.clone(), noise.clone(), other])
@@ -533,7 +531,7 @@ mod tests {
             ..swept.clone()
         };
         let figure = CurveFigure { axis: "agent.rate".into(), lines: vec![rule, swept] };
-        let table = figure.table("", RETURN);
+        let table = figure.table("", RETURN, &Names::default());
         assert_eq!(table.rows.len(), 3);
         assert_eq!([entry(&table, "x").shown(), entry(&table, "mean").shown()], ["–", "50.0"]);
         assert_eq!(
@@ -544,7 +542,8 @@ mod tests {
         );
         let style = Style::of(&FigureKeys::default());
         let looks = Looks::of(figure.arms());
-        let sheet = Sheet { stem: "s", metric: RETURN, looks: &looks, style: &style };
+        let names = &Names::default();
+        let sheet = Sheet { stem: "s", metric: RETURN, names, looks: &looks, style: &style };
         let (_, scene) = figure.figures(&sheet).remove(0);
         let line = scene.marks.iter().find_map(|mark| match &mark.shape {
             Shape::Line { points, stroke } if mark.series == Some(0) && stroke.width > 1.0 => {

@@ -6,10 +6,10 @@ use crate::analyse::{Design, Interval, Recovered, Undefined};
 use crate::job::{Measure, MetricUnit, counted};
 use crate::report::arm_tables;
 use crate::report::data_table::{DataTable, Entry, shown};
-use crate::report::figure::{arm_label, seeds, settings_label};
+use crate::report::figure::{seeds, settings_label};
 use crate::report::names::Names;
 use crate::report::scene::Scene;
-use crate::report::tables::{between, high, in_unit, low, range};
+use crate::report::tables::{arm, between, high, in_unit, low, range};
 
 /// Maximum number of rows whose shares a caption lists individually.
 const LISTED: usize = 6;
@@ -23,14 +23,7 @@ impl Drawn for Vec<RecoveryRow> {
         false
     }
 
-    fn display(&mut self, names: &Names) {
-        for row in self {
-            names.arm(&mut row.with);
-            names.arm(&mut row.without);
-        }
-    }
-
-    fn table(&self, title: &str, metric: Measure) -> DataTable {
+    fn table(&self, title: &str, metric: Measure, names: &Names) -> DataTable {
         let columns = [
             ("with", "With"),
             ("without", "Without"),
@@ -51,8 +44,8 @@ impl Drawn for Vec<RecoveryRow> {
             let [with, without] = &row.returns;
             let interval = row.recovered.and_then(|found| found.interval);
             table.rows.push(vec![
-                Entry::text(arm_label(&row.with)),
-                Entry::text(arm_label(&row.without)),
+                arm(&row.with, names),
+                arm(&row.without, names),
                 in_unit(with.mean(), metric),
                 in_unit(without.mean(), metric),
                 arm_tables::optimum(row.optimum.as_ref().map(|best| best.mean_return)),
@@ -72,7 +65,7 @@ impl Drawn for Vec<RecoveryRow> {
         table
     }
 
-    fn shows(&self, _: Measure) -> String {
+    fn shows(&self, _: Measure, _: &Names) -> String {
         let counts = self.iter().flat_map(|row| row.returns.iter().map(|sample| sample.n()));
         let has_interval =
             |row: &&RecoveryRow| row.recovered.is_ok_and(|found| found.interval.is_ok());
@@ -87,7 +80,7 @@ impl Drawn for Vec<RecoveryRow> {
     }
 
     /// One sentence: the recovered shares with their intervals, and the losses.
-    fn finds(&self, _: Measure) -> Option<String> {
+    fn finds(&self, _: Measure, names: &Names) -> Option<String> {
         let known = self.iter().filter_map(|row| Some((row, row.recovered.ok()?)));
         let mut known: Vec<(&RecoveryRow, Recovered)> = known.collect();
         let (first, _) = known.first()?;
@@ -100,10 +93,10 @@ impl Drawn for Vec<RecoveryRow> {
             arm(row) == arm(first)
         };
         if known.len() <= LISTED && known.iter().all(|(row, _)| same(row)) {
-            let shares: Vec<String> = known.iter().map(|(row, found)| share(row, found)).collect();
+            let shares = known.iter().map(|(row, found)| share(row, found, names));
+            let shares = shares.collect::<Vec<_>>().join(", ");
             let of = &first.optimum.as_ref()?.scenario;
-            let (with, without, shares) =
-                (unset(&first.with), unset(&first.without), shares.join(", "));
+            let (with, without) = (unset(&first.with, names), unset(&first.without, names));
             return Some(format!(
                 "Of what {without} loses against the optimum of {of}, {with} recovers {shares}"
             ));
@@ -114,9 +107,9 @@ impl Drawn for Vec<RecoveryRow> {
             .map(|(row, found)| {
                 format!(
                     "{} ({} against {})",
-                    share(row, found),
-                    unset(&row.with),
-                    unset(&row.without)
+                    share(row, found, names),
+                    unset(&row.with, names),
+                    unset(&row.without, names)
                 )
             })
             .collect();
@@ -142,13 +135,13 @@ impl Drawn for Vec<RecoveryRow> {
 }
 
 /// The name of an arm without its settings.
-fn unset(name: &ArmId) -> String {
-    arm_label(&ArmId { settings: Vec::new(), ..name.clone() })
+fn unset(name: &ArmId, names: &Names) -> String {
+    names.label(&ArmId { settings: Vec::new(), ..name.clone() })
 }
 
-/// A share with its interval: "93 % (91 to 95 %) at sigma=0.4"; a share below 0 is a further loss: "no
+/// A share with its interval: "93 % (91 to 95 %) at σ=0.4"; a share below 0 is a further loss: "no
 /// part (it loses a further 5 %, 1 to 9 %)".
-fn share(row: &RecoveryRow, found: &Recovered) -> String {
+fn share(row: &RecoveryRow, found: &Recovered, names: &Names) -> String {
     let ends = |low: f64, high: f64| format!("{} %", range(100.0 * low, 100.0 * high, 1));
     let none = |reason: Undefined| format!("no interval: {reason}");
     let share = match found.share < 0.0 {
@@ -162,7 +155,7 @@ fn share(row: &RecoveryRow, found: &Recovered) -> String {
             format!("no part (it loses a further {} %, {spread})", shown(-100.0 * found.share, 1))
         }
     };
-    let at = match settings_label(&row.with.settings) {
+    let at = match settings_label(&names.arm(&row.with).settings) {
         label if label.is_empty() => label,
         label => format!(" at {label}"),
     };
@@ -208,9 +201,9 @@ mod tests {
             row(0.6, [50.0, 50.5], [50.0, 50.5], None),
         ];
         assert_eq!(
-            rows.finds(RETURN).unwrap(),
+            rows.finds(RETURN, &Names::default()).unwrap(),
             "Of what ppo P-T loses against the optimum of P-H-D, ppo-gru P-M-S recovers 75.0 % (43.2 to \
-             106.8 %) at sigma=0.4"
+             106.8 %) at σ=0.4"
         );
         assert_eq!(
             rows.lacks().unwrap(),
@@ -218,7 +211,7 @@ mod tests {
              D, in an environment whose optimum can be computed; where messages cost steps, it is that of \
              mean_net_return)"
         );
-        let table = rows.table("", RETURN);
+        let table = rows.table("", RETURN, &Names::default());
         assert_eq!(table.rows.len(), 2);
         assert!(table.markdown().contains("43.2 to 106.8"));
     }
@@ -227,9 +220,9 @@ mod tests {
     fn a_share_below_0_recovers_nothing() {
         let rows = vec![row(0.4, [49.0, 51.0], [60.0, 60.0], Some(100.0))];
         assert_eq!(
-            rows.finds(RETURN).unwrap(),
+            rows.finds(RETURN, &Names::default()).unwrap(),
             "Of what ppo P-T loses against the optimum of P-H-D, ppo-gru P-M-S recovers no part (it loses \
-             a further 25.0 %, −6.8 to 56.8 %) at sigma=0.4"
+             a further 25.0 %, −6.8 to 56.8 %) at σ=0.4"
         );
     }
 
@@ -241,7 +234,7 @@ mod tests {
                 row(f64::from(i), [mean - 1.0, mean + 1.0], [60.0, 60.0], Some(100.0))
             })
             .collect();
-        let found = rows.finds(RETURN).unwrap();
+        let found = rows.finds(RETURN, &Names::default()).unwrap();
         let begins =
             "Of the distance to the optimum, the arms of 8 comparisons recover between 12.5 %";
         assert!(found.starts_with(begins), "{found}");

@@ -1,14 +1,14 @@
 //! Selections: settings in the order of a rule.
 
 use super::{Drawn, Sheet, amount, ends, gap, gap_ends, metric_words, test_name};
-use crate::analyse::declared::{Candidate, Ranking};
+use crate::analyse::declared::{Candidate, RangeEnd, Ranking};
 use crate::analyse::{Design, TTest, Undefined, t_test};
 use crate::job::{Measure, counted};
 use crate::report::data_table::{DataTable, Entry};
-use crate::report::figure::{arm_label, seeds, settings_label};
+use crate::report::figure::{seeds, settings_key, settings_label};
 use crate::report::names::Names;
 use crate::report::scene::Scene;
-use crate::report::tables::{between, high, in_unit, low};
+use crate::report::tables::{arm, between, high, in_unit, low};
 
 impl Drawn for Vec<Ranking> {
     fn figures(&self, _: &Sheet<'_>) -> Vec<(String, Scene)> {
@@ -19,18 +19,11 @@ impl Drawn for Vec<Ranking> {
         false
     }
 
-    fn display(&mut self, names: &Names) {
-        for ranking in self {
-            names.arm(&mut ranking.place);
-            ranking.candidates.iter_mut().for_each(|one| Names::settings(&mut one.settings));
-        }
+    fn table(&self, title: &str, metric: Measure, names: &Names) -> DataTable {
+        table(title, self, metric, names)
     }
 
-    fn table(&self, title: &str, metric: Measure) -> DataTable {
-        table(title, self, metric)
-    }
-
-    fn shows(&self, metric: Measure) -> String {
+    fn shows(&self, metric: Measure, _: &Names) -> String {
         let rule = self.first().map_or_else(String::new, |ranking| ranking.rule.replace('_', " "));
         let candidates = self.iter().flat_map(|ranking| &ranking.candidates);
         let counts = candidates.map(|candidate| candidate.sample.n()).filter(|n| *n > 0);
@@ -41,7 +34,7 @@ impl Drawn for Vec<Ranking> {
         )
     }
 
-    fn finds(&self, metric: Measure) -> Option<String> {
+    fn finds(&self, metric: Measure, names: &Names) -> Option<String> {
         // A ranking of a single setting is not a search.
         let searched: Vec<&Ranking> = self.iter().filter(|one| one.candidates.len() > 1).collect();
         let [ranking] = searched.as_slice() else {
@@ -60,6 +53,10 @@ impl Drawn for Vec<Ranking> {
                 )
             });
         };
+        let at_end = |mut end: RangeEnd| {
+            end.name = Names::key(&end.name);
+            format!("; {end}")
+        };
         let best = ranking.candidates.first()?;
         let mean = amount(best.mean.ok()?, metric);
         let spread = best.interval.map_or_else(
@@ -68,11 +65,11 @@ impl Drawn for Vec<Ranking> {
         );
         Some(format!(
             "{} has the highest mean with {}: {mean} (best of {} tried{spread}){}{}; {BIASED}",
-            arm_label(&ranking.place),
+            names.label(&ranking.place),
             settings_label(&best.settings),
             counted(ranking.tried(), "setting"),
             runner_up(ranking, metric).unwrap_or_default(),
-            ranking.at_ends().map(|end| format!("; {end}")).collect::<String>()
+            ranking.at_ends().map(at_end).collect::<String>()
         ))
     }
 
@@ -113,7 +110,7 @@ fn runner_up(ranking: &Ranking, metric: Measure) -> Option<String> {
     Some(format!("; {} {side} the next, {settings}{interval}", gap(difference.abs(), metric)))
 }
 
-fn table(title: &str, rankings: &[Ranking], metric: Measure) -> DataTable {
+fn table(title: &str, rankings: &[Ranking], metric: Measure, names: &Names) -> DataTable {
     let name = metric.title();
     let columns = [
         ("arm", "Arm"),
@@ -139,11 +136,11 @@ fn table(title: &str, rankings: &[Ranking], metric: Measure) -> DataTable {
                     (difference, Some(test.map(|test| test.interval)))
                 }
             };
-            let of_best = || Entry::Text(String::new());
+            let of_best = || Entry::text("");
             table.rows.push(vec![
-                Entry::text(arm_label(&ranking.place)),
+                arm(&ranking.place, names),
                 Entry::number(rank as f64 + 1.0, 0),
-                Entry::text(settings_label(&candidate.settings)),
+                Entry::name(settings_key(&candidate.settings), settings_label(&candidate.settings)),
                 Entry::number(candidate.sample.n() as f64, 0),
                 in_unit(candidate.mean, metric),
                 between(candidate.interval, metric),

@@ -190,7 +190,7 @@ fn html_entry(entry: &Entry, class: Option<&str>) -> Markup {
     let (value, reason) = match entry {
         Entry::Number { value, .. } => (Some(*value), None),
         Entry::Missing(reason) => (None, Some(reason)),
-        Entry::Text(_) => (None, None),
+        Entry::Text { .. } => (None, None),
     };
     html! { td class=[class] data-value=[value] title=[reason] { (symbols(entry.shown())) } }
 }
@@ -200,9 +200,9 @@ fn html_entry(entry: &Entry, class: Option<&str>) -> Markup {
 fn thinned(rows: &[Vec<Entry>], every: usize) -> impl Iterator<Item = &Vec<Entry>> {
     let same_words = |one: &Vec<Entry>, next: &Vec<Entry>| {
         one.iter().zip(next).all(|entries| match entries {
-            (Entry::Text(one), Entry::Text(next)) => one == next,
-            (Entry::Text(_), Entry::Number { .. } | Entry::Missing(_))
-            | (Entry::Number { .. } | Entry::Missing(_), Entry::Text(_)) => false,
+            (Entry::Text { shown: one, .. }, Entry::Text { shown: next, .. }) => one == next,
+            (Entry::Text { .. }, Entry::Number { .. } | Entry::Missing(_))
+            | (Entry::Number { .. } | Entry::Missing(_), Entry::Text { .. }) => false,
             (
                 Entry::Number { .. } | Entry::Missing(_),
                 Entry::Number { .. } | Entry::Missing(_),
