@@ -182,7 +182,7 @@ fn replay(case: &Case) -> Result<(Vec<Step>, PhysicalActivity), String> {
     lane.reset(LaneSet::All, &mut LaneStreams::Shared(stream));
     let mut actor = RecordedActions { actions: Vec::new(), taken: 0 };
     for (t, recorded) in case.steps.iter().enumerate() {
-        let action = Action::from_index(recorded.action);
+        let action = Action::option(recorded.action);
         let refused =
             || format!("step {t}: expected an action from 0 to 3, found {}", recorded.action);
         actor.actions.push(action.ok_or_else(refused)?);

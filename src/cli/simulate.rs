@@ -78,7 +78,7 @@ impl FromStr for PolicyArgument {
 
     fn from_str(text: &str) -> Result<Self, String> {
         let fixed = text.strip_prefix("fixed:").and_then(|index| index.parse().ok());
-        if let Some(action) = fixed.and_then(Action::from_index) {
+        if let Some(action) = fixed.and_then(Action::option) {
             return Ok(PolicyArgument::Fixed(action));
         }
         match text.split_once(':') {

@@ -28,7 +28,8 @@ pub struct ReportFile {
 
 /// All files of the report of these experiments. `store` is the displayed name of the store.
 pub fn report(experiments: &[ReportedExperiment], store: &str, hosts: Hosts) -> Vec<ReportFile> {
-    let names: Vec<Names> = experiments.iter().map(Names::of).collect();
+    let of = |one: &ReportedExperiment| Names::of(&one.jobs, &one.styles, &one.labels);
+    let names: Vec<Names> = experiments.iter().map(of).collect();
     let arms = experiments.iter().zip(&names).flat_map(|(experiment, names)| {
         let findings = experiment.findings.iter();
         findings.flat_map(|(finding, _)| names.arms(drawn(&finding.content).arms()))

@@ -17,6 +17,7 @@ mod reproduction;
 mod scene;
 mod section;
 mod split;
+mod symbols;
 mod table;
 mod tables;
 mod winner;

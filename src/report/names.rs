@@ -3,20 +3,11 @@
 //! They are made where text is drawn. CSV files keep the names of keys.
 
 use super::figure::arm_label;
-use super::section::ReportedExperiment;
+use super::symbols;
 use crate::analyse::declared::{ArmId, implied};
-use crate::env::{SYMBOLS, Symbol};
 use crate::job::short_name;
-use crate::manifest::PanelKey;
+use crate::manifest::{FigureKeys, PanelKey};
 use crate::record::JobRecord;
-
-/// The discount of learners, which papers write as a symbol.
-const DISCOUNT: Symbol = Symbol { key: "gamma", symbol: "γ", quantity: Some("discount") };
-
-/// The keys that papers write as symbols. Symbols that begin with another symbol come first.
-fn symbols() -> impl Iterator<Item = Symbol> {
-    SYMBOLS.iter().copied().chain([DISCOUNT])
-}
 
 /// The labels of an experiment's agents, and the keys that names of arms leave out.
 #[derive(Clone, Debug, Default)]
@@ -28,43 +19,15 @@ pub struct Names {
 }
 
 impl Names {
-    /// The names of an experiment.
-    pub fn of(experiment: &ReportedExperiment) -> Names {
-        let jobs: Vec<&JobRecord> = experiment.jobs.iter().collect();
-        let panels = experiment.styles.iter().filter_map(|style| match style.panel? {
+    /// The names of an experiment with these jobs, styles of figures and labels of agents.
+    pub fn of(jobs: &[JobRecord], styles: &[FigureKeys], labels: &[(String, String)]) -> Names {
+        let jobs: Vec<&JobRecord> = jobs.iter().collect();
+        let panels = styles.iter().filter_map(|style| match style.panel? {
             PanelKey::Key(parameter) => Some(parameter.to_string()),
             PanelKey::Agent | PanelKey::Scenario => None,
         });
         let kept: Vec<String> = panels.collect();
-        Names { labels: experiment.labels.clone(), implied: implied(&jobs, &kept) }
-    }
-
-    /// A dotted name with its last part as a symbol, if it has one.
-    pub fn key(dotted: &str) -> String {
-        let (section, key) = match dotted.rsplit_once('.') {
-            Some((section, key)) => (Some(section), key),
-            None => (None, dotted),
-        };
-        let symbol = symbols().find(|symbol| symbol.key == key);
-        match (section, symbol) {
-            (_, None) => dotted.to_owned(),
-            (None, Some(Symbol { symbol, .. })) => symbol.to_owned(),
-            (Some(section), Some(Symbol { symbol, .. })) => format!("{section}.{symbol}"),
-        }
-    }
-
-    /// The last part of a dotted name, as a symbol if it has one.
-    pub fn short(dotted: &str) -> String {
-        short_name(&Names::key(dotted)).to_owned()
-    }
-
-    /// The name of a parameter's quantity, as axes have it.
-    pub fn quantity(dotted: &str) -> String {
-        let short = Names::short(dotted);
-        match symbols().find(|one| one.symbol == short).and_then(|one| one.quantity) {
-            Some(quantity) => format!("{quantity} {short}"),
-            None => short.replace('_', " "),
-        }
+        Names { labels: labels.to_vec(), implied: implied(&jobs, &kept) }
     }
 
     /// The label of an agent.
@@ -76,7 +39,7 @@ impl Names {
     /// Words such as `delta_d=0.1`, and names of agents if `has_agents`, as they are displayed.
     pub fn words(&self, text: &str, has_agents: bool) -> String {
         let word = |word: &str| match word.split_once('=') {
-            Some((key, value)) => format!("{}={value}", Names::key(key)),
+            Some((key, value)) => format!("{}={value}", symbols::key(key)),
             None if has_agents => self.agent(word),
             None => word.to_owned(),
         };
@@ -118,9 +81,9 @@ mod tests {
 
     #[test]
     fn a_key_has_a_symbol_and_an_agent_its_label() {
-        assert_eq!(Names::key("environment.delta_d"), "environment.δ_d");
-        assert_eq!(Names::key("agent.learning_rate"), "agent.learning_rate");
-        assert_eq!(Names::key("sigma"), "σ");
+        assert_eq!(symbols::key("environment.delta_d"), "environment.δ_d");
+        assert_eq!(symbols::key("agent.learning_rate"), "agent.learning_rate");
+        assert_eq!(symbols::key("sigma"), "σ");
         let names = Names {
             labels: vec![("dqn".to_owned(), "Deep Q".to_owned())],
             implied: vec!["environment.kappa_h".to_owned()],

@@ -7,6 +7,11 @@ pub const OPTIONS: usize = 4;
 
 /// The intervention options of the paper (table 1).
 impl Action {
+    /// The intervention option of this number; `None` above 3.
+    pub fn option(number: usize) -> Option<Action> {
+        Action::from_index(number).filter(|_| number < OPTIONS)
+    }
+
     /// Send nothing.
     pub const NONE: Action = Action(0);
     /// Send an untailored message.

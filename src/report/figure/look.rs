@@ -1,11 +1,11 @@
 //! The looks of arms. An arm looks the same in every figure of a report.
 
+use crate::report::symbols;
 use std::collections::HashMap;
 
 use super::INK;
 use crate::analyse::declared::ArmId;
 use crate::job::Scalar;
-use crate::report::names::Names;
 use crate::report::scene::{Color, Facets};
 
 /// The colours of Okabe and Ito, which colour-blind readers can distinguish. Black and yellow are
@@ -205,7 +205,7 @@ pub fn facets(name: &ArmId) -> Facets {
     let words = words.into_iter().filter(|(_, word)| !word.is_empty());
     let words = words.map(|(key, word)| (key.to_owned(), word.clone()));
     let settings =
-        name.settings.iter().map(|(key, value)| (Names::key(last(key)), value.to_string()));
+        name.settings.iter().map(|(key, value)| (symbols::key(last(key)), value.to_string()));
     words.chain(settings).collect()
 }
 
@@ -225,7 +225,7 @@ fn joined(parts: [&str; 3]) -> String {
 
 /// Settings on one line: `learning_rate=0.001 σ=0.6`.
 pub fn settings_label(settings: &[(String, Scalar)]) -> String {
-    let word = |(key, value): &(String, Scalar)| format!("{}={value}", Names::key(last(key)));
+    let word = |(key, value): &(String, Scalar)| format!("{}={value}", symbols::key(last(key)));
     settings.iter().map(word).collect::<Vec<_>>().join(" ")
 }
 

@@ -1,12 +1,12 @@
 //! Panels: groups of arms that a figure draws together.
 
+use crate::report::symbols;
 use std::collections::HashMap;
 
 use super::look::{Looks, labels, settings_label};
 use crate::analyse::declared::ArmId;
 use crate::manifest::PanelKey;
 use crate::report::escape::file_stem;
-use crate::report::names::Names;
 
 /// Maximum number of arms that a figure without a declared panel draws together.
 pub const MOST_ARMS: usize = 6;
@@ -91,7 +91,7 @@ impl Panels {
         if panels.len() > 1 {
             for panel in panels.iter_mut().filter(|panel| panel.heading.is_empty()) {
                 let names = by.iter().map(By::name).collect::<Vec<_>>().join(", ");
-                panel.heading = format!("without {}", Names::short(&names));
+                panel.heading = format!("without {}", symbols::short(&names));
             }
         }
         let mut rest: Vec<ArmId> = arms.iter().map(|name| (*name).clone()).collect();

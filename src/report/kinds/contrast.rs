@@ -1,6 +1,6 @@
 //! Contrasts: differences with their intervals, with one row per comparison.
 
-use super::forest::{MOST_ROWS, forest_figures};
+use super::forest::{MOST_ROWS, forest_figures, sides};
 use super::{Drawn, Sheet, gap, gap_title, metric_words, related, test_name};
 use crate::analyse::declared::{ALPHA, ContrastFigure, ContrastRow, Family};
 use crate::analyse::{FEW_SEEDS, Undefined};
@@ -149,11 +149,6 @@ impl ContrastFigure {
         let has_agents = self.rows.iter().all(|row| row.name.agent.is_empty());
         [&self.sides.0, &self.sides.1].map(|side| names.words(side, has_agents))
     }
-}
-
-/// The sides of a row as they are displayed.
-pub(super) fn sides(row: &ContrastRow, names: &Names) -> [String; 2] {
-    [&row.sides.0, &row.sides.1].map(|side| names.words(side, row.name.agent.is_empty()))
 }
 
 /// "9 degrees of freedom".

@@ -14,6 +14,7 @@ use crate::report::figure::{
 };
 use crate::report::names::Names;
 use crate::report::scene::Scene;
+use crate::report::symbols;
 use crate::report::tables::{arm, between, high, in_unit, low};
 
 impl Drawn for CurveFigure {
@@ -32,11 +33,11 @@ impl Drawn for CurveFigure {
     fn shows(&self, metric: Measure, _: &Names) -> String {
         let axis = match self.is_error() {
             true => "context inference error",
-            false => &Names::quantity(&self.axis),
+            false => &symbols::quantity(&self.axis),
         };
         let seeds = seeds(self.lines.iter().flat_map(CurveLine::seeds));
         let across = match self.lines.iter().any(|line| line.across.is_some()) {
-            true => format!("; arms without {} are lines across", Names::short(&self.axis)),
+            true => format!("; arms without {} are lines across", symbols::short(&self.axis)),
             false => String::new(),
         };
         format!(
@@ -71,7 +72,7 @@ impl CurveFigure {
     fn at(&self, point: &CurvePoint) -> String {
         match self.is_error() {
             true => format!("{} % error", shown(point.x * 100.0, 0)),
-            false => format!("{} = {}", Names::short(&self.axis), parameter(point.x)),
+            false => format!("{} = {}", symbols::short(&self.axis), parameter(point.x)),
         }
     }
 
@@ -158,7 +159,7 @@ fn curve_figures(figure: &CurveFigure, sheet: &Sheet<'_>) -> Vec<(String, Scene)
     let is_error = figure.is_error();
     let (x_title, x_numbers) = match is_error {
         true => ("context inference error, %".to_owned(), Numbers::Percent),
-        false => (Names::quantity(&figure.axis), Numbers::Plain),
+        false => (symbols::quantity(&figure.axis), Numbers::Plain),
     };
     let extent = extent(figure);
     let line = |at: usize| {
@@ -233,7 +234,7 @@ fn across_places(
     extent: Option<(f64, f64)>,
     (metric, of): (Measure, &CurveFigure),
 ) -> Vec<Place> {
-    let axis = Names::short(&of.axis);
+    let axis = symbols::short(&of.axis);
     let tip = format!("{name}, which lacks {axis}: {}", measured(sample, metric));
     let interval = sample.interval().ok().map(|interval| (interval.low, interval.high));
     let y = sample.mean().unwrap_or(f64::NAN);
@@ -262,7 +263,7 @@ fn curve_place(point: &CurvePoint, name: &str, (metric, of): (Measure, &CurveFig
             let error = shown(point.x * 100.0, 1);
             format!("σ = {}, error {error} %", parameter(point.parameter))
         }
-        false => format!("{} = {}", Names::short(&of.axis), parameter(point.parameter)),
+        false => format!("{} = {}", symbols::short(&of.axis), parameter(point.parameter)),
     };
     let tip = format!("{name}, {at}: {}", measured(&point.sample, metric));
     let interval = point.sample.interval().ok().map(|interval| (interval.low, interval.high));
@@ -293,7 +294,7 @@ fn shared_word(names: &[&ArmId]) -> Option<String> {
 }
 
 fn table(title: &str, figure: &CurveFigure, metric: Measure, names: &Names) -> DataTable {
-    let (axis, is_error) = (Names::short(&figure.axis), figure.is_error());
+    let (axis, is_error) = (symbols::short(&figure.axis), figure.is_error());
     let name = metric.title();
     let has_optimum = figure.lines.iter().any(|line| !line.optimum.is_empty());
     let columns = [

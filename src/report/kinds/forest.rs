@@ -1,6 +1,5 @@
 //! The figures of contrasts: forest plots around zero, with one row per comparison.
 
-use super::contrast::sides;
 use super::{Sheet, gap_ends, gap_title, is_rate, related, test_name};
 use crate::analyse::declared::{ArmId, ContrastRow, Family};
 use crate::job::Measure;
@@ -9,6 +8,7 @@ use crate::report::figure::{
     Axis, AxisScale, FAINT, GRID, INK, Look, Marker, NOTE, PUBLISHED, Panel, Panels, TEXT, facets,
     fitting, marker, round_range, seeds, text,
 };
+use crate::report::names::Names;
 use crate::report::scene::{Anchor, Mark, Scene, Shape, Stroke, Weight, width};
 use crate::report::words::{Numbers, unit_numbers};
 
@@ -243,6 +243,11 @@ fn row_marks(
         marks.push(Mark::from(marker((across.place(effect), middle), &look, 3.2)).saying(tip));
     }
     marks
+}
+
+/// The sides of a row as they are displayed.
+pub(super) fn sides(row: &ContrastRow, names: &Names) -> [String; 2] {
+    [&row.sides.0, &row.sides.1].map(|side| names.words(side, row.name.agent.is_empty()))
 }
 
 #[cfg(test)]

@@ -1,5 +1,6 @@
 //! Heat maps over two parameters: numbers on colours.
 
+use crate::report::symbols;
 use std::collections::BTreeMap;
 
 use super::{Drawn, Sheet, amount, gap, is_rate, metric_words, parameter};
@@ -77,9 +78,9 @@ impl Drawn for Vec<HeatFigure> {
         let place = match tied {
             1 => format!(
                 "at {} = {} and {} = {} of {agent} {}",
-                Names::short(&map.x.0),
+                symbols::short(&map.x.0),
                 parameter(tile.x),
-                Names::short(&map.y.0),
+                symbols::short(&map.y.0),
                 parameter(tile.y),
                 subject.replace(" - ", " − ")
             ),
@@ -333,9 +334,9 @@ fn tile_marks(
     let published = tile.published.map(|value| format!("publ. {}", in_unit(value)));
     let tip = format!(
         "{agent} {subject}, {} = {}, {} = {}: {value}{spread_words} (95 %), {}{}",
-        Names::short(&figure.x.0),
+        symbols::short(&figure.x.0),
         parameter(tile.x),
-        Names::short(&figure.y.0),
+        symbols::short(&figure.y.0),
         parameter(tile.y),
         seeds(std::iter::once(tile.seeds)),
         published.as_ref().map_or_else(String::new, |words| format!("; {words}"))
@@ -393,10 +394,10 @@ fn frame(
         marks.push(text(at, words, (size, Weight::Regular), FAINT, Anchor::End).into());
     }
     let at = (left + tile_width * columns.len() as f64 / 2.0, bottom + 27.0);
-    marks.push(text(at, Names::quantity(&figure.x.0), plain, INK, Anchor::Middle).into());
+    marks.push(text(at, symbols::quantity(&figure.x.0), plain, INK, Anchor::Middle).into());
     let title = rising_title(
         (12.0, (TOP + bottom) / 2.0),
-        Names::quantity(&figure.y.0),
+        symbols::quantity(&figure.y.0),
         bottom - TOP + 30.0,
     );
     marks.push(title.into());
@@ -423,7 +424,7 @@ fn narrowed(words: &str, (size, weight): (f64, Weight), room: f64) -> f64 {
 fn table(title: &str, figures: &[HeatFigure], metric: Measure, names: &Names) -> DataTable {
     let name = metric.title();
     let axes = figures.first().map_or(("", ""), |map| (map.x.0.as_str(), map.y.0.as_str()));
-    let (x, y) = (Names::short(axes.0), Names::short(axes.1));
+    let (x, y) = (symbols::short(axes.0), symbols::short(axes.1));
     let columns = [
         ("agent", "Agent"),
         ("subject", "Subject"),

@@ -19,6 +19,7 @@ use crate::analyse::declared::{ArmId, Content, Finding};
 use crate::analyse::{Design, Interval};
 use crate::job::counted;
 use crate::job::{Measure, MetricUnit, Scalar};
+use crate::report::symbols;
 
 /// Inputs that all figures of a finding share.
 pub(super) struct Sheet<'s> {
@@ -116,7 +117,7 @@ pub(super) fn table(finding: &Finding, names: &Names) -> DataTable {
 /// The participants to whom an analysis is restricted, as the end of a caption.
 fn among(finding: &Finding) -> String {
     let among = finding.participants.map(|range| {
-        let symbol = Names::key(range.parameter);
+        let symbol = symbols::key(range.parameter);
         format!(", among {range}").replace(range.parameter, &symbol)
     });
     among.unwrap_or_default()

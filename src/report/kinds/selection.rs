@@ -8,6 +8,7 @@ use crate::report::data_table::{DataTable, Entry};
 use crate::report::figure::{seeds, settings_key, settings_label};
 use crate::report::names::Names;
 use crate::report::scene::Scene;
+use crate::report::symbols;
 use crate::report::tables::{arm, between, high, in_unit, low};
 
 impl Drawn for Vec<Ranking> {
@@ -54,7 +55,7 @@ impl Drawn for Vec<Ranking> {
             });
         };
         let at_end = |mut end: RangeEnd| {
-            end.name = Names::key(&end.name);
+            end.name = symbols::key(&end.name);
             format!("; {end}")
         };
         let best = ranking.candidates.first()?;
