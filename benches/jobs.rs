@@ -12,8 +12,7 @@ use jitai::agent::{
     linear_thompson_learner,
 };
 use jitai::env::{
-    Action, LaneSet, LaneStreams, PhysicalActivity, Population, Scenario, StepCount,
-    VectorEnvironment,
+    Action, LaneSet, LaneStreams, PhysicalActivity, Scenario, StepCount, VectorEnvironment,
 };
 use jitai::job::Evaluation;
 use jitai::job::Job;
@@ -30,8 +29,7 @@ fn main() {
 
 fn job(agent: Agent, time_one_hot: bool) -> Job {
     Job {
-        environment: StepCount { time_one_hot, ..StepCount::paper(0.6) },
-        population: Population::default(),
+        environment: StepCount { time_one_hot, ..StepCount::paper(0.6) }.into(),
         scenario: "P-H-D".parse().unwrap(),
         agent,
         evaluation: Evaluation { curve_stride: 500, ..Evaluation::default() },
@@ -126,7 +124,7 @@ fn ppo(engine: Engine, [lanes, steps, minibatches, epochs]: [u32; 4]) -> Ppo {
 /// Trains where nobody disengages, so that every episode has 50 steps, and plays one test episode.
 fn train_ppo(parameters: &Ppo) {
     let mut job = job(Agent::of(parameters), false);
-    job.environment.epsilon_d = 0.0;
+    job.environment.change(|environment| environment.epsilon_d = 0.0);
     job.evaluation.test_episodes = 1;
     assert!(matches!(train::run(&job, &Uncontrolled), Outcome::Completed(_)));
 }

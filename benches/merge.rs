@@ -7,7 +7,7 @@ use std::sync::atomic::AtomicBool;
 use divan::Bencher;
 use divan::counter::ItemsCount;
 use jitai::agent::{Agent, DuelingDqn, Reinforce};
-use jitai::env::{Population, StepCount};
+use jitai::env::StepCount;
 use jitai::job::Evaluation;
 use jitai::job::Job;
 use jitai::job::{Outcome, Provenance};
@@ -65,9 +65,8 @@ fn fill(store: &mut Store, jobs: &[Job], outcome: &Outcome) {
 }
 
 fn job(agent: Agent, evaluation: Evaluation) -> Job {
-    let (environment, scenario) = (StepCount::paper(0.6), "P-H-D".parse().unwrap());
-    let population = Population::default();
-    Job { environment, population, scenario, agent, evaluation, seed: 1 }
+    let (environment, scenario) = (StepCount::paper(0.6).into(), "P-H-D".parse().unwrap());
+    Job { environment, scenario, agent, evaluation, seed: 1 }
 }
 
 static TRIVIAL: LazyLock<Filled> = LazyLock::new(|| {

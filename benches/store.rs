@@ -9,7 +9,7 @@ use std::sync::atomic::AtomicBool;
 use divan::Bencher;
 use divan::counter::ItemsCount;
 use jitai::agent::{Agent, Reinforce};
-use jitai::env::{Population, StepCount};
+use jitai::env::StepCount;
 use jitai::job::Job;
 use jitai::job::{Evaluation, RecordedDecisions};
 use jitai::job::{Outcome, Provenance};
@@ -77,8 +77,7 @@ impl Fresh {
 
 fn job(episodes: u32, evaluation: Evaluation) -> Job {
     Job {
-        environment: StepCount::paper(0.6),
-        population: Population::default(),
+        environment: StepCount::paper(0.6).into(),
         scenario: "P-H-D".parse().unwrap(),
         agent: Agent::of(&Reinforce { episodes, ..Reinforce::default() }),
         evaluation,
@@ -155,7 +154,7 @@ fn ending_with_decisions(bencher: Bencher<'_, '_>) {
         Evaluation { record_decisions: RecordedDecisions::Test, ..Evaluation::default() };
     let mut job = job(1, evaluation);
     // Disengagement never occurs, so every test episode has all of its steps.
-    job.environment.epsilon_d = 0.0;
+    job.environment.change(|environment| environment.epsilon_d = 0.0);
     let outcome = train::run(&job, &Uncontrolled);
     let Outcome::Completed(results) = &outcome else { panic!("{outcome:?}") };
     assert_eq!(results.decisions.len(), 50_000);

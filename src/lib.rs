@@ -160,10 +160,10 @@ pub mod environment {
     pub use crate::env::contract::{Clause, Violation, check};
     pub use crate::env::outside;
     pub use crate::env::{
-        Action, ActionSpec, ContextDraw, EpisodeStatus, Feature, FeatureSpec, FirstContext,
-        Interface, LaneSet, LaneStreams, OPTIONS, ObservationSpec, Observations,
-        ParticipantSampler, PhysicalActivity, Population, PopulationPhases, Scenario,
-        ScenarioError, StepCount, TimeIndicator, VectorEnvironment,
+        Action, ActionSpec, ContextDraw, Environment, EpisodeStatus, Family, Feature, FeatureSpec,
+        FirstContext, Interface, LaneSet, LaneStreams, Model, OPTIONS, ObservationSpec,
+        Observations, ParticipantSampler, PhysicalActivity, Population, PopulationPhases, Scenario,
+        ScenarioError, StepCount, StepCountModel, TimeIndicator, VectorEnvironment,
     };
     pub use crate::key::{Column, Distribution, NumberRange, Rows};
     pub use crate::rng::{Purpose, Stream};

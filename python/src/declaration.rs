@@ -5,9 +5,7 @@ use std::path::PathBuf;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use jitai::env::INITIAL_STEPS;
-use jitai::environment::{
-    ObservationSpec, PhysicalActivity, Population, StepCount, VectorEnvironment,
-};
+use jitai::environment::{ObservationSpec, PhysicalActivity, StepCount, VectorEnvironment};
 use jitai::experiment::{self, Filter, Job, Manifest, PlannedJob};
 use jitai::key::{Keyed, Value};
 use pyo3::exceptions::{PyFileNotFoundError, PyTypeError, PyValueError};
@@ -48,12 +46,13 @@ impl Declaration {
     /// The simulation with this number of lanes, none of which has an episode yet.
     pub(crate) fn simulation(&self, lanes: usize) -> PhysicalActivity {
         // The participants of the test, whichever participants an agent is trained on.
-        self.0.task().simulation(lanes).with_population(&self.0.population)
+        self.0.task().tested(lanes)
     }
 
     /// Whether there can be steps at which no message can be sent.
     pub(crate) fn has_masks(&self) -> bool {
-        let environment = &self.0.environment;
+        let task = self.0.task();
+        let environment = &task.model().parameters;
         self.simulation(1).can_be_unavailable() || environment.can_spend_budget()
     }
 
@@ -135,7 +134,7 @@ impl Declaration {
     #[getter]
     fn keys<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
         let keys = PyDict::new(py);
-        for (name, value) in self.0.environment.to_json() {
+        for (name, value) in self.0.task().model().parameters.to_json() {
             keys.set_item(name, json(py, &value)?)?;
         }
         Ok(keys)
@@ -292,14 +291,14 @@ fn of_manifest(manifest: &Manifest, filter: &Filter, stop: &AtomicBool) -> PyRes
 fn is_same(job: &Job, other: &Job) -> bool {
     job.environment == other.environment
         && job.agent.history() == other.agent.history()
-        && job.population == other.population
         && job.scenario == other.scenario
 }
 
 /// The parameters of a job's environment and population, by their names in filters.
 fn parameters(job: &Job) -> impl Iterator<Item = (String, Value)> {
-    let environment = StepCount::KEYS.iter().zip(job.environment.to_values());
-    let population = Population::KEYS.iter().zip(job.population.to_values());
+    let family = job.environment.family();
+    let environment = family.keys.iter().zip(job.environment.values());
+    let population = family.people.iter().zip(job.environment.people_values());
     environment
         .map(|(key, value)| (key.name.to_owned(), value))
         .chain(population.map(|(key, value)| (format!("population.{}", key.name), value)))

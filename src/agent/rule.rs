@@ -4,7 +4,7 @@ use crate::agent::actor::Actor;
 use crate::agent::unavailable::certain;
 use crate::env::{
     Action, Belief, EpisodeStatus, FirstContext, OPTIONS, PhysicalActivity, Scenario, StepCount,
-    VectorEnvironment,
+    StepCountModel, VectorEnvironment,
 };
 use crate::key::{KeyType, Keyed, Kind, choices, keys};
 use crate::optimum::{NoOptimum, OptimalPolicy};
@@ -148,12 +148,8 @@ impl RuleParameters {
     /// Whether earlier versions of the rule had other results: the threshold sent a message in the first step if all
     /// other contexts are certain, and the optimal rule ignored the cost of messages. `widest` is the environment
     /// with the largest noise of any participant.
-    pub(super) fn acts_otherwise(
-        &self,
-        environment: &StepCount,
-        widest: impl Fn() -> StepCount,
-        scenario: &Scenario,
-    ) -> bool {
+    pub(super) fn acts_otherwise(&self, model: &StepCountModel, scenario: &Scenario) -> bool {
+        let environment = &model.parameters;
         let is_certain = |of: &StepCount| Belief::new(of, scenario) == Belief::Certain;
         match self.rule {
             DecisionRule::Threshold => {
@@ -161,7 +157,7 @@ impl RuleParameters {
                     && scenario.shows_probability_alone()
                     && environment.first_context == FirstContext::Fixed
                     && is_certain(environment)
-                    && is_certain(&widest())
+                    && is_certain(&model.widest())
             }
             DecisionRule::Optimal => environment.message_cost > 0.0,
             DecisionRule::Never

@@ -9,9 +9,11 @@ use crate::cli::counting::Counting;
 use crate::cli::output::{Field, Format, Rows};
 use crate::cli::setting::{adjusted, sets, with_parameter};
 use crate::cli::{Error, Exit, check};
+use crate::env::StepCountModel;
 use crate::env::context_error;
 use crate::env::{Population, Scenario, StepCount};
 use crate::job::Job;
+use crate::job::{environment_text, people_text};
 use crate::key::Keyed;
 use crate::manifest::{Manifest, Varying};
 use crate::optimum::{self, NoOptimum, Optimum};
@@ -131,9 +133,14 @@ fn known(environment: &StepCount, scenario: &Scenario) -> [Field<'static>; 3] {
 fn places(manifest: &Manifest) -> Vec<(StepCount, Scenario, Population)> {
     let mut seen = HashSet::new();
     let distinct = plan::jobs(manifest).filter_map(|planned| {
-        let Job { environment, population, scenario, .. } = planned.job;
-        let is_new = seen.insert((format!("{environment:?} {population:?}"), scenario.clone()));
-        is_new.then_some((environment, scenario, population))
+        let Job { environment, scenario, .. } = &planned.job;
+        let is_new = seen.insert((
+            environment_text(environment),
+            people_text(environment),
+            scenario.clone(),
+        ));
+        let StepCountModel { parameters, population } = planned.job.task().model().clone();
+        is_new.then(|| (parameters, scenario.clone(), population))
     });
     distinct.collect()
 }

@@ -10,6 +10,7 @@ use crate::cli::check::ManifestArguments;
 use crate::cli::output::{Field, Format, Rows, counted};
 use crate::cli::workers::workers;
 use crate::cli::{Error, Exit, StoreArgument, counts};
+use crate::key::Parameter;
 use crate::key::printable;
 use crate::manifest::Manifest;
 use crate::plan::{ChangedDefault, Filter, Shard, Swept};
@@ -245,7 +246,10 @@ fn list_jobs(mut survey: Survey<'_>, manifests: &[Manifest], format: Format) -> 
                 Field::text(key.to_string()),
                 Field::text(&*planned.agent),
                 Field::text(planned.job.scenario.to_string()),
-                Field::Real(planned.job.environment.sigma),
+                planned
+                    .job
+                    .number(Parameter::Environment("sigma"))
+                    .map_or(Field::Empty, Field::Real),
                 Field::Integer(planned.job.seed as i64),
                 match format {
                     Format::Json => Field::Nested(swept.object(&planned.agent, &planned.job)),

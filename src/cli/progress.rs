@@ -10,6 +10,7 @@ use serde_json::{Value, json};
 use crate::cli::failures::without_numbers;
 use crate::cli::output::counted;
 use crate::job::{Failure, Outcome, Results};
+use crate::key::Parameter;
 use crate::key::printable;
 use crate::plan::Swept;
 use crate::report::rounded;
@@ -365,7 +366,7 @@ impl Shown {
             "job_key": queued.key.to_string(),
             "agent": queued.agent,
             "scenario": queued.job.scenario.to_string(),
-            "sigma": queued.job.environment.sigma,
+            "sigma": queued.job.number(Parameter::Environment("sigma")),
             "seed": queued.job.seed,
             "swept": self.swept.object(&queued.agent, &queued.job),
         })

@@ -2,6 +2,7 @@
 
 use crate::cli::Error;
 use crate::env::StepCount;
+use crate::env::StepCountModel;
 use crate::key::Keyed;
 use crate::key::printable;
 use crate::manifest::{self, Fault, Manifest};
@@ -104,7 +105,9 @@ fn said<'f>(faults: impl IntoIterator<Item = &'f Fault>) -> String {
 }
 
 fn of_first_job(manifest: &Manifest) -> StepCount {
-    plan::jobs(manifest).next().expect("a manifest without a sweep has a job").job.environment
+    let first = plan::jobs(manifest).next().expect("a manifest without a sweep has a job");
+    let model: &StepCountModel = first.job.environment.model().expect("a preset is of step_count");
+    model.parameters.clone()
 }
 
 /// Whether a setting sets this parameter.

@@ -6,7 +6,6 @@
 use std::io;
 use std::path::PathBuf;
 use std::str::FromStr;
-use std::sync::LazyLock;
 
 use crate::agent::{
     self, Actions, Actor, DecisionRuleError, RuleParameters, RulePolicy, Start, StartError, Task,
@@ -17,9 +16,9 @@ use crate::cli::setting::adjusted;
 use crate::cli::steps::{Step, StepRows};
 use crate::cli::{Error, Exit, StoreArgument, replay};
 use crate::env::{
-    Action, EpisodeStatus, Observer, PhysicalActivity, Population, Scenario, StepCount,
-    VectorEnvironment,
+    Action, EpisodeStatus, Observer, PhysicalActivity, Scenario, StepCount, VectorEnvironment,
 };
+use crate::env::{Environment, StepCountModel};
 use crate::store::{Reader, StoreError};
 use crate::train::{self, RollStreams, StepObserver};
 
@@ -106,12 +105,12 @@ pub(super) fn run(arguments: &Arguments) -> Result<Exit, Error> {
             let scenario = scenario(arguments);
             let policy = RulePolicy::new(rule, &environment, &scenario);
             let policy = policy.map_err(|error| Error::Usage(error.to_string()))?;
-            Rolled::new(&of_rule(&environment, &scenario), Box::new(policy), arguments)
+            Rolled::new(&of_rule(&environment.into(), &scenario), Box::new(policy), arguments)
         }
         PolicyArgument::Fixed(action) => {
             let environment = adjusted(StepCount::paper(0.6), &arguments.settings)?;
             let policy = Box::new(RulePolicy::fixed(*action));
-            Rolled::new(&of_rule(&environment, &scenario(arguments)), policy, arguments)
+            Rolled::new(&of_rule(&environment.into(), &scenario(arguments)), policy, arguments)
         }
         PolicyArgument::Run(_) if arguments.scenario.is_some() => {
             return Err(Error::Usage(
@@ -136,9 +135,8 @@ fn scenario(arguments: &Arguments) -> Scenario {
 }
 
 /// The task of a rule, without history.
-fn of_rule<'t>(environment: &'t StepCount, scenario: &'t Scenario) -> Task<'t> {
-    static ALIKE: LazyLock<Population> = LazyLock::new(Population::default);
-    Task { environment, population: &ALIKE, scenario, seed: 0, history: 1 }
+fn of_rule<'t>(environment: &'t Environment, scenario: &'t Scenario) -> Task<'t> {
+    Task { environment, scenario, seed: 0, history: 1 }
 }
 
 /// The agent of a completed run, in the environment of its job with the settings applied.
@@ -146,21 +144,19 @@ fn of_run(key: &str, arguments: &Arguments) -> Result<Rolled, Error> {
     let stored = Reader::open(&arguments.store.store)?.weights(key);
     let stored = stored.map_err(|error| refused_key("--policy run", error))?;
     let job = stored.job;
+    let StepCountModel { parameters, population } = job.task().model().clone();
     for setting in &arguments.settings {
-        let set = adjusted(job.environment.clone(), std::slice::from_ref(setting))?;
+        let set = adjusted(parameters.clone(), std::slice::from_ref(setting))?;
         let observer = |environment| Observer::new(environment, &job.scenario);
-        if !observer(&set).shows_the_same_as(&observer(&job.environment)) {
+        if !observer(&set).shows_the_same_as(&observer(&parameters)) {
             return Err(Error::Usage(format!(
                 "--set {setting}: this would change the observations on which the policy of job \
                  {key} was trained; leave this parameter unset"
             )));
         }
     }
-    let environment = adjusted(job.environment, &arguments.settings)?;
-    let history = job.agent.history();
-    let (environment, scenario) = (&environment, &job.scenario);
-    let population = &job.population;
-    let task = Task { environment, population, scenario, seed: job.seed, history };
+    let environment = (adjusted(parameters, &arguments.settings)?, population).into();
+    let task = Task { environment: &environment, ..job.task() };
     let Some(safetensors) = stored.safetensors else {
         // The agent is a rule or an outside program, neither of which has weights.
         return match job.agent.start(&task) {
@@ -207,7 +203,7 @@ struct Rolled {
 impl Rolled {
     fn new(task: &Task, actor: Box<dyn Actor>, arguments: &Arguments) -> Self {
         // The lane has the participants of the test, not of the training.
-        let lane = task.simulation(1).with_population(task.population);
+        let lane = task.tested(1);
         let streams = RollStreams::of_test(arguments.seed);
         Rolled { lane, actor, unavailable: Unavailable::Chosen, streams }
     }

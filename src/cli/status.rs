@@ -13,6 +13,7 @@ use crate::cli::failures::{self, SameFailure};
 use crate::cli::output::{Field, Format, Rows, counted};
 use crate::cli::{Error, Exit, StoreArgument, counts, submissions, summary};
 use crate::cluster::{self, Cluster, Look};
+use crate::key::Parameter;
 use crate::manifest;
 use crate::plan::Swept;
 use crate::schedule::{self, Left, Speeds};
@@ -188,7 +189,7 @@ impl Failed {
                 "job_key": failed.job_key.to_string(),
                 "agent": failed.agent,
                 "scenario": failed.job.as_ref().map(|job| job.scenario.to_string()),
-                "sigma": failed.job.as_ref().map(|job| job.environment.sigma),
+                "sigma": failed.job.as_ref().and_then(|job| job.number(Parameter::Environment("sigma"))),
                 "seed": failed.job.as_ref().map(|job| job.seed),
                 "swept": failed.job.as_ref().map(|job| {
                     self.swept[experiment].object(&failed.agent, job)

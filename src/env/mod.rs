@@ -9,12 +9,15 @@
 //! agents or training.
 
 pub mod contract;
+mod families;
+mod family;
 mod history;
 mod observation;
 pub mod outside;
 mod step_count;
 mod vector;
 
+pub use family::{Environment, Family, Model};
 pub use history::History;
 pub use observation::{FeatureSpec, ObservationSpec, Observations};
 pub use step_count::*;

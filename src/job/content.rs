@@ -4,10 +4,10 @@ use std::time::Duration;
 
 use serde_json::{Map, Value as Json};
 
-use super::identity::{Parts, agent_text, text};
+use super::identity::{Parts, agent_text, environment_text, people_text, text};
 use super::{CanonicalForm, Evaluation, JobKey, Scalar, Versions};
 use crate::agent::{Agent, Algorithm, Engine, Task, Work, free_key};
-use crate::env::{self, Population, Scenario, StepCount};
+use crate::env::{Environment, Family, Scenario};
 use crate::key::{CanonicalError, Key, Keyed, Parameter, Value, read_object};
 
 /// The complete content of a training and its test.
@@ -16,10 +16,8 @@ use crate::key::{CanonicalError, Key, Keyed, Parameter, Value, read_object};
 /// whatever their manifests and agent names.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Job {
-    /// Parameters of the simulation.
-    pub environment: StepCount,
-    /// The distributions of parameters over participants.
-    pub population: Population,
+    /// The environment: its family, its parameters and its participants.
+    pub environment: Environment,
     /// The scenario that the agent observes.
     pub scenario: Scenario,
     /// The algorithm with its hyper-parameters, including the budget.
@@ -70,29 +68,17 @@ impl Job {
 
     /// The versions of the code that this job would run with.
     pub fn versions(&self) -> Versions {
-        // The versions are higher in the jobs alone that a change of the code concerns, so that all others keep
-        // their keys. The step after the horizon, which pays nothing, is no longer part of the test.
-        let is_later = self.environment.unpaid_last_step;
         let differs = self.agent.differs_in(&self.task());
         Versions {
-            environment: env::VERSION + u32::from(is_later),
+            environment: self.environment.version(),
             algorithm: self.agent.version() + u32::from(differs),
         }
-    }
-
-    /// The exact error rate of the most likely context; `None` if it differs between participants.
-    pub fn context_error(&self) -> Option<f64> {
-        let differs = |name| name == "sigma" || name == "context_probability";
-        let StepCount { sigma, context_probability, .. } = self.environment;
-        let alike = !self.population.names().any(differs);
-        alike.then(|| env::context_error(sigma, context_probability))
     }
 
     /// The task that the agent learns.
     pub fn task(&self) -> Task<'_> {
         Task {
             environment: &self.environment,
-            population: &self.population,
             scenario: &self.scenario,
             seed: self.seed,
             history: self.agent.history(),
@@ -127,9 +113,9 @@ impl Job {
     pub fn form(&self) -> CanonicalForm {
         let parts = Parts {
             agent: &agent_text(&self.agent),
-            environment: &text(&self.environment),
+            environment: &environment_text(&self.environment),
             evaluation: &text(&self.evaluation),
-            population: &text(&self.population),
+            population: &people_text(&self.environment),
         };
         self.form_of(parts)
     }
@@ -197,8 +183,7 @@ impl Job {
             algorithm = Algorithm::external(free).ok_or_else(|| part("agent"))?;
         }
         let job = Job {
-            environment: read("environment", &environment)?,
-            population: read("population", &population)?,
+            environment: read_environment(environment, &population)?,
             scenario: scenario.ok_or_else(|| part("scenario"))?,
             agent: Agent::with_values(algorithm, values("agent", algorithm.keys(), &agent)?)
                 .ok_or_else(|| part("agent"))?,
@@ -213,11 +198,12 @@ impl Job {
 
     /// The sections of the job: name, keys and their values. The agent comes first.
     pub fn sections(&self) -> [(&'static str, &'static [Key], Vec<Value>); 4] {
+        let family = self.environment.family();
         [
             ("agent", self.agent.algorithm().keys(), self.agent.values().to_vec()),
-            ("environment", StepCount::KEYS, self.environment.to_values()),
+            ("environment", family.keys, self.environment.values()),
             ("evaluation", Evaluation::KEYS, self.evaluation.to_values()),
-            ("population", Population::KEYS, self.population.to_values()),
+            ("population", family.people, self.environment.people_values()),
         ]
     }
 
@@ -237,6 +223,11 @@ impl Job {
         };
         let (_, keys, values) = &self.sections()[section];
         place(keys, name).map(|place| values[place].clone())
+    }
+
+    /// The value of a parameter, if the job has it and it is a number.
+    pub fn number(&self, parameter: Parameter) -> Option<f64> {
+        Scalar::from(&self.value(parameter)?).number()
     }
 
     /// All parameters as dotted names and values, as the view `parameter` shows them, in the order of their
@@ -270,6 +261,21 @@ impl From<&Job> for CanonicalForm {
     }
 }
 
+/// The environment written by [`environment_text`] and [`people_text`].
+fn read_environment(
+    mut environment: Map<String, Json>,
+    population: &Map<String, Json>,
+) -> Result<Environment, JobError> {
+    let part = || JobError::Part("environment.family".to_owned());
+    let family = match environment.remove("family") {
+        None => Family::first(),
+        Some(name) => name.as_str().and_then(Family::named).ok_or_else(part)?,
+    };
+    let parameters = values("environment", family.keys, &environment)?;
+    let people = values("population", family.people, population)?;
+    (family.read)(&parameters, &people).ok_or_else(|| JobError::Part("environment".to_owned()))
+}
+
 /// The typed struct of a part written by [`text`].
 fn read<T: Keyed>(part: &'static str, object: &Map<String, Json>) -> Result<T, JobError> {
     let values = values(part, T::KEYS, object)?;
@@ -288,6 +294,7 @@ fn values(
 mod tests {
     use super::*;
     use crate::agent::{DecisionRule, DuelingDqn, Reinforce, RuleParameters};
+    use crate::env::StepCount;
 
     fn jobs() -> Vec<Job> {
         let agents = [
@@ -296,8 +303,7 @@ mod tests {
             Agent::of(&RuleParameters::new(DecisionRule::Random)),
         ];
         let job = |agent| Job {
-            environment: StepCount::paper(0.6),
-            population: Population::default(),
+            environment: StepCount::paper(0.6).into(),
             scenario: "P-H-D".parse().unwrap(),
             agent,
             evaluation: Evaluation::default(),
@@ -324,22 +330,22 @@ mod tests {
 
     #[test]
     fn versions_are_higher_in_the_jobs_alone_whose_results_changed() {
-        let of = |change: fn(&mut Job)| {
+        let of = |change: &dyn Fn(&mut StepCount)| {
             let versions = jobs().into_iter().map(|mut job| {
                 let before = job.versions();
-                change(&mut job);
+                job.environment.change(change);
                 let Versions { environment, algorithm } = job.versions();
                 (environment - before.environment, algorithm - before.algorithm)
             });
             versions.collect::<Vec<_>>()
         };
-        assert_eq!(of(|_| {}), [(0, 0); 3]);
-        assert_eq!(of(|job| job.environment.unpaid_last_step = true), [(1, 0); 3]);
-        assert_eq!(of(|job| job.environment.availability = 0.9), [(0, 1), (0, 1), (0, 0)]);
+        assert_eq!(of(&|_| {}), [(0, 0); 3]);
+        assert_eq!(of(&|environment| environment.unpaid_last_step = true), [(1, 0); 3]);
+        assert_eq!(of(&|environment| environment.availability = 0.9), [(0, 1), (0, 1), (0, 0)]);
         let threshold = |sigma: f64, scenario: &str, threshold: f64| {
             let rule = RuleParameters { threshold, ..RuleParameters::new(DecisionRule::Threshold) };
             let scenario = scenario.parse().unwrap();
-            let environment = StepCount::paper(sigma);
+            let environment = StepCount::paper(sigma).into();
             let agent = Agent::of(&rule);
             let job = Job { environment, scenario, agent, ..jobs().remove(2) };
             job.versions().algorithm - jobs()[2].versions().algorithm
@@ -352,7 +358,7 @@ mod tests {
         assert_eq!(threshold(0.0, "P-T", 0.5), 0);
         let optimal = |message_cost: f64| {
             let agent = Agent::of(&RuleParameters::new(DecisionRule::Optimal));
-            let environment = StepCount { message_cost, ..StepCount::paper(0.6) };
+            let environment = StepCount { message_cost, ..StepCount::paper(0.6) }.into();
             Job { environment, agent, ..jobs().remove(2) }.versions().algorithm
         };
         assert_eq!(optimal(5.0), optimal(0.0) + 1);
@@ -408,7 +414,7 @@ mod tests {
 
     #[test]
     fn zero_has_one_sign_and_no_key_is_infinite() {
-        let with = |sigma| Job { environment: StepCount::paper(sigma), ..jobs().remove(0) };
+        let with = |sigma| Job { environment: StepCount::paper(sigma).into(), ..jobs().remove(0) };
         assert_eq!(with(-0.0).key(), with(0.0).key());
         let infinite = std::panic::catch_unwind(|| with(f64::INFINITY).key());
         assert!(infinite.is_err());

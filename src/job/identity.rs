@@ -7,6 +7,7 @@ use serde_json::Value as Json;
 use sha2::{Digest, Sha256};
 
 use crate::agent::Agent;
+use crate::env::{Environment, Family};
 use crate::key::{Keyed, canonical_object};
 
 /// Versions of the code that a job's results depend on. A change that affects results raises one of them.
@@ -91,6 +92,23 @@ pub struct Parts<'t> {
 /// The canonical text of a part of a job.
 pub fn text<T: Keyed>(part: &T) -> String {
     Json::Object(canonical_object(T::KEYS, &part.to_values())).to_string()
+}
+
+/// The canonical text of an environment, without its participants. Jobs stored before families were introduced
+/// omit the family.
+pub fn environment_text(environment: &Environment) -> String {
+    let family = environment.family();
+    let mut object = canonical_object(family.keys, &environment.values());
+    if family != Family::first() {
+        object.insert("family".to_owned(), family.name.into());
+    }
+    Json::Object(object).to_string()
+}
+
+/// The canonical text of how an environment's participants differ.
+pub fn people_text(environment: &Environment) -> String {
+    Json::Object(canonical_object(environment.family().people, &environment.people_values()))
+        .to_string()
 }
 
 /// The canonical text of an agent.

@@ -18,7 +18,10 @@ mod scalar;
 pub use condition::{Condition, Described, short_name};
 pub use content::{Job, JobError};
 pub use evaluation::{Evaluation, RecordedDecisions, TestActions};
-pub use identity::{CanonicalForm, JobKey, Parts, Versions, agent_text, text, without_seed};
+pub use identity::{
+    CanonicalForm, JobKey, Parts, Versions, agent_text, environment_text, people_text, text,
+    without_seed,
+};
 pub use implied::{ImpliedParameter, implied_parameters};
 pub use metric::{Measure, MetricName, MetricPlace, MetricUnit};
 pub use named::{PlannedJob, counted, shown, value_of};

@@ -11,7 +11,7 @@ use super::declared::{DeclaredAgent, Exclusion, Manifest};
 use super::parameter::{Parameters, scenario_of, seed_of};
 use super::section::Section;
 use crate::agent::{Agent, Algorithm};
-use crate::env::{Population, Scenario, StepCount};
+use crate::env::{Environment, Family, Scenario};
 use crate::job::Evaluation;
 use crate::key::{Assignment, Constraint, Keyed, Parameter, Value, Violation};
 
@@ -131,11 +131,11 @@ impl<'m> Grid<'m> {
         })
     }
 
-    /// The environments of the cells that are not excluded, with their populations; each pair once.
-    pub(super) fn settings(&self) -> impl Iterator<Item = (StepCount, Population)> + use<'_, 'm> {
+    /// The environments of the cells that are not excluded, each once.
+    pub(super) fn environments(&self) -> impl Iterator<Item = Environment> + use<'_, 'm> {
         let axes: Vec<_> = self.environment.iter().chain(&self.population).copied().collect();
         let cells = self.projected(&self.concerned(&axes));
-        cells.map(|cell| (self.environment(&cell), self.population(&cell)))
+        cells.map(|cell| self.environment(&cell))
     }
 
     /// Whether the parameter has several values.
@@ -218,16 +218,14 @@ impl<'m> Grid<'m> {
         axis_of(&self.axes, parameter).map_or(0, |axis| cell.0[axis])
     }
 
-    /// The cell's environment.
-    pub fn environment(&self, cell: &Cell) -> StepCount {
-        let choose = |key: usize| self.environment[key].map_or(0, |axis| cell.0[axis]);
-        StepCount::from_values(&self.manifest.environment.chosen(choose)).expect(TYPED)
-    }
-
-    /// The cell's population.
-    pub fn population(&self, cell: &Cell) -> Population {
-        let choose = |key: usize| self.population[key].map_or(0, |axis| cell.0[axis]);
-        Population::from_values(&self.manifest.population.chosen(choose)).expect(TYPED)
+    /// The cell's environment, with its participants.
+    pub fn environment(&self, cell: &Cell) -> Environment {
+        let chosen = |parameters: &Parameters, axes: &[Option<usize>]| {
+            parameters.chosen(|key| axes[key].map_or(0, |axis| cell.0[axis]))
+        };
+        let values = chosen(&self.manifest.environment, &self.environment);
+        let people = chosen(&self.manifest.population, &self.population);
+        (Family::first().read)(&values, &people).expect(TYPED)
     }
 
     /// The cell's agent.

@@ -266,7 +266,7 @@ const CONDITIONAL: &[Conditional] = &[
         has_effect: |manifest, agent| {
             let place = manifest.agents.iter().position(|other| other.name == agent.name);
             let grid = Grid::of(manifest, place.expect("the agent is declared"));
-            grid.settings().any(|(environment, population)| population.can_withhold(&environment))
+            grid.environments().any(|environment| environment.can_withhold())
         },
         says: "where a message can be sent at every step",
     },

@@ -3,8 +3,10 @@
 use std::sync::Arc;
 
 use crate::agent::Agent;
-use crate::env::{Population, StepCount};
-use crate::job::{Evaluation, Job, Parts, PlannedJob, agent_text, text};
+use crate::env::Environment;
+use crate::job::{
+    Evaluation, Job, Parts, PlannedJob, agent_text, environment_text, people_text, text,
+};
 use crate::key::Keyed;
 use crate::manifest::{Cell, Grid, Manifest, Section};
 
@@ -43,8 +45,8 @@ struct AgentJobs<'m> {
 /// The typed parameters of a cell, kept because neighbouring cells share most of them.
 struct Typed {
     cell: Cell,
-    environment: Part<StepCount>,
-    population: Part<Population>,
+    environment: Part<Environment>,
+    people: String,
     agent: Part<Agent>,
     evaluation: Part<Evaluation>,
 }
@@ -61,6 +63,12 @@ impl<T: Keyed> Part<T> {
     }
 }
 
+impl Part<Environment> {
+    fn of_environment(environment: Environment) -> Part<Environment> {
+        Part { text: environment_text(&environment), value: environment }
+    }
+}
+
 impl Part<Agent> {
     fn of_agent(agent: Agent) -> Part<Agent> {
         Part { text: agent_text(&agent), value: agent }
@@ -69,9 +77,10 @@ impl Part<Agent> {
 
 impl Typed {
     fn of(grid: &Grid, cell: &Cell) -> Typed {
+        let environment = Part::of_environment(grid.environment(cell));
         Typed {
-            environment: Part::of(grid.environment(cell)),
-            population: Part::of(grid.population(cell)),
+            people: people_text(&environment.value),
+            environment,
             agent: Part::of_agent(grid.agent(cell)),
             evaluation: Part::of(grid.evaluation(cell)),
             cell: cell.clone(),
@@ -80,11 +89,13 @@ impl Typed {
 
     /// Moves to another cell, and keeps the values that both cells share.
     fn move_to(&mut self, grid: &Grid, cell: &Cell) {
-        if !grid.agree(Section::Environment, &self.cell, cell) {
-            self.environment = Part::of(grid.environment(cell));
+        let agree = |section| grid.agree(section, &self.cell, cell);
+        let are_people_equal = agree(Section::Population);
+        if !(agree(Section::Environment) && are_people_equal) {
+            self.environment = Part::of_environment(grid.environment(cell));
         }
-        if !grid.agree(Section::Population, &self.cell, cell) {
-            self.population = Part::of(grid.population(cell));
+        if !are_people_equal {
+            self.people = people_text(&self.environment.value);
         }
         if !grid.agree(Section::Agent(grid.algorithm()), &self.cell, cell) {
             self.agent = Part::of_agent(grid.agent(cell));
@@ -104,10 +115,9 @@ impl Iterator for AgentJobs<'_> {
         self.next = self.grid.after(&cell);
         let typed = self.typed.get_or_insert_with(|| Typed::of(&self.grid, &cell));
         typed.move_to(&self.grid, &cell);
-        let Typed { environment, population, agent, evaluation, .. } = typed;
+        let Typed { environment, people, agent, evaluation, .. } = typed;
         let job = Job {
             environment: environment.value.clone(),
-            population: population.value.clone(),
             scenario: self.grid.scenario(&cell).clone(),
             agent: agent.value.clone(),
             evaluation: evaluation.value.clone(),
@@ -117,7 +127,7 @@ impl Iterator for AgentJobs<'_> {
             agent: &agent.text,
             environment: &environment.text,
             evaluation: &evaluation.text,
-            population: &population.text,
+            population: people,
         };
         let form = job.form_of(parts);
         Some(PlannedJob { agent: self.name.clone(), job, form })
@@ -128,6 +138,7 @@ impl Iterator for AgentJobs<'_> {
 mod tests {
     use super::*;
     use crate::agent::{DuelingDqn, Reinforce, Trunk};
+    use crate::env::StepCount;
     use crate::job::JobKey;
     use crate::manifest::{Manifest, parse};
 
@@ -164,7 +175,7 @@ mod tests {
         );
         let rows: Vec<String> = jobs(&manifest(&text))
             .map(|PlannedJob { agent, job, .. }| {
-                let StepCount { sigma, horizon, .. } = job.environment;
+                let StepCount { sigma, horizon, .. } = job.task().model().parameters;
                 format!("{agent} {} {sigma} {horizon} {}", job.scenario, job.seed)
             })
             .collect();
@@ -183,7 +194,8 @@ mod tests {
             "gamma = [0.7, 0.8, 0.9]",
         );
         let gamma = |job: &Job| job.agent.parameters::<Reinforce>().unwrap().gamma;
-        let pairs = column(&text, |job| (job.environment.delta_d, gamma(job), job.seed));
+        let pairs =
+            column(&text, |job| (job.task().model().parameters.delta_d, gamma(job), job.seed));
         let expected = [
             (0.1, 0.7, 1),
             (0.1, 0.7, 2),
@@ -227,8 +239,9 @@ mod tests {
             "[[exclude]]\nscenario = \"P-T\"\nenvironment.sigma = [0, 2]\n\
              [[exclude]]\nseed = 2\nscenario = \"L-T\"\nagent.name = \"a\"\nagent.gamma = 0.99",
         );
-        let left =
-            column(&text, |job| format!("{} {} {}", job.scenario, job.environment.sigma, job.seed));
+        let left = column(&text, |job| {
+            format!("{} {} {}", job.scenario, job.task().model().parameters.sigma, job.seed)
+        });
         assert_eq!(left, ["P-T 1 1", "P-T 1 2", "L-T 0 1", "L-T 1 1", "L-T 2 1"]);
     }
 
@@ -279,7 +292,7 @@ mod tests {
         let jobs = expand(&manifest(text));
         let names: Vec<&str> = jobs.iter().map(|planned| &*planned.agent).collect();
         assert_eq!(names, ["dqn", "reinforce", "own"]);
-        let environment = jobs[0].job.environment.to_json();
+        let environment = jobs[0].job.task().model().parameters.to_json();
         assert_eq!(environment["first_context"], "sampled");
         assert_eq!(environment["time_indicator"], "lagged");
         let agent: DuelingDqn = jobs[0].job.agent.parameters().unwrap();

@@ -383,7 +383,7 @@ fn nearest_names(name: &str, known: &[String]) -> String {
 mod tests {
     use super::*;
     use crate::agent::{Agent, DuelingDqn, Reinforce};
-    use crate::env::{Population, StepCount};
+    use crate::env::StepCount;
     use crate::job::Evaluation;
     use crate::job::Job;
 
@@ -396,8 +396,7 @@ mod tests {
         for (name, agent) in agents {
             for sigma in [0.4, 0.6, 1.0] {
                 let job = Job {
-                    environment: StepCount::paper(sigma),
-                    population: Population::default(),
+                    environment: StepCount::paper(sigma).into(),
                     scenario: "P-H-D".parse().unwrap(),
                     agent: agent.clone(),
                     evaluation: Evaluation::default(),

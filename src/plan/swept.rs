@@ -4,6 +4,7 @@ use serde_json::Value;
 
 use crate::job::short_name;
 use crate::job::{Job, shown, value_of};
+use crate::key::Parameter;
 use crate::key::printable;
 use crate::manifest::{Manifest, Varying};
 
@@ -48,10 +49,12 @@ impl Swept {
 
     /// The short name of a job, such as `dqn P-H-D sigma=0.4 seed=1 batch=32`.
     pub fn name(&self, agent: &str, job: &Job) -> String {
-        let (scenario, sigma, seed) = (&job.scenario, job.environment.sigma, job.seed);
+        let (scenario, seed) = (&job.scenario, job.seed);
+        let sigma = job.number(Parameter::Environment("sigma"));
+        let sigma = sigma.map_or_else(String::new, |sigma| format!(" sigma={sigma}"));
         let words = self.words(agent, job);
         let agent = printable(agent);
-        format!("{agent} {scenario} sigma={sigma} seed={seed} {words}").trim_end().to_owned()
+        format!("{agent} {scenario}{sigma} seed={seed} {words}").trim_end().to_owned()
     }
 }
 

@@ -22,7 +22,8 @@ const ACTIONS: [&str; 4] = [
 
 /// The meaning, unit and scale of an entry of an observation: the one of a feature at this place.
 fn meaning(job: &Job, feature: Feature, at: usize) -> (String, &'static str, f64) {
-    let environment = &job.environment;
+    let task = job.task();
+    let environment = &task.model().parameters;
     let (meaning, unit, scale) = match feature {
         Feature::Context => ("true context".to_owned(), "0 or 1", 1.0),
         Feature::Probability => {
@@ -77,7 +78,7 @@ pub fn describe_observations(job: &Job) -> Vec<Json> {
             "low": bound(spec.low), "high": bound(spec.high),
         })
     });
-    let clock = job.environment.time_indicator.word();
+    let clock = job.task().model().parameters.time_indicator.word();
     let times = (0..one_hot).map(|time| {
         json!({
             "name": format!("t{time}"), "meaning": format!("clock ({clock}) is {time}"),

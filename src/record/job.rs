@@ -53,7 +53,7 @@ impl JobRecord {
             seed: planned.job.seed,
             learns: planned.job.agent.algorithm().learns(),
             settings: shared.of(planned),
-            context_error: planned.job.context_error(),
+            context_error: planned.job.environment.context_error(),
             optimum: None,
             status,
         }

@@ -3,8 +3,8 @@
 use std::collections::HashMap;
 use std::mem;
 
-use crate::env::{Population, Scenario, StepCount};
-use crate::job::Job;
+use crate::env::{Scenario, StepCountModel};
+use crate::job::{Job, environment_text, people_text};
 use crate::optimum::{self, NoOptimum};
 
 /// The environments and scenarios of jobs, each once.
@@ -19,8 +19,7 @@ pub(super) struct Places {
 
 /// An environment and a scenario.
 struct Place {
-    environment: StepCount,
-    population: Population,
+    model: StepCountModel,
     scenario: Scenario,
 }
 
@@ -34,16 +33,14 @@ pub(super) struct Optima {
 
 impl Place {
     fn is_of(&self, job: &Job) -> bool {
-        self.environment == job.environment
-            && self.population == job.population
-            && self.scenario == job.scenario
+        self.model == *job.task().model() && self.scenario == job.scenario
     }
 
     /// Whether the optimum can be computed. If there are several reasons against it, a scenario that hides
     /// the state takes precedence.
     fn check(&self) -> Result<(), NoOptimum> {
-        let alike = optimum::check_people(&self.population);
-        match optimum::check(&self.environment, &self.scenario) {
+        let alike = optimum::check_people(&self.model.population);
+        match optimum::check(&self.model.parameters, &self.scenario) {
             hidden @ Err(NoOptimum::StateHidden { .. }) => hidden,
             other => alike.and(other),
         }
@@ -59,16 +56,14 @@ impl Places {
             self.of_jobs.push(last);
             return;
         }
-        let Job { environment, population, scenario, .. } = job;
-        let text = format!("{environment:?} {population:?} {scenario}");
+        let (environment, people) =
+            (environment_text(&job.environment), people_text(&job.environment));
+        let text = format!("{environment} {people} {}", job.scenario);
         let new = self.places.len();
         let place = *self.known.entry(text).or_insert(new);
         if place == new {
-            self.places.push(Place {
-                environment: environment.clone(),
-                population: population.clone(),
-                scenario: scenario.clone(),
-            });
+            self.places
+                .push(Place { model: job.task().model().clone(), scenario: job.scenario.clone() });
         }
         self.of_jobs.push(place);
     }
@@ -102,7 +97,7 @@ impl Places {
                 unknown.push(reason);
             }
         }
-        let pair = |at: &usize| (&self.places[*at].environment, &self.places[*at].scenario);
+        let pair = |at: &usize| (&self.places[*at].model.parameters, &self.places[*at].scenario);
         let pairs: Vec<_> = solved.iter().map(pair).collect();
         let found = optimum::several(&pairs, |done| on_progress(done, pairs.len()));
         let mut best = vec![None; self.places.len()];

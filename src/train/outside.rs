@@ -13,10 +13,11 @@ mod testing;
 use serde_json::{Map, Value as Json, json};
 
 use crate::agent::External;
-use crate::env::Population;
+use crate::env::Environment;
 use crate::external::{FromProgram, LONGEST_LINE, PROTOCOL, Program, ProgramError, ToProgram};
 use crate::job::{Job, Outcome, counted};
 use crate::key::{Keyed, Value};
+use crate::key::{Parameter, json_object};
 use crate::train::control::TrainingControl;
 use crate::train::decision_log::DecisionLog;
 use crate::train::test::Test;
@@ -150,17 +151,17 @@ fn assignment(job: &Job, external: &External) -> Json {
         "history": job.agent.history(),
         "observation": features.chain(moments).collect::<Vec<_>>(),
         "actions": job.task().interface().actions,
-        "horizon": job.environment.horizon,
+        "horizon": job.value(Parameter::Environment("horizon")),
         "longest_episode": job.environment.longest_episode(),
-        "environment": job.environment.to_json(),
-        "population": population(&job.population),
+        "environment": json_object(job.environment.family().keys, &job.environment.values()),
+        "population": population(&job.environment),
         "evaluation": job.evaluation.to_json(),
     })
 }
 
 /// The keys of a population that differ from their defaults, as the tables of a manifest.
-fn population(of: &Population) -> Map<String, Json> {
-    let keys = Population::KEYS.iter().zip(of.to_values());
+fn population(of: &Environment) -> Map<String, Json> {
+    let keys = of.family().people.iter().zip(of.people_values());
     let given = keys.filter(|(key, value)| key.default().as_ref() != Some(value));
     let written = given.map(|(key, value)| {
         let table = match &value {

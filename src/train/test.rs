@@ -81,6 +81,8 @@ pub(super) struct Tested {
 impl Test {
     /// The test of a job, before its first episode.
     pub(super) fn new(job: &Job) -> Self {
+        let task = job.task();
+        let population = &task.model().population;
         Test {
             episodes: job.evaluation.test_episodes as usize,
             streams: RollStreams::of_test(job.seed),
@@ -91,17 +93,14 @@ impl Test {
                 .of_test()
                 .then(|| DecisionLog::new(job.agent.unavailable(), Phase::Test)),
             played: Vec::new(),
-            people: (!job.population.is_homogeneous()).then(|| People {
-                sampler: ParticipantSampler::new(&job.population),
+            people: (!population.is_homogeneous()).then(|| People {
+                sampler: ParticipantSampler::new(population),
                 seed: job.seed,
                 episodes: job.evaluation.test_episodes,
             }),
             participants: Vec::new(),
             costs: 0.0,
-            batch: Batch {
-                environment: job.task().simulation(0).with_population(&job.population),
-                played: Vec::new(),
-            },
+            batch: Batch { environment: task.tested(0), played: Vec::new() },
         }
     }
 

@@ -246,7 +246,7 @@ mod tests {
 
     use super::*;
     use crate::agent::{Agent, DecisionRule, RuleParameters};
-    use crate::env::{Action, LaneSet, PhysicalActivity, Population, StepCount, VectorEnvironment};
+    use crate::env::{Action, LaneSet, PhysicalActivity, StepCount, VectorEnvironment};
     use crate::job::Evaluation;
     use crate::rng::Stream;
     use crate::state::{Resumable, StateReader, StateWriter};
@@ -329,8 +329,7 @@ mod tests {
     #[test]
     fn an_actor_keeps_its_memory_when_a_test_is_interrupted() {
         let job = Job {
-            environment: StepCount { horizon: 20, ..StepCount::paper(0.6) },
-            population: Population::default(),
+            environment: StepCount { horizon: 20, ..StepCount::paper(0.6) }.into(),
             scenario: "P-H-D".parse().unwrap(),
             agent: Agent::of(&RuleParameters::new(DecisionRule::Random)),
             // Two batches, so that the first batch's learning affects the second.

@@ -6,7 +6,7 @@ use jitai::agent::{
     self, Actions, Actor, Agent, AlgorithmParameters, RulePolicy, Start, StartError, Task, Weights,
     WeightsError, register_algorithm,
 };
-use jitai::env::{Action, Population, StepCount};
+use jitai::env::{Action, StepCount};
 use jitai::job::Evaluation;
 use jitai::job::{Job, JobError};
 use jitai::key::{Constraint, Key, Keyed, Kind, Value, canonical_object, read_object};
@@ -71,8 +71,7 @@ algorithm!(Later);
 
 fn job(agent: Agent) -> Job {
     Job {
-        environment: StepCount::paper(0.6),
-        population: Population::default(),
+        environment: StepCount::paper(0.6).into(),
         scenario: "P-H-D".parse().unwrap(),
         agent,
         evaluation: Evaluation::default(),

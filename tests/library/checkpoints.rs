@@ -112,8 +112,7 @@ fn job(agent: Agent, change: impl FnOnce(&mut StepCount)) -> Job {
     let mut environment = StepCount { horizon: 5, ..StepCount::paper(0.6) };
     change(&mut environment);
     Job {
-        environment,
-        population: Population::default(),
+        environment: environment.into(),
         scenario: "P-H-D".parse().unwrap(),
         agent,
         evaluation: Evaluation {
@@ -224,7 +223,8 @@ fn of_people(job: Job) -> Job {
         message_cost: Distribution::Values { values: vec![0.0, 4.0], weights: vec![1.0, 2.0] },
         ..Population::default()
     };
-    Job { population, ..job }
+    let parameters = job.task().model().parameters.clone();
+    Job { environment: (parameters, population).into(), ..job }
 }
 
 /// Short jobs that cover every kind of state.

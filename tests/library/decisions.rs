@@ -6,7 +6,7 @@ use jitai::agent::{
     Agent, DecisionRule, DuelingDqn, LinearThompson, Ppo, Recurrent, Reinforce, RuleParameters,
     Unavailable, Weights,
 };
-use jitai::env::{Population, StepCount};
+use jitai::env::StepCount;
 use jitai::job::Job;
 use jitai::job::{Decision, Outcome, Phase, Provenance, Results};
 use jitai::job::{Evaluation, RecordedDecisions};
@@ -18,8 +18,7 @@ use jitai::train::{self, Uncontrolled};
 
 fn job(agent: Agent, recorded: RecordedDecisions) -> Job {
     Job {
-        environment: StepCount::paper(0.6),
-        population: Population::default(),
+        environment: StepCount::paper(0.6).into(),
         scenario: "P-H-D".parse().unwrap(),
         agent,
         evaluation: Evaluation {
@@ -138,9 +137,9 @@ fn the_first_people_of_ppo_are_the_first_to_begin() {
 fn a_decision_says_what_was_seen_before_the_step_and_what_it_paid() {
     let agent = Agent::of(&RuleParameters::new(DecisionRule::Random));
     let mut shown_zero = job(agent, RecordedDecisions::Test);
-    shown_zero.environment.horizon = 12;
+    shown_zero.environment.change(|e| e.horizon = 12);
     let mut shown_one = shown_zero.clone();
-    shown_one.environment.observed_probability = 1;
+    shown_one.environment.change(|e| e.observed_probability = 1);
     let (zero, one) = (results(&shown_zero), results(&shown_one));
     for (zero, one) in zero.decisions.iter().zip(&one.decisions) {
         assert_eq!(one.probability, 1.0 - zero.probability);
@@ -345,8 +344,8 @@ fn learners(unavailable: Unavailable) -> [Agent; 5] {
 /// A job whose messages are unavailable in some steps, and have a budget.
 fn limited(agent: Agent) -> Job {
     let mut job = job(agent, RecordedDecisions::All);
-    job.environment.availability = 0.6;
-    job.environment.message_budget = 12;
+    job.environment.change(|e| e.availability = 0.6);
+    job.environment.change(|e| e.message_budget = 12);
     job
 }
 
@@ -426,7 +425,7 @@ fn a_bandit_learns_from_the_steps_at_which_a_message_could_be_sent() {
 fn a_training_without_a_single_message_is_no_failure() {
     for agent in learners(Unavailable::Masked) {
         let mut job = limited(agent);
-        job.environment.message_budget = 0;
+        job.environment.change(|e| e.message_budget = 0);
         let results = results(&job);
         assert!(results.decisions.iter().all(|step| step.action == 0 && !step.can_send));
     }
@@ -437,9 +436,9 @@ fn a_budget_for_every_step_changes_no_result() {
     let agents = [Unavailable::Masked, Unavailable::Chosen].map(learners).into_iter().flatten();
     for agent in agents {
         let mut job = job(agent, RecordedDecisions::None);
-        job.environment.horizon = 3;
+        job.environment.change(|e| e.horizon = 3);
         let unlimited = results(&job);
-        job.environment.message_budget = 3;
+        job.environment.change(|e| e.message_budget = 3);
         assert!(results(&job) == unlimited, "{}", job.algorithm());
     }
 }
@@ -455,14 +454,14 @@ fn only_jobs_whose_messages_can_be_withheld_have_another_version() {
             change(&mut job);
             version(&job) - version(&free)
         };
-        assert_eq!(with(|job| job.environment.availability = 0.9), 1);
-        assert_eq!(with(|job| job.environment.message_budget = 49), 1);
+        assert_eq!(with(|job| job.environment.change(|e| e.availability = 0.9)), 1);
+        assert_eq!(with(|job| job.environment.change(|e| e.message_budget = 49)), 1);
         // A budget that no episode can spend.
-        assert_eq!(with(|job| job.environment.message_budget = 50), 0);
-        assert_eq!(with(|job| job.environment.message_cost = 5.0), 0);
+        assert_eq!(with(|job| job.environment.change(|e| e.message_budget = 50)), 0);
+        assert_eq!(with(|job| job.environment.change(|e| e.message_cost = 5.0)), 0);
     }
     let mut rule =
         job(Agent::of(&RuleParameters::new(DecisionRule::Random)), RecordedDecisions::None);
-    rule.environment.availability = 0.9;
+    rule.environment.change(|e| e.availability = 0.9);
     assert_eq!(version(&rule), 1);
 }

@@ -7,7 +7,7 @@ use jitai::agent::{
     Activation, Agent, BanditFeatures, DuelingDqn, Engine, LinearThompson, Ppo, Recurrent,
     Reinforce, TerminalTarget, Trunk,
 };
-use jitai::env::{FirstContext, Population, StepCount, TimeIndicator};
+use jitai::env::{FirstContext, StepCount, TimeIndicator};
 use jitai::job::Evaluation;
 use jitai::job::Job;
 use jitai::job::{Outcome, Results};
@@ -16,8 +16,7 @@ use sha2::{Digest, Sha256};
 
 fn job(agent: Agent, seed: u64) -> Job {
     Job {
-        environment: StepCount::paper(0.6),
-        population: Population::default(),
+        environment: StepCount::paper(0.6).into(),
         scenario: "P-H-D".parse().unwrap(),
         agent,
         evaluation: Evaluation { test_episodes: 30, ..Evaluation::default() },
@@ -139,9 +138,9 @@ fn results_are_what_they_were_to_the_bit() {
         }),
         1,
     );
-    far.environment.time_one_hot = true;
-    far.environment.first_context = FirstContext::Sampled;
-    far.environment.time_indicator = TimeIndicator::Exact;
+    far.environment.change(|e| e.time_one_hot = true);
+    far.environment.change(|e| e.first_context = FirstContext::Sampled);
+    far.environment.change(|e| e.time_indicator = TimeIndicator::Exact);
     assert_eq!(
         [
             job(dueling_dqn(), 1),
@@ -186,7 +185,7 @@ fn seeds_and_parameters_change_the_results() {
     let first = results(&job(reinforce(), 1));
     assert_ne!(results(&job(reinforce(), 2)), first);
     let mut other = job(reinforce(), 1);
-    other.environment.sigma = 0.8;
+    other.environment.change(|e| e.sigma = 0.8);
     assert_ne!(results(&other), first);
 }
 
@@ -233,7 +232,7 @@ fn the_tested_policy_is_the_one_whose_weights_are_kept() {
         let weights = Weights::from_bytes(&results.weights.unwrap()).unwrap();
         let mut policy = job.agent.trained(&job.task(), &weights, Actions::AsTrained).unwrap();
         let mut streams = RollStreams::of_test(job.seed);
-        let mut lanes = PhysicalActivity::new(&job.environment, &job.scenario, 30);
+        let mut lanes = PhysicalActivity::new(&job.task().model().parameters, &job.scenario, 30);
         let mut total = Total(0.0);
         begin(&mut lanes, &mut *policy, &mut streams);
         roll(&mut lanes, &mut *policy, &mut streams, &mut total);

@@ -146,12 +146,14 @@ fn the_readings_differ_from_the_published_settings_in_one_thing_each() {
     let mut published = 0;
     for PlannedJob { agent, job, .. } in plan::jobs(&manifest) {
         let of_the_text = agent.ends_with("-text");
-        let from_the_text = job.environment.first_context == jitai::env::FirstContext::Sampled;
+        let task = job.task();
+        let environment = &task.model().parameters;
+        let from_the_text = environment.first_context == jitai::env::FirstContext::Sampled;
         let readings = [
             from_the_text && !of_the_text,
-            job.environment.time_one_hot,
-            job.environment.observed_probability == 1,
-            job.environment.initial_habituation == 0.0,
+            environment.time_one_hot,
+            environment.observed_probability == 1,
+            environment.initial_habituation == 0.0,
             job.evaluation.test_actions == jitai::job::TestActions::Greedy,
             !["dqn", "reinforce"].contains(&&*agent),
         ];

@@ -3,7 +3,7 @@
 use jitai::agent::RulePolicy;
 use jitai::agent::{Agent, DecisionRule, RuleParameters};
 use jitai::env::{Action, PhysicalActivity};
-use jitai::env::{FirstContext, Population, Scenario, StepCount};
+use jitai::env::{FirstContext, Scenario, StepCount};
 use jitai::job::Evaluation;
 use jitai::job::Job;
 use jitai::job::{Outcome, Results};
@@ -96,8 +96,7 @@ fn no_rule_is_better_than_the_optimal_one() {
 
 fn tested(rule: DecisionRule, scenario: &str) -> Results {
     let job = Job {
-        environment: StepCount::paper(0.6),
-        population: Population::default(),
+        environment: StepCount::paper(0.6).into(),
         scenario: scenario.parse().unwrap(),
         agent: Agent::of(&RuleParameters::new(rule)),
         evaluation: Evaluation::default(),

@@ -69,8 +69,7 @@ fn people() -> Population {
 
 fn job(agent: Agent, population: Population) -> Job {
     Job {
-        environment: StepCount { horizon: 12, ..StepCount::paper(0.6) },
-        population,
+        environment: (StepCount { horizon: 12, ..StepCount::paper(0.6) }, population).into(),
         scenario: "P-H-D".parse().unwrap(),
         agent,
         evaluation: Evaluation {

@@ -17,7 +17,7 @@ fn official(sigma: f64, parameters: &Map<String, Value>) -> StepCount {
     );
     let manifest = jitai::manifest::parse("t", text.as_bytes()).unwrap();
     let planned = jitai::plan::jobs(&manifest).next().unwrap();
-    planned.job.environment.with_settings(parameters).unwrap()
+    planned.job.task().model().parameters.with_settings(parameters).unwrap()
 }
 
 fn number(value: &Value, key: &str) -> f64 {

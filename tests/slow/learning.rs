@@ -27,8 +27,7 @@ fn returns(agent: &Agent, scenario: &str, sigma: f64) -> Vec<f64> {
                 loop {
                     let Some(seed) = seeds.lock().unwrap().next() else { break };
                     let job = Job {
-                        environment: StepCount::paper(sigma),
-                        population: Population::default(),
+                        environment: StepCount::paper(sigma).into(),
                         scenario: scenario.clone(),
                         agent: agent.clone(),
                         evaluation: Evaluation::default(),

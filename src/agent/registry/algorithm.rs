@@ -15,8 +15,8 @@ use crate::agent::rule::RuleParameters;
 use crate::agent::unavailable::{UNAVAILABLE, Unavailable};
 use crate::agent::weights::{Weights, WeightsError};
 use crate::env::{
-    Action, Interface, OPTIONS, ObservationSpec, Observer, PhysicalActivity, Population,
-    PopulationPhases, Scenario, StepCount, VectorEnvironment,
+    Action, Environment, Interface, ObservationSpec, PhysicalActivity, Scenario, StepCountModel,
+    VectorEnvironment,
 };
 use crate::key::{Constraint, Key, Keyed, Kind, Size, Value};
 use crate::optimum::NoOptimum;
@@ -24,10 +24,8 @@ use crate::optimum::NoOptimum;
 /// The task of an agent: an environment, the scenario that it observes, and a seed.
 #[derive(Clone, Copy, Debug)]
 pub struct Task<'s> {
-    /// Parameters of the simulation.
-    pub environment: &'s StepCount,
-    /// How the parameters differ between participants.
-    pub population: &'s Population,
+    /// The environment, with its participants.
+    pub environment: &'s Environment,
     /// The scenario that the agent observes.
     pub scenario: &'s Scenario,
     /// Seed of the job's random streams.
@@ -40,12 +38,13 @@ pub struct Task<'s> {
 impl Task<'_> {
     /// The specification of the agent's observations.
     pub fn observations(&self) -> ObservationSpec {
-        Observer::new(self.environment, self.scenario).spec().stacked(self.history as usize)
+        self.interface().observations
     }
 
     /// What the agent sees and chooses among.
     pub fn interface(&self) -> Interface {
-        Interface { observations: self.observations(), actions: OPTIONS }
+        let Interface { observations, actions } = self.environment.interface(self.scenario);
+        Interface { observations: observations.stacked(self.history as usize), actions }
     }
 
     /// The sizes of the agent's networks.
@@ -60,17 +59,22 @@ impl Task<'_> {
 
     /// Whether messages can be unavailable at some steps for anybody, for lack of availability or budget.
     pub fn can_withhold(&self) -> bool {
-        self.population.can_withhold(self.environment)
+        self.environment.can_withhold()
     }
 
     /// The simulation for training, with this number of lanes.
     pub fn simulation(&self, lanes: usize) -> PhysicalActivity {
-        let simulation = PhysicalActivity::new(self.environment, self.scenario, lanes);
-        let simulation = match self.population.phases {
-            PopulationPhases::All => simulation.with_population(self.population),
-            PopulationPhases::Test => simulation,
-        };
-        simulation.with_history(self.history as usize)
+        self.model().training(self.scenario, lanes).with_history(self.history as usize)
+    }
+
+    /// The simulation for the test, whose participants differ whatever the training meets.
+    pub fn tested(&self, lanes: usize) -> PhysicalActivity {
+        self.simulation(lanes).with_population(&self.model().population)
+    }
+
+    /// The environment of the only family.
+    pub fn model(&self) -> &StepCountModel {
+        self.environment.model().expect("step_count is the only family")
     }
 }
 
@@ -456,10 +460,8 @@ impl Agent {
         // Where messages can be unavailable, agents learned otherwise before they had the key `unavailable`.
         let learns_otherwise = || self.value(UNAVAILABLE).is_some() && task.can_withhold();
         let rule: Option<RuleParameters> = self.parameters();
-        rule.is_some_and(|rule| {
-            let widest = || task.population.widest(task.environment);
-            rule.acts_otherwise(task.environment, widest, task.scenario)
-        }) || learns_otherwise()
+        rule.is_some_and(|rule| rule.acts_otherwise(task.model(), task.scenario))
+            || learns_otherwise()
     }
 
     /// Whether the agent chooses where no message can be sent. Agents without the key `unavailable` do.

@@ -151,11 +151,12 @@ impl AlgorithmParameters for RuleParameters {
     }
 
     fn start(&self, task: &Task) -> Result<Start, StartError> {
+        let model = task.model();
         if self.rule == DecisionRule::Optimal {
-            check_people(task.population)?;
+            check_people(&model.population)?;
         }
-        let policy = RulePolicy::new(self, task.environment, task.scenario)?;
-        let widest = task.population.widest(task.environment);
+        let policy = RulePolicy::new(self, &model.parameters, task.scenario)?;
+        let widest = model.widest();
         Ok(Start::Actor(Box::new(policy.among(&widest, task.scenario))))
     }
 }

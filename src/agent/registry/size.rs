@@ -1,7 +1,7 @@
 //! The sizes of an agent's training, from the values of a cell, and the keys that make them.
 
 use super::algorithm::{Agent, Algorithm, Task};
-use crate::env::{Population, Scenario, StepCount};
+use crate::env::{Environment, Scenario, StepCount};
 use crate::key::{Assignment, Key, Keyed, Kind, Parameter, Size, Value};
 
 impl Algorithm {
@@ -59,13 +59,7 @@ impl Algorithm {
         let made =
             (Agent::with_values(self, own), StepCount::from_values(&environment), scenario.ok());
         let (Some(agent), Some(environment), Some(scenario)) = made else { return Vec::new() };
-        let population = Population::default();
-        agent.sizes(&Task {
-            environment: &environment,
-            population: &population,
-            scenario: &scenario,
-            seed: 0,
-            history: 1,
-        })
+        let environment = Environment::from(environment);
+        agent.sizes(&Task { environment: &environment, scenario: &scenario, seed: 0, history: 1 })
     }
 }

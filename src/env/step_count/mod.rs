@@ -7,6 +7,7 @@ mod belief;
 mod constraints;
 mod context;
 mod dynamics;
+mod family;
 mod full_step;
 mod intervention;
 mod noise;
@@ -26,6 +27,7 @@ pub use context::{
     ContextDraw, ContextDrawsAhead, context_error, inference_error, probability_of_zero,
 };
 pub use dynamics::{Effect, apply_action, fewest_steps};
+pub use family::{FAMILY, StepCountModel};
 pub use full_step::INITIAL_STEPS;
 pub use intervention::OPTIONS;
 pub use noise::ForcedNoise;

@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use jitai::agent::{Agent, DecisionRule, DuelingDqn, Reinforce, RuleParameters};
-use jitai::env::{Population, StepCount};
+use jitai::env::StepCount;
 use jitai::job::metric::{MEAN_RETURN, metrics_of};
 use jitai::job::{
     ActionCount, CurvePoint, Evaluation, Failure, FailureKind, Job, Metric, MetricPlace, Outcome,
@@ -108,8 +108,7 @@ pub fn provenance() -> Provenance {
 
 pub fn dqn(sigma: f64, seed: u64) -> Job {
     Job {
-        environment: StepCount::paper(sigma),
-        population: Population::default(),
+        environment: StepCount::paper(sigma).into(),
         scenario: "P-H-D".parse().unwrap(),
         agent: Agent::of(&DuelingDqn::default()),
         evaluation: Evaluation::default(),

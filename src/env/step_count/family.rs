@@ -1,0 +1,121 @@
+//! The declaration of the family, and its environments as jobs hold them.
+
+use super::constraints::{CONSTRAINTS, PEOPLE_CONSTRAINTS};
+use super::context::context_error;
+use super::intervention::OPTIONS;
+use super::observer::Observer;
+use super::parameters::{StepCount, VERSION};
+use super::physical_activity::PhysicalActivity;
+use super::population::{Population, PopulationPhases};
+use super::scenario::Scenario;
+use crate::env::family::{Environment, Family, Model};
+use crate::env::vector::Interface;
+use crate::key::{Keyed, Value};
+
+/// The family `step_count`.
+pub static FAMILY: Family = Family {
+    name: "step_count",
+    keys: StepCount::KEYS,
+    people: Population::KEYS,
+    constraints: || CONSTRAINTS.iter().chain(PEOPLE_CONSTRAINTS).collect(),
+    return_unit: "steps walked",
+    read: |values, people| {
+        let parameters = StepCount::from_values(values)?;
+        let population = Population::from_values(people)?;
+        Some(Environment::of(StepCountModel { parameters, population }))
+    },
+};
+
+/// Parameters of the simulation, and how they differ between participants.
+#[derive(Clone, Debug, PartialEq)]
+pub struct StepCountModel {
+    /// Parameters of the simulation.
+    pub parameters: StepCount,
+    /// The distributions of parameters over participants.
+    pub population: Population,
+}
+
+impl StepCountModel {
+    /// The environment with the largest noise of any participant; see [`Population::widest`].
+    pub fn widest(&self) -> StepCount {
+        self.population.widest(&self.parameters)
+    }
+
+    /// The simulation that an agent trains in, with this number of lanes.
+    pub fn training(&self, scenario: &Scenario, lanes: usize) -> PhysicalActivity {
+        let simulation = PhysicalActivity::new(&self.parameters, scenario, lanes);
+        match self.population.phases {
+            PopulationPhases::All => simulation.with_population(&self.population),
+            PopulationPhases::Test => simulation,
+        }
+    }
+}
+
+impl Model for StepCountModel {
+    fn family(&self) -> &'static Family {
+        &FAMILY
+    }
+
+    fn values(&self) -> Vec<Value> {
+        self.parameters.to_values()
+    }
+
+    fn people_values(&self) -> Vec<Value> {
+        self.population.to_values()
+    }
+
+    fn equals(&self, other: &dyn Model) -> bool {
+        (other as &dyn std::any::Any).downcast_ref() == Some(self)
+    }
+
+    fn version(&self) -> u32 {
+        // The step after the horizon, which pays nothing, is no longer part of the test; the version is higher in
+        // these jobs alone, so that all others keep their keys.
+        VERSION + u32::from(self.parameters.unpaid_last_step)
+    }
+
+    fn context_error(&self) -> Option<f64> {
+        let differs = |name| name == "sigma" || name == "context_probability";
+        let StepCount { sigma, context_probability, .. } = self.parameters;
+        let alike = !self.population.names().any(differs);
+        alike.then(|| context_error(sigma, context_probability))
+    }
+
+    fn interface(&self, scenario: &Scenario) -> Interface {
+        let observations = Observer::new(&self.parameters, scenario).spec();
+        Interface { observations, actions: OPTIONS }
+    }
+
+    fn longest_episode(&self) -> u32 {
+        self.parameters.longest_episode()
+    }
+
+    fn can_withhold(&self) -> bool {
+        self.population.can_withhold(&self.parameters)
+    }
+}
+
+impl From<StepCount> for Environment {
+    fn from(parameters: StepCount) -> Environment {
+        Environment::from((parameters, Population::default()))
+    }
+}
+
+impl From<(StepCount, Population)> for Environment {
+    fn from((parameters, population): (StepCount, Population)) -> Environment {
+        Environment::of(StepCountModel { parameters, population })
+    }
+}
+
+impl Environment {
+    /// Changes parameters of the simulation.
+    ///
+    /// # Panics
+    /// If the environment is of another family.
+    pub fn change(&mut self, change: impl FnOnce(&mut StepCount)) {
+        let model: &StepCountModel = self.model().expect("an environment of step_count");
+        let StepCountModel { mut parameters, population } = model.clone();
+        change(&mut parameters);
+        *self = Environment::from((parameters, population));
+    }
+}
