@@ -80,13 +80,13 @@ fn the_views_show_what_was_stored() {
                 mean_return, sd_return, mean_length, disengagement_rate, wall_seconds, code_version)
              FROM run_summary"
         ),
-        "sweep dqn P-H-D 0.4 7 completed 1 1.0 2.0 3.0 4.0 1.5 0.1.0"
+        "sweep dqn P-H-D 0.4 7 completed 1 1.0 2.0 4.0 5.0 1.5 0.1.0"
     );
     assert_eq!(line("SELECT job_key FROM run_summary"), job.key().to_string());
     assert_eq!(
         line("SELECT group_concat(name || ' ' || value, ', ' ORDER BY value) FROM metric"),
-        "mean_return 1.0, sd_return 2.0, mean_length 3.0, disengagement_rate 4.0, message_rate 5.0, \
-         mean_net_return 6.0"
+        "mean_return 1.0, sd_return 2.0, mean_net_return 3.0, mean_length 4.0, disengagement_rate 5.0, \
+         message_rate 6.0"
     );
     assert_eq!(
         line("SELECT concat_ws(' ', episode, metric, value) FROM learning_curve"),
