@@ -6,6 +6,7 @@
 
 use std::borrow::Cow;
 
+use super::declare::Keyed;
 use super::parameter::Parameter;
 use super::value::Value;
 
@@ -89,6 +90,17 @@ impl<'v> Assignment<'v> {
     /// The value of a parameter; `None` if the cell has no such parameter.
     pub fn value(&self, parameter: Parameter) -> Option<&Value> {
         self.0.iter().find(|(known, _)| *known == parameter).map(|(_, value)| value.as_ref())
+    }
+
+    /// The values of the parameters of one kind, in their order.
+    pub fn values_of(&self, is_of: fn(&Parameter) -> bool) -> Vec<Value> {
+        let values = self.0.iter().filter(|(parameter, _)| is_of(parameter));
+        values.map(|(_, value)| value.clone().into_owned()).collect()
+    }
+
+    /// The struct whose keys are the parameters of one kind; `None` if some keys are missing.
+    pub fn keyed<T: Keyed>(&self, is_of: fn(&Parameter) -> bool) -> Option<T> {
+        T::from_values(&self.values_of(is_of))
     }
 
     /// The value of an integer key; 1 for other keys.

@@ -2,8 +2,8 @@
 
 use crate::agent::constraint::HORIZON;
 use crate::agent::rule::{DecisionRule, RuleParameters, RulePolicy};
-use crate::env::{Population, Scenario, StepCount};
-use crate::key::{Assignment, Constraint, Key, Keyed, Parameter, Size, Value, Violation};
+use crate::env::{Population, Scenario, StepCount, population};
+use crate::key::{Assignment, Constraint, Key, Keyed, Parameter, Size, Violation};
 use crate::optimum::{LONGEST_OPTIMUM, NoOptimum, check, check_people};
 
 use super::algorithm::{AlgorithmParameters, Start, StartError, Task, Work};
@@ -41,20 +41,9 @@ const RULE_AND_POPULATION: [Parameter; POPULATION.len() + 1] = {
     all
 };
 
-/// The population, given the values of [`RULE_AND_POPULATION`].
-fn population(assignment: &Assignment) -> Option<Population> {
-    let is_of_population = |key: &Parameter| matches!(key, Parameter::Population(_));
-    let of_population = assignment.0.iter().filter(|(key, _)| is_of_population(key));
-    let values: Vec<Value> = of_population.map(|(_, value)| value.clone().into_owned()).collect();
-    Population::from_values(&values)
-}
-
 /// The environment, given the values of [`RULE_AND_ENVIRONMENT`].
 fn environment(assignment: &Assignment) -> Option<StepCount> {
-    let is_of_environment = |key: &Parameter| matches!(key, Parameter::Environment(_));
-    let of_environment = assignment.0.iter().filter(|(key, _)| is_of_environment(key));
-    let values: Vec<Value> = of_environment.map(|(_, value)| value.clone().into_owned()).collect();
-    StepCount::from_values(&values)
+    assignment.keyed(|key| matches!(key, Parameter::Environment(_)))
 }
 
 /// The scenario, given its name among the values.

@@ -49,15 +49,11 @@ impl Algorithm {
     }
 
     fn sizes(&'static self, assignment: &Assignment) -> Vec<Size> {
-        let values = |is_of: fn(&Parameter) -> bool| -> Vec<Value> {
-            let values = assignment.0.iter().filter(|(parameter, _)| is_of(parameter));
-            values.map(|(_, value)| value.clone().into_owned()).collect()
-        };
-        let own = values(|parameter| matches!(parameter, Parameter::Agent(_)));
-        let environment = values(|parameter| matches!(parameter, Parameter::Environment(_)));
+        let own = assignment.values_of(|parameter| matches!(parameter, Parameter::Agent(_)));
+        let environment: Option<StepCount> =
+            assignment.keyed(|parameter| matches!(parameter, Parameter::Environment(_)));
         let scenario = assignment.text(Parameter::SCENARIO).parse::<Scenario>();
-        let made =
-            (Agent::with_values(self, own), StepCount::from_values(&environment), scenario.ok());
+        let made = (Agent::with_values(self, own), environment, scenario.ok());
         let (Some(agent), Some(environment), Some(scenario)) = made else { return Vec::new() };
         let environment = Environment::from(environment);
         agent.sizes(&Task { environment: &environment, scenario: &scenario, seed: 0, history: 1 })

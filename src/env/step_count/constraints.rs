@@ -3,7 +3,7 @@
 
 use super::parameters::{StateNoise, StepNoise};
 use super::population::Population;
-use crate::key::{Assignment, Constraint, Keyed, Parameter, Value, Violation};
+use crate::key::{Assignment, Constraint, Keyed, Parameter, Violation};
 
 const STATE_NOISE: Parameter = Parameter::Environment("state_noise");
 const STATE_SPREAD: Parameter = Parameter::Environment("state_spread");
@@ -162,9 +162,6 @@ pub const PEOPLE_CONSTRAINTS: &[Constraint] = &[
 ];
 
 /// The population with the values of a cell.
-fn population(assignment: &Assignment) -> Option<Population> {
-    let of_population = |key: &Parameter| matches!(key, Parameter::Population(_));
-    let keys = assignment.0.iter().filter(|(key, _)| of_population(key));
-    let values: Vec<Value> = keys.map(|(_, value)| value.clone().into_owned()).collect();
-    Population::from_values(&values)
+pub fn population(assignment: &Assignment) -> Option<Population> {
+    assignment.keyed(|key| matches!(key, Parameter::Population(_)))
 }

@@ -22,7 +22,7 @@ mod symbols;
 mod variates;
 
 pub use belief::Belief;
-pub use constraints::{CONSTRAINTS, PEOPLE_CONSTRAINTS};
+pub use constraints::{CONSTRAINTS, PEOPLE_CONSTRAINTS, population};
 pub use context::{
     ContextDraw, ContextDrawsAhead, context_error, inference_error, probability_of_zero,
 };
