@@ -255,3 +255,20 @@ fn bandits_learn_with_any_number_of_actions() {
         }
     }
 }
+
+#[test]
+fn a_bandit_refuses_keys_that_do_not_suit_the_number_of_actions() {
+    let refused = |parameters: &LinearThompson, actions: usize| {
+        let started = linear_thompson_learner(parameters, Buttons::new(actions, 1), 1);
+        started.err().map(|error| error.to_string())
+    };
+    let biased = LinearThompson { action_bias: vec![0.0, 1.0, 0.0, 0.0], ..Default::default() };
+    assert_eq!(refused(&biased, 4), None);
+    for actions in [2, 7] {
+        assert!(refused(&biased, actions).is_some_and(|says| says.starts_with("`action_bias`")));
+        assert_eq!(refused(&LinearThompson::default(), actions), None);
+    }
+    let explores = LinearThompson { pi_min: 0.25, ..Default::default() };
+    assert_eq!(refused(&explores, 4), None);
+    assert!(refused(&explores, 7).is_some_and(|says| says.starts_with("`pi_min`")));
+}

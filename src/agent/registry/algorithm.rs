@@ -88,10 +88,20 @@ pub enum StartError {
     #[error(transparent)]
     NoOptimum(#[from] NoOptimum),
     /// The environment has too few or too many actions.
-    #[error("the environment has {actions} actions; agents choose among 2 to 256")]
+    #[error("an environment needs 2 to 256 actions for its agents; this one has {actions}")]
     Actions {
         /// Number of actions.
         actions: usize,
+    },
+    /// A hyper-parameter does not suit the number of actions of the environment.
+    #[error("`{key}` does not suit an environment with {actions} actions: {says}")]
+    PerAction {
+        /// The hyper-parameter.
+        key: &'static str,
+        /// Number of actions.
+        actions: usize,
+        /// What it must be.
+        says: &'static str,
     },
     /// The environment has a different number of lanes.
     #[error("the environment has {lanes} lanes, but this agent trains on {expected}")]

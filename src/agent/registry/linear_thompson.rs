@@ -129,17 +129,32 @@ impl LinearThompson {
         let blocks = 2 * task.interface().actions as u64 - 1;
         if self.action_centring { blocks * width } else { width }
     }
+
+    /// Fails unless the keys that concern every action suit this number of actions.
+    fn unless_suited(&self, actions: usize) -> Result<(), StartError> {
+        let unsuited = |key, says| Err(StartError::PerAction { key, actions, says });
+        let is_biased = self.action_bias.iter().any(|bias| *bias != 0.0);
+        if is_biased && self.action_bias.len() != actions {
+            return unsuited("action_bias", "it needs one number per action");
+        }
+        if self.pi_min * actions as f64 > 1.0 {
+            return unsuited("pi_min", "it must not exceed 1 divided by the number of actions");
+        }
+        Ok(())
+    }
 }
 
 /// Linear Thompson sampling before its first episode in any environment of one lane.
 ///
-/// **Errors**: the environment does not have one lane and 2 to 256 actions.
+/// **Errors**: the environment does not have one lane and 2 to 256 actions, or `action_bias` or `pi_min` does
+/// not suit their number.
 pub fn learner_in<Env: VectorEnvironment + 'static>(
     parameters: &LinearThompson,
     environment: Env,
     seed: u64,
 ) -> Result<Box<dyn Learner<Env>>, StartError> {
     unless_fit(&environment, LANES)?;
+    parameters.unless_suited(environment.action_spec().count)?;
     Ok(Box::new(LinearThompsonLearner::new(parameters, environment, seed)))
 }
 
