@@ -83,7 +83,8 @@ test-times: ## what users were promised in seconds, such as a stop within two; n
 test-kill: ## sweeps killed 500 times, and merges, compared with undisturbed ones (minutes; KILLS=n, SEED=n)
 	$(CARGO) test --release --quiet --test slow -- kill:: kill_merge:: --nocapture --test-threads 1
 
-test-damage: ## a byte changed at 500 places of a store, and every command on what is left (a minute)
+test-damage: ## a byte changed at 500 places of a store, and every byte of checkpoints (minutes)
+	JITAI_EVERY_BYTE=1 $(CARGO) test --release --quiet --test library no_reason_to_panic
 	JITAI_DAMAGED_PLACES=500 $(CARGO) test --release --quiet --test cli changed_byte -- --nocapture
 
 test-bad-input: ## mutations of bad input, a minute for each of six readers

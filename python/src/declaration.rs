@@ -46,7 +46,8 @@ impl Declaration {
     /// The simulation with this number of lanes, none of which has an episode yet.
     pub(crate) fn simulation(&self, lanes: usize) -> PhysicalActivity {
         // The participants of the test, whichever participants an agent is trained on.
-        self.0.task().tested(lanes)
+        let task = self.0.task();
+        task.model().of_test(task.scenario, task.history as usize, lanes)
     }
 
     /// Whether there can be steps at which no message can be sent.

@@ -1,7 +1,7 @@
 //! The contracts of actors, which choose the actions of episodes, and of observers, which see every
 //! step.
 
-use crate::env::{Action, LaneSet, PhysicalActivity, VectorEnvironment};
+use crate::env::{Action, LaneSet, Simulated, VectorEnvironment};
 use crate::rng::Stream;
 use crate::state::Resumable;
 
@@ -13,7 +13,7 @@ use crate::state::Resumable;
 /// [`Actor::act`] before and [`Actor::observe`] after every step. A trained policy reads the
 /// observations of [`VectorEnvironment::observe`]. An actor written for one environment may also read
 /// the state of that environment.
-pub trait Actor<Env: VectorEnvironment + ?Sized = PhysicalActivity>: Resumable + Send {
+pub trait Actor<Env: VectorEnvironment + ?Sized = Simulated>: Resumable + Send {
     /// Resets the memory of these lanes, which start new episodes. Does nothing by default.
     fn reset(&mut self, lanes: LaneSet<'_>) {
         let _ = lanes;

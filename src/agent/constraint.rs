@@ -123,9 +123,13 @@ fn decisions_fit(assignment: &Assignment, training_episodes: u64) -> Option<Viol
     } else {
         0
     };
-    let size = episodes.saturating_mul(longest_episode(assignment));
+    recorded_decisions(episodes, longest_episode(assignment)).violation()
+}
+
+/// The size of the record of decisions of episodes with at most `longest` steps.
+pub fn recorded_decisions(episodes: u64, longest: u64) -> Size {
     let (what, unit) = ("the record of decisions can have", "steps");
-    Size { what, unit, size, most: MOST_DECISIONS }.violation()
+    Size { what, unit, size: episodes.saturating_mul(longest), most: MOST_DECISIONS }
 }
 
 /// The size of networks with this number of parameters.

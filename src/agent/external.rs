@@ -13,15 +13,3 @@ keys! {
         episodes: u32 = 1000, in Kind::EPISODES;
     }
 }
-
-impl External {
-    /// The command as a user would type it.
-    pub fn shown(&self) -> String {
-        let is_plain = |c: char| c.is_ascii_alphanumeric() || "-_./=:,+@%".contains(c);
-        let shown = |word: &String| match !word.is_empty() && word.chars().all(is_plain) {
-            true => word.clone(),
-            false => format!("'{}'", word.replace('\'', "'\\''")),
-        };
-        self.command.iter().map(shown).collect::<Vec<_>>().join(" ")
-    }
-}

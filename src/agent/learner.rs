@@ -3,7 +3,7 @@
 use crate::agent::actor::{Actor, StepObserver};
 use crate::agent::memory::OutOfMemory;
 use crate::agent::weights::Weights;
-use crate::env::{PhysicalActivity, VectorEnvironment};
+use crate::env::{Simulated, VectorEnvironment};
 use crate::state::{Resumable, resumable};
 
 /// A training episode that has just ended.
@@ -13,7 +13,7 @@ pub struct TrainedEpisode {
     /// together are numbered by lane. `None` from a learner that reports episodes in this order
     /// anyway.
     pub number: Option<u32>,
-    /// Undiscounted return, in steps walked.
+    /// Undiscounted return.
     pub total_reward: f64,
     /// Number of steps of the simulation.
     pub length: u32,
@@ -69,7 +69,7 @@ pub enum Span {
 }
 
 /// An agent in training. Its state can be saved between two calls.
-pub trait Learner<Env: VectorEnvironment = PhysicalActivity>: Resumable {
+pub trait Learner<Env: VectorEnvironment = Simulated>: Resumable {
     /// Trains for the shortest span the algorithm has (an episode, or the episodes of one update)
     /// and appends the episodes that ended. `pause` is called at every step. When it returns true,
     /// the span is suspended, and the next call resumes it with bit-identical results. An

@@ -56,7 +56,7 @@ pub use burn::{
     RecurrentDuelingQNetwork,
 };
 pub use burn::{column as action_tensor, input as observation_tensor};
-pub use constraint::longest_episode;
+pub use constraint::{longest_episode, recorded_decisions};
 pub use dueling_dqn::{
     DuelingDqn, DuelingDqnEngine, DuelingDqnLearner, EpisodeReplay, RecurrentDqnEngine,
     RecurrentDqnLearner, SequenceBatch, Trunk,
@@ -81,7 +81,7 @@ pub use ppo::{
 };
 pub use registry::{
     Agent, Algorithm, AlgorithmParameters, RegistrationError, Start, StartError, Task, Trained,
-    Work, dueling_dqn_learner, free_key, linear_thompson_learner, ppo_learner, register_algorithm,
+    Work, dueling_dqn_learner, linear_thompson_learner, ppo_learner, register_algorithm,
     reinforce_learner, trained_linear_thompson,
 };
 pub use reinforce::{Reinforce, ReinforceEngine, ReinforceLearner, Trajectories};

@@ -368,7 +368,7 @@ mod tests {
 
     /// Actions in 4000 lanes with their probabilities. Asserts that the actions are the same if no
     /// probabilities are requested.
-    fn acted(actor: &mut dyn Actor) -> Vec<(usize, [f64; 4])> {
+    fn acted(actor: &mut dyn Actor<PhysicalActivity>) -> Vec<(usize, [f64; 4])> {
         let mut lanes = PhysicalActivity::new(&StepCount::paper(0.6), &"P".parse().unwrap(), 4000);
         let stream = |purpose| Stream::new(6, purpose);
         lanes.reset(LaneSet::All, &mut LaneStreams::Shared(stream(Purpose::Environment)));
@@ -381,7 +381,7 @@ mod tests {
         actions.iter().map(|action| action.index()).zip(probabilities).collect()
     }
 
-    fn assert_probabilities(actor: &mut dyn Actor, expected: [f64; 4]) {
+    fn assert_probabilities(actor: &mut dyn Actor<PhysicalActivity>, expected: [f64; 4]) {
         let acted = acted(actor);
         for (index, expected) in expected.into_iter().enumerate() {
             assert!(acted.iter().all(|(_, p)| (p[index] - expected).abs() < 1e-6), "{index}");

@@ -14,7 +14,7 @@ use crate::agent::policy::{ActionNetwork, Choice, NetworkActor, sample, sampling
 use crate::agent::unavailable::Unavailable;
 use crate::agent::weights::Weights;
 use crate::env::{
-    Action, EpisodeStatus, LaneSet, LaneStreams, Observations, PhysicalActivity, VectorEnvironment,
+    Action, EpisodeStatus, LaneSet, LaneStreams, Observations, Simulated, VectorEnvironment,
 };
 use crate::kernel::Isa;
 use crate::key::{Keyed, Kind, keys};
@@ -123,7 +123,7 @@ pub fn returns_to_go(rewards: &mut [f64], lanes: usize, gamma: f64) {
 }
 
 /// REINFORCE in training, one update at a time.
-pub struct ReinforceLearner<E, Env = PhysicalActivity> {
+pub struct ReinforceLearner<E, Env = Simulated> {
     engine: E,
     parameters: Reinforce,
     updates: u64,

@@ -3,8 +3,8 @@
 use crate::agent::actor::Actor;
 use crate::agent::unavailable::certain;
 use crate::env::{
-    Action, Belief, EpisodeStatus, FirstContext, OPTIONS, PhysicalActivity, Scenario, StepCount,
-    StepCountModel, VectorEnvironment,
+    Action, Belief, EpisodeStatus, FirstContext, OPTIONS, PhysicalActivity, Scenario, Simulated,
+    StepCount, StepCountModel, VectorEnvironment,
 };
 use crate::key::{KeyType, Keyed, Kind, choices, keys};
 use crate::optimum::{NoOptimum, OptimalPolicy};
@@ -102,6 +102,19 @@ impl RulePolicy {
         RulePolicy { choice: Choice::Always(action), belief: Belief::Certain }
     }
 
+    /// The rule in an environment of any family; `None` if it acts on the state of the simulation.
+    pub fn anywhere(rule: DecisionRule) -> Option<Self> {
+        let choice = match rule {
+            DecisionRule::Never => Choice::Always(Action::NONE),
+            DecisionRule::Random => Choice::Random,
+            DecisionRule::Untailored
+            | DecisionRule::Tailored
+            | DecisionRule::Threshold
+            | DecisionRule::Optimal => return None,
+        };
+        Some(RulePolicy { choice, belief: Belief::Certain })
+    }
+
     /// The action in a lane. The random rule draws from the stream once.
     fn choose(&self, lanes: &PhysicalActivity, lane: usize, stream: &mut Stream) -> Action {
         let zero = self.belief.probability_of_zero(&lanes.context(lane));
@@ -169,7 +182,7 @@ impl RuleParameters {
 }
 
 /// A rule reads the state of the simulation in f64, but the context only as its scenario shows it.
-impl Actor for RulePolicy {
+impl Actor<PhysicalActivity> for RulePolicy {
     fn act(
         &mut self,
         environment: &PhysicalActivity,
@@ -182,6 +195,36 @@ impl Actor for RulePolicy {
         }
         if let Some(probabilities) = probabilities {
             let rows = probabilities.chunks_exact_mut(OPTIONS).zip(&*actions);
+            rows.for_each(|(row, action)| self.write_probabilities(*action, row));
+        }
+    }
+}
+
+/// In a job, a rule acts in the simulation of its family.
+impl Actor for RulePolicy {
+    fn act(
+        &mut self,
+        environment: &Simulated,
+        stream: &mut Stream,
+        actions: &mut [Action],
+        probabilities: Option<&mut [f64]>,
+    ) {
+        let lanes: Option<&PhysicalActivity> = environment.downcast();
+        if let Some(lanes) = lanes {
+            return self.act(lanes, stream, actions, probabilities);
+        }
+        let count = environment.action_spec().count;
+        for action in &mut *actions {
+            *action = match self.choice {
+                Choice::Always(action) => action,
+                Choice::Random => Action::uniform(stream.bits(), count),
+                Choice::Tailored | Choice::Threshold(_) | Choice::Optimal(_) => {
+                    unreachable!("such a rule starts in step_count alone")
+                }
+            };
+        }
+        if let Some(probabilities) = probabilities {
+            let rows = probabilities.chunks_exact_mut(count).zip(&*actions);
             rows.for_each(|(row, action)| self.write_probabilities(*action, row));
         }
     }

@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use serde_json::json;
 
 use crate::cli::output::{counted, shell_word};
-use crate::cli::{Error, Exit};
+use crate::cli::{Error, Exit, trial};
 use crate::manifest::{self, Faults, Manifest, Overridden, Override, Published};
 use crate::plan::{self, Factors};
 use crate::report::splits;
@@ -16,6 +16,11 @@ use crate::report::splits;
 pub(super) struct Arguments {
     #[command(flatten)]
     manifests: ManifestArguments,
+    /// Start the programs of outside environments and check that they keep the contract: equal seeds give equal
+    /// episodes, lanes are independent, values lie inside their bounds. With --format json, the output is an object
+    /// of `faults` and `trials`
+    #[arg(long = "try")]
+    tries: bool,
     /// Output format of the faults
     #[arg(long, value_enum, default_value = "text")]
     format: Format,
@@ -52,8 +57,21 @@ pub(super) fn run(arguments: &Arguments) -> Result<Exit, Error> {
                     other => vec![other],
                 })
                 .collect();
-            writeln!(io::stdout(), "{:#}", serde_json::Value::Array(all))?;
-            Ok(if faulty.is_empty() { Exit::Done } else { Exit::Usage })
+            let all = serde_json::Value::Array(all);
+            let mut is_sound = faulty.is_empty();
+            let shown = match arguments.tries {
+                false => all,
+                true => {
+                    let manifests = valid.iter().map(|(_, read)| &read.manifest);
+                    let trials =
+                        manifests.flat_map(|one| trial::as_json(one, &trial::of_manifest(one)));
+                    let trials: Vec<_> = trials.collect();
+                    is_sound &= trials.iter().all(|trial| trial.get("fault").is_none());
+                    json!({ "faults": all, "trials": trials })
+                }
+            };
+            writeln!(io::stdout(), "{shown:#}")?;
+            Ok(if is_sound { Exit::Done } else { Exit::Usage })
         }
         Format::Text => {
             let shown = valid.iter().try_for_each(|(path, read)| show(path, read));
@@ -62,6 +80,11 @@ pub(super) fn run(arguments: &Arguments) -> Result<Exit, Error> {
                 return Err(Error::Manifests(faulty));
             }
             shown?;
+            if arguments.tries {
+                for (_, Overridden { manifest, .. }) in &valid {
+                    trial::show(manifest, &trial::of_manifest(manifest))?;
+                }
+            }
             Ok(Exit::Done)
         }
     }

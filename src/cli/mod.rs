@@ -42,6 +42,7 @@ mod submissions;
 mod submit;
 mod summary;
 mod task;
+mod trial;
 mod verb;
 mod workers;
 

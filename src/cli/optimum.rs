@@ -11,7 +11,7 @@ use crate::cli::setting::{adjusted, sets, with_parameter};
 use crate::cli::{Error, Exit, check};
 use crate::env::StepCountModel;
 use crate::env::context_error;
-use crate::env::{Population, Scenario, StepCount};
+use crate::env::{self, Family, Population, Scenario, StepCount};
 use crate::job::Job;
 use crate::job::{environment_text, people_text};
 use crate::key::Keyed;
@@ -30,7 +30,8 @@ pub(super) struct Arguments {
         long = "scenario",
         value_name = "SCENARIO",
         value_delimiter = ',',
-        default_value = "C-H-D,P-H-D,L-H-D"
+        default_value = "C-H-D,P-H-D,L-H-D",
+        value_parser = env::letters
     )]
     scenarios: Vec<Scenario>,
     /// Standard deviations of the context feature, separated by commas
@@ -63,6 +64,11 @@ fn of_manifests(manifests: &[Manifest], format: Format) -> Result<(), Error> {
     let mut rows = Rows::new(format, &columns, io::stdout().lock())?;
     let mut missing: Vec<NoOptimum> = Vec::new();
     for manifest in manifests {
+        let family = manifest.family();
+        if family != Family::first() {
+            let error = NoOptimum::Family { family: family.name };
+            return Err(Error::Usage(format!("{}: {error}", manifest.path)));
+        }
         let places = places(manifest);
         // The optimum is undefined for participants who differ.
         let alike = places.iter().filter(|(.., people)| people.is_homogeneous());

@@ -195,6 +195,7 @@ fn list_experiments(
         )?;
     }
     say_outside(manifests)?;
+    say_environments(manifests)?;
     Ok(explain(&all, time(&all), workers, speeds.are_measured())?)
 }
 
@@ -210,6 +211,22 @@ fn say_outside(manifests: &[Manifest]) -> io::Result<()> {
         io::stderr(),
         "outside programs: {}; their job keys cover command, version, parameters and budget, but \
          jitai cannot guarantee that equal jobs give equal results",
+        names.join(", ")
+    )
+}
+
+/// Lists the experiments whose environments are outside programs.
+fn say_environments(manifests: &[Manifest]) -> io::Result<()> {
+    let outside = manifests.iter().filter(|manifest| manifest.family().is_external());
+    let names: Vec<String> = outside.map(|manifest| printable(&manifest.name)).collect();
+    if names.is_empty() {
+        return Ok(());
+    }
+    writeln!(
+        io::stderr(),
+        "environments that are outside programs: {}; their jobs start over instead of resuming in the middle; \
+         job keys cover command, version and parameters, and `jitai check --try` checks that equal seeds \
+         give equal episodes",
         names.join(", ")
     )
 }

@@ -8,18 +8,16 @@ use std::path::Path;
 
 use serde::Deserialize;
 
-use crate::agent::{Actor, certain};
 use crate::cli::output::{Format, counted};
 use crate::cli::setting::preset;
 use crate::cli::steps::{Step, StepRows};
 use crate::cli::{Error, Exit};
 use crate::env::{
-    Action, ContextDraw, EpisodeStatus, Feature, ForcedNoise, LaneSet, LaneStreams, OPTIONS,
+    Action, ContextDraw, EpisodeStatus, Feature, ForcedNoise, LaneSet, LaneStreams,
     PhysicalActivity, Scenario, StateNoise, StepCount, StepNoise, VectorEnvironment,
 };
 use crate::key::Keyed;
 use crate::rng::{Purpose, Stream};
-use crate::state::resumable;
 
 /// Maximum size of a file of trajectories, in bytes.
 const MOST_BYTES: u64 = 100_000_000;
@@ -136,43 +134,6 @@ fn environment(case: &Case) -> Result<StepCount, String> {
     extended.with_settings(&settings).map_err(|error| format!("parameters: {error}"))
 }
 
-/// An actor that takes the actions of a recorded episode in order.
-struct RecordedActions {
-    actions: Vec<Action>,
-    /// Number of actions taken.
-    taken: usize,
-}
-
-impl Actor for RecordedActions {
-    fn act(
-        &mut self,
-        _: &PhysicalActivity,
-        _: &mut Stream,
-        actions: &mut [Action],
-        probabilities: Option<&mut [f64]>,
-    ) {
-        let action = self.actions[self.taken];
-        actions.fill(action);
-        if let Some(probabilities) = probabilities {
-            let rows = probabilities.chunks_exact_mut(OPTIONS);
-            rows.for_each(|row| certain(action, row));
-        }
-    }
-
-    fn observe(&mut self, _: &PhysicalActivity, _: &[f64]) {
-        self.taken += 1;
-    }
-}
-
-resumable!([] RecordedActions { parts taken; check fits, "recorded actions" });
-
-impl RecordedActions {
-    /// Whether the taken actions are recorded.
-    fn fits(&self) -> bool {
-        self.taken <= self.actions.len()
-    }
-}
-
 /// Replays an episode; returns its steps and the lane after the last step.
 fn replay(case: &Case) -> Result<(Vec<Step>, PhysicalActivity), String> {
     let environment = environment(case)?;
@@ -180,14 +141,13 @@ fn replay(case: &Case) -> Result<(Vec<Step>, PhysicalActivity), String> {
     let mut lane = PhysicalActivity::new(&environment, &Scenario::of(Feature::Context), 1);
     let stream = Stream::new(0, Purpose::TestEnvironment);
     lane.reset(LaneSet::All, &mut LaneStreams::Shared(stream));
-    let mut actor = RecordedActions { actions: Vec::new(), taken: 0 };
+    let mut all = Vec::with_capacity(case.steps.len());
     for (t, recorded) in case.steps.iter().enumerate() {
         let action = Action::option(recorded.action);
         let refused =
             || format!("step {t}: expected an action from 0 to 3, found {}", recorded.action);
-        actor.actions.push(action.ok_or_else(refused)?);
+        all.push(action.ok_or_else(refused)?);
     }
-    let mut stream = Stream::new(0, Purpose::TestActions);
     let mut steps = Vec::with_capacity(case.steps.len());
     for (t, recorded) in case.steps.iter().enumerate() {
         if !lane.any_running() {
@@ -201,14 +161,12 @@ fn replay(case: &Case) -> Result<(Vec<Step>, PhysicalActivity), String> {
         }
         lane.set_context(0, ContextDraw::new(recorded.context, recorded.p0));
         lane.set_available(0, recorded.available != Some(0));
-        let (mut actions, mut reward) = ([Action::NONE], [0.0]);
-        actor.act(&lane, &mut stream, &mut actions, None);
+        let (actions, mut reward) = ([all[t]], [0.0]);
         let mut step = Step::chosen(&lane, actions[0]);
         match forced(&environment, case, t)? {
             Some(noise) => lane.force_step(&noise, &actions, &mut reward),
             None => lane.apply_actions(&actions, &mut reward),
         }
-        actor.observe(&lane, &reward);
         step.pay(&lane, lane.outcomes(&reward)[0]);
         steps.push(step);
     }

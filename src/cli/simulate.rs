@@ -16,9 +16,9 @@ use crate::cli::setting::adjusted;
 use crate::cli::steps::{Step, StepRows};
 use crate::cli::{Error, Exit, StoreArgument, replay};
 use crate::env::{
-    Action, EpisodeStatus, Observer, PhysicalActivity, Scenario, StepCount, VectorEnvironment,
+    self, Action, Environment, EpisodeStatus, Observer, PhysicalActivity, Scenario, Simulated,
+    StepCount, StepCountModel, VectorEnvironment,
 };
-use crate::env::{Environment, StepCountModel};
 use crate::store::{Reader, StoreError};
 use crate::train::{self, RollStreams, StepObserver};
 
@@ -32,7 +32,7 @@ pub(super) struct Arguments {
     #[arg(long, default_value = "tailored", value_name = "POLICY")]
     policy: PolicyArgument,
     /// The scenario that a rule observes [default: P-H-D]
-    #[arg(long, value_name = "SCENARIO")]
+    #[arg(long, value_name = "SCENARIO", value_parser = env::letters)]
     scenario: Option<Scenario>,
     /// An environment parameter, as in a manifest's [environment], such as sigma=0.4; repeatable. A
     /// trained policy rejects parameters that change its observations
@@ -144,7 +144,13 @@ fn of_run(key: &str, arguments: &Arguments) -> Result<Rolled, Error> {
     let stored = Reader::open(&arguments.store.store)?.weights(key);
     let stored = stored.map_err(|error| refused_key("--policy run", error))?;
     let job = stored.job;
-    let StepCountModel { parameters, population } = job.task().model().clone();
+    let Some(StepCountModel { parameters, population }) = job.task().step_count().cloned() else {
+        return Err(Error::Usage(format!(
+            "job {key} has an environment of the family {}, and `jitai simulate` shows those of step_count; \
+             `evaluation.record_decisions` records the steps of any family",
+            job.environment.family().name
+        )));
+    };
     for setting in &arguments.settings {
         let set = adjusted(parameters.clone(), std::slice::from_ref(setting))?;
         let observer = |environment| Observer::new(environment, &job.scenario);
@@ -194,7 +200,7 @@ pub(super) fn refused_key(option: &str, error: StoreError) -> Error {
 
 /// Episodes rolled one after the other, with named random streams.
 struct Rolled {
-    lane: PhysicalActivity,
+    lane: Simulated,
     actor: Box<dyn Actor>,
     unavailable: Unavailable,
     streams: RollStreams,
@@ -218,24 +224,30 @@ impl Rolled {
     }
 }
 
+/// The lane, whose family has been checked.
+fn simulation(lane: &Simulated) -> &PhysicalActivity {
+    lane.downcast().expect("a simulation of step_count")
+}
+
 /// Collects the steps of an episode.
 struct Steps {
     steps: Vec<Step>,
     unavailable: Unavailable,
 }
 
-impl StepObserver<PhysicalActivity> for Steps {
-    fn chosen(&mut self, lanes: &PhysicalActivity, actions: &[Action], probabilities: &[f64]) {
+impl StepObserver<Simulated> for Steps {
+    fn chosen(&mut self, lanes: &Simulated, actions: &[Action], probabilities: &[f64]) {
         let mut probabilities = probabilities.to_vec();
         let chosen = self.unavailable.choice(lanes, 0, actions[0], &mut probabilities);
-        let step = Step::chosen(lanes, chosen);
+        let step = Step::chosen(simulation(lanes), chosen);
         let taken = if step.can_send { probabilities[chosen.index()] } else { 1.0 };
         self.steps.push(Step { probability: Some(taken), ..step });
     }
 
-    fn paid(&mut self, lanes: &PhysicalActivity, rewards: &[f64]) {
+    fn paid(&mut self, lanes: &Simulated, rewards: &[f64]) {
+        let lanes = simulation(lanes);
         if let Some(step) = self.steps.last_mut() {
-            step.pay(lanes, lanes.outcomes(rewards)[0]);
+            step.pay(lanes, VectorEnvironment::outcomes(lanes, rewards)[0]);
         }
     }
 }
@@ -253,7 +265,7 @@ fn summarise(rolled: &mut Rolled, arguments: &Arguments) -> Result<(), Error> {
     let (mut steps, mut messages, mut disengaged) = (0usize, 0usize, 0usize);
     for _ in 0..arguments.episodes {
         // The step after the horizon that pays nothing is no part of the episode.
-        let horizon = rolled.lane.parameters().horizon;
+        let horizon = simulation(&rolled.lane).parameters().horizon;
         let mut episode = rolled.episode();
         episode.retain(|step| step.time < horizon);
         returns.push(episode.iter().map(|step| step.reward).sum::<f64>());
@@ -264,7 +276,7 @@ fn summarise(rolled: &mut Rolled, arguments: &Arguments) -> Result<(), Error> {
     }
     let n = returns.len() as f64;
     let (mean, sd) = crate::analyse::mean_and_sd(&returns);
-    let cost = rolled.lane.parameters().message_cost;
+    let cost = simulation(&rolled.lane).parameters().message_cost;
     let columns = [
         "episodes",
         "mean_return",

@@ -25,7 +25,9 @@ pub(super) fn print(reader: &Reader, selection: &Selection<'_>) -> Result<Option
         let data = reader.data_set_of(&manifest.name, jobs, |_| Parts::default(), |_| {})?;
         // jitai cannot simulate the policy of an outside program.
         let is_outside = |name: &str| {
-            manifest.agents.iter().any(|agent| agent.name == name && agent.algorithm.is_external())
+            let mut agents = manifest.agents.iter();
+            manifest.family().is_external()
+                || agents.any(|agent| agent.name == name && agent.algorithm.is_external())
         };
         let completed = |job: &&JobRecord| job.completed().is_some() && !is_outside(&job.agent);
         let completed = data.jobs.iter().find(completed);
@@ -36,20 +38,24 @@ pub(super) fn print(reader: &Reader, selection: &Selection<'_>) -> Result<Option
             continue;
         }
         let experiment = printable(&manifest.name);
-        writeln!(out, "\n{experiment}: mean return ± sd over seeds, in steps walked")?;
-        columns.extend(
-            ["context error", "seeds", "mean return ± sd", "disengaged"].map(str::to_owned),
-        );
+        let words = report::Words::of(manifest, data.description.as_deref());
+        let unit = words.return_unit;
+        writeln!(out, "\n{experiment}: mean return ± sd over seeds, in {unit}")?;
+        let has_errors = arms.iter().any(|arm| arm.context_error.is_some());
+        columns.extend(has_errors.then(|| "context error".to_owned()));
+        let terminated = if words.has_optimum { "disengaged" } else { "terminated" };
+        columns.extend(["seeds", "mean return ± sd", terminated].map(str::to_owned));
         let mut rows = Rows::new(Format::Table, &columns, &mut out)?;
         for (line, arm) in lines.iter().zip(arms.iter().filter(|arm| arm.has_ended())) {
-            rows.row(&fields(line, arm.context_error))?;
+            let error = has_errors.then_some(arm.context_error);
+            rows.row(&fields(line, error))?;
         }
         rows.finish()?;
     }
     Ok(example)
 }
 
-fn fields(line: &Line, context_error: Option<f64>) -> Vec<Field<'static>> {
+fn fields(line: &Line, context_error: Option<Option<f64>>) -> Vec<Field<'static>> {
     let percent = |share: f64| Field::Figure(format!("{} %", rounded(100.0 * share, 1)));
     let spread = line.returns.map_or(Field::Empty, |returns| match returns.sd {
         Ok(sd) => Field::Figure(format!("{} ± {sd:.1}", rounded(returns.mean, 1))),
@@ -60,11 +66,11 @@ fn fields(line: &Line, context_error: Option<f64>) -> Vec<Field<'static>> {
         Err(_) => Field::text(text.clone()),
     };
     let mut fields: Vec<Field<'_>> = line.arm.iter().map(word).collect();
+    fields.extend(context_error.map(|error| error.map_or(Field::Empty, percent)));
     fields.extend([
-        context_error.map_or(Field::Empty, percent),
         Field::Figure(line.seeds.clone()),
         spread,
-        line.disengagement.map_or(Field::Empty, |share| percent(share.mean)),
+        line.terminated.map_or(Field::Empty, |share| percent(share.mean)),
     ]);
     fields
 }

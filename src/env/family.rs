@@ -8,9 +8,11 @@ use std::fmt;
 use std::ops::Deref;
 use std::sync::Arc;
 
-use crate::env::step_count::Scenario;
+use crate::env::scenario::{Scenario, ScenarioError};
+use crate::env::simulation::Simulated;
 use crate::env::vector::Interface;
 use crate::key::{Constraint, Key, Value};
+use crate::rng::Stream;
 
 /// A family of environments: its name, its keys and the rules between them.
 pub struct Family {
@@ -24,14 +26,28 @@ pub struct Family {
     pub constraints: fn() -> Vec<&'static Constraint>,
     /// The unit of rewards and returns.
     pub return_unit: &'static str,
+    /// The metric that is the share of episodes that were terminated.
+    pub termination_metric: &'static str,
+    /// Whether an optimum of its environments can be computed, at least of some.
+    pub has_optimum: bool,
+    /// Whether choices of action are counted by an inferred context.
+    pub has_contexts: bool,
+    /// Checks that an environment can have a scenario, as far as the family knows.
+    pub check_scenario: fn(&Scenario) -> Result<(), ScenarioError>,
+    /// What a scenario consists of, for messages: "expected …".
+    pub expected_scenario: fn() -> String,
+    /// Scenarios as examples; at least one.
+    pub example_scenarios: &'static [&'static str],
     /// The environment with these values, one for each key of `[environment]` and of `[population]`, in their
     /// order; `None` if a value has another type.
-    pub read: fn(&[Value], &[Value]) -> Option<Environment>,
+    pub read: fn(&'static Family, &[Value], &[Value]) -> Option<Environment>,
 }
 
+// Families of outside programs share their name and are compared by the names of their parameters.
 impl PartialEq for Family {
     fn eq(&self, other: &Family) -> bool {
-        self.name == other.name
+        let names = |family: &Family| family.keys.iter().map(|key| key.name);
+        self.name == other.name && names(self).eq(names(other))
     }
 }
 
@@ -72,13 +88,92 @@ pub trait Model: Any + fmt::Debug + Send + Sync {
     /// What an agent sees in a scenario, and how many actions it chooses among.
     fn interface(&self, scenario: &Scenario) -> Interface;
 
+    /// The unit of rewards and returns; that of the family by default.
+    fn return_unit(&self) -> &'static str {
+        self.family().return_unit
+    }
+
+    /// The meaning of every action, by number.
+    fn actions(&self) -> Vec<String>;
+
+    /// The meaning of every entry of one observation of a scenario, without a one-hot of time.
+    fn meanings(&self, scenario: &Scenario) -> Vec<Meaning>;
+
+    /// How an environment describes itself that is not known in advance, as JSON for the record. None by default.
+    fn description(&self) -> Option<String> {
+        None
+    }
+
+    /// The environment with the description of an earlier run; `None` by default.
+    fn described(&self, description: &str) -> Option<Environment> {
+        let _ = description;
+        None
+    }
+
+    /// What a one-hot of time shows.
+    fn clock(&self) -> String {
+        "time".to_owned()
+    }
+
     /// The number of steps of an episode that does not end early.
     fn longest_episode(&self) -> u32;
+
+    /// A simulation for the training, with this number of lanes, which shows `history` observations at a time.
+    fn training(&self, scenario: &Scenario, history: usize, lanes: usize) -> Simulated;
+
+    /// A simulation for the test, whose participants differ whatever the training meets.
+    fn testing(&self, scenario: &Scenario, history: usize, lanes: usize) -> Simulated;
+
+    /// The names of the numbers that a recorded state consists of. None by default.
+    fn state_names(&self) -> Vec<String> {
+        Vec::new()
+    }
+
+    /// The number of strata in which choices of action are counted. 1 by default.
+    fn strata(&self) -> usize {
+        1
+    }
+
+    /// Whether action 0 sends no message. True by default.
+    fn has_nothing(&self) -> bool {
+        true
+    }
+
+    /// The cost of a message to a person who does not differ; `None` if no message has a cost to anybody.
+    fn message_cost(&self) -> Option<f64> {
+        None
+    }
+
+    /// The number of parameters in which participants of the test differ. None by default.
+    fn differing(&self) -> usize {
+        0
+    }
+
+    /// Describes the first `count` participants of a stream: participant from 1, place of the parameter, value.
+    fn describe_participants(
+        &self,
+        stream: &mut Stream,
+        count: u32,
+        describe: &mut dyn FnMut(u32, u8, f64),
+    ) {
+        let _ = (stream, count, describe);
+    }
 
     /// Whether messages can be unavailable at some steps for anybody.
     fn can_withhold(&self) -> bool {
         false
     }
+}
+
+/// The meaning of an entry of an observation.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Meaning {
+    /// What it is.
+    pub meaning: String,
+    /// Its unit before scaling; empty if there is none.
+    pub unit: String,
+    /// The factor that turns a number in this unit into the entry.
+    pub scale: f64,
 }
 
 /// An environment as a job holds it: a family with values of its keys. Copies share the values.

@@ -14,12 +14,16 @@ mod family;
 mod history;
 mod observation;
 pub mod outside;
+mod scenario;
+mod simulation;
 mod step_count;
 mod vector;
 
-pub use family::{Environment, Family, Model};
+pub use family::{Environment, Family, Meaning, Model};
 pub use history::History;
 pub use observation::{FeatureSpec, ObservationSpec, Observations};
+pub use scenario::{Scenario, ScenarioError};
+pub use simulation::{Simulated, Simulation};
 pub use step_count::*;
 pub use vector::{
     Action, ActionSpec, EpisodeStatus, Interface, LaneSet, LaneStreams, VectorEnvironment,

@@ -8,6 +8,8 @@
 //! process kills it if jitai is killed. Every wait can be interrupted. The module does not depend
 //! on jobs or episodes.
 
+use std::sync::Arc;
+
 mod environment;
 mod error;
 mod message;
@@ -26,4 +28,7 @@ pub use message::{
     Step, ToProgram, Update,
 };
 pub use output::output_within;
-pub use process::Program;
+pub use process::{Program, shown};
+
+/// Whether a wait for a program should end, because its job is being stopped.
+pub type StopRequested = Arc<dyn Fn() -> bool + Send + Sync>;

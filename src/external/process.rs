@@ -44,14 +44,23 @@ pub struct Program {
     status: Option<ExitStatus>,
 }
 
+/// The words of a command as a user would type them.
+pub fn shown(words: &[String]) -> String {
+    let is_plain = |c: char| c.is_ascii_alphanumeric() || "-_./=:,+@%".contains(c);
+    let shown = |word: &String| match !word.is_empty() && word.chars().all(is_plain) {
+        true => word.clone(),
+        false => format!("'{}'", word.replace('\'', "'\\''")),
+    };
+    words.iter().map(shown).collect::<Vec<_>>().join(" ")
+}
+
 impl Program {
-    /// Starts a command in a folder, without a shell. Messages show the command as `shown`. The program
+    /// Starts a command in a folder, without a shell. Messages show the command as [`shown`]. The program
     /// inherits jitai's environment variables. Its lines have at most `longest_line` bytes.
     ///
     /// **Errors**: the program or the folder does not exist, or the system has no more processes.
     pub fn start(
         words: &[String],
-        shown: &str,
         folder: &Path,
         longest_line: usize,
     ) -> Result<Program, ProgramError> {
@@ -66,7 +75,7 @@ impl Program {
                 _ => "",
             };
             let folder = folder.display().to_string();
-            ProgramError::NotStarted { command: shown.to_owned(), folder, source, help }
+            ProgramError::NotStarted { command: shown(words), folder, source, help }
         };
         let first = words.first().map_or("", String::as_str);
         // A relative path starts from the folder, not from the working directory of jitai.
@@ -88,7 +97,7 @@ impl Program {
         let pipes = || Ok((Input::of(input)?, Tail::of(errors)?));
         match pipes() {
             Ok((to, tail)) => Ok(Program {
-                command: shown.to_owned(),
+                command: shown(words),
                 child,
                 group,
                 to: Some(to),

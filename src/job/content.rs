@@ -5,10 +5,11 @@ use std::time::Duration;
 use serde_json::{Map, Value as Json};
 
 use super::identity::{Parts, agent_text, environment_text, people_text, text};
-use super::{CanonicalForm, Evaluation, JobKey, Scalar, Versions};
-use crate::agent::{Agent, Algorithm, Engine, Task, Work, free_key};
+use super::metric::TERMINATION_RATE;
+use super::{CanonicalForm, Evaluation, JobKey, MetricName, Scalar, Versions};
+use crate::agent::{Agent, Algorithm, Engine, Task, Work};
 use crate::env::{Environment, Family, Scenario};
-use crate::key::{CanonicalError, Key, Keyed, Parameter, Value, read_object};
+use crate::key::{CanonicalError, Key, Keyed, Parameter, Value, free_key, read_object};
 
 /// The complete content of a training and its test.
 ///
@@ -64,6 +65,12 @@ impl Job {
     /// The algorithm's name, as in the manifest.
     pub fn algorithm(&self) -> &'static str {
         self.agent.algorithm().name()
+    }
+
+    /// The metric that is the share of episodes that were terminated.
+    pub fn termination_metric(&self) -> MetricName {
+        let name = self.environment.family().termination_metric;
+        MetricName::named(name).unwrap_or(TERMINATION_RATE)
     }
 
     /// The versions of the code that this job would run with.
@@ -128,7 +135,7 @@ impl Job {
             "{}" => String::new(),
             differing => format!("\"population\":{differing},"),
         };
-        // A scenario consists of letters and hyphens, so nothing needs escaping.
+        // A scenario consists of words and hyphens, so nothing needs escaping.
         let (scenario, seed) = (&self.scenario, self.seed);
         let text = format!(
             "{{\"agent\":{agent},\"environment\":{environment},\"evaluation\":{evaluation},\
@@ -166,7 +173,8 @@ impl Job {
             Some(_) => return Err(part("population")),
         };
         let Some(Json::Object(mut agent)) = take("agent") else { return Err(part("agent")) };
-        let scenario = take("scenario").and_then(|scenario| scenario.as_str()?.parse().ok());
+        let scenario =
+            take("scenario").and_then(|scenario| scenario.as_str()?.parse::<Scenario>().ok());
         let seed = take("seed").and_then(|seed| seed.as_u64());
         if let Some(unknown) = parts.keys().next() {
             return Err(part(unknown));
@@ -182,9 +190,13 @@ impl Job {
             let free = agent.keys().map(String::as_str).filter(|key| free_key(key).is_some());
             algorithm = Algorithm::external(free).ok_or_else(|| part("agent"))?;
         }
+        let environment = read_environment(environment, &population)?;
+        let check = environment.family().check_scenario;
         let job = Job {
-            environment: read_environment(environment, &population)?,
-            scenario: scenario.ok_or_else(|| part("scenario"))?,
+            environment,
+            scenario: scenario
+                .filter(|scenario| check(scenario).is_ok())
+                .ok_or_else(|| part("scenario"))?,
             agent: Agent::with_values(algorithm, values("agent", algorithm.keys(), &agent)?)
                 .ok_or_else(|| part("agent"))?,
             evaluation: read("evaluation", &evaluation)?,
@@ -267,13 +279,19 @@ fn read_environment(
     population: &Map<String, Json>,
 ) -> Result<Environment, JobError> {
     let part = || JobError::Part("environment.family".to_owned());
-    let family = match environment.remove("family") {
+    let mut family = match environment.remove("family") {
         None => Family::first(),
         Some(name) => name.as_str().and_then(Family::named).ok_or_else(part)?,
     };
+    if family.is_external() {
+        // Keys that are not parameter names are rejected below.
+        let free = environment.keys().map(String::as_str).filter(|key| free_key(key).is_some());
+        family = Family::external(free).ok_or_else(part)?;
+    }
     let parameters = values("environment", family.keys, &environment)?;
     let people = values("population", family.people, population)?;
-    (family.read)(&parameters, &people).ok_or_else(|| JobError::Part("environment".to_owned()))
+    (family.read)(family, &parameters, &people)
+        .ok_or_else(|| JobError::Part("environment".to_owned()))
 }
 
 /// The typed struct of a part written by [`text`].

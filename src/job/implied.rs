@@ -2,7 +2,7 @@
 
 use super::{Evaluation, Scalar};
 use crate::agent::Algorithm;
-use crate::env::{Population, StepCount};
+use crate::env::Family;
 use crate::key::{Key, Keyed};
 
 /// A parameter that was added after jobs had been stored, with its value in every job whose canonical form
@@ -29,8 +29,8 @@ pub fn implied_parameters() -> Vec<ImpliedParameter> {
     let algorithms = Algorithm::all().into_iter();
     let of_agents = algorithms.map(|one| of("agent", Some(one.name()), one.keys()));
     let of_all = [
-        of("environment", None, StepCount::KEYS),
-        of("population", None, Population::KEYS),
+        of("environment", None, Family::first().keys),
+        of("population", None, Family::first().people),
         of("evaluation", None, Evaluation::KEYS),
     ];
     of_all.into_iter().chain(of_agents).flatten().collect()

@@ -92,6 +92,9 @@ metrics! {
         "mean loss of the updates; absent if there were none";
     EPSILON = "epsilon", "exploration rate", Plain, [Curve],
         "exploration rate at the last of these episodes (DQN)";
+    TERMINATION_RATE = "termination_rate", "episodes that were terminated", Share,
+        [Test, Curve, Analyses, Participants],
+        "share of episodes that ended in a terminal state; in other families than step_count";
 }
 
 /// The metrics that `evaluation.first_episodes` asks for; the number of episodes follows the name.
@@ -116,6 +119,16 @@ pub const fn first_return(episodes: u32) -> MetricName {
 /// The metrics that occur in a place, except those of first episodes.
 pub fn metrics_of(place: MetricPlace) -> impl Iterator<Item = MetricName> + Clone {
     METRICS.iter().copied().filter(move |metric| metric.is_in(place))
+}
+
+/// The metrics that occur in a place, of environments in which this metric is the share of terminated episodes.
+pub fn metrics_with(
+    place: MetricPlace,
+    termination: &'static str,
+) -> impl Iterator<Item = MetricName> + Clone {
+    metrics_of(place).filter(move |metric| {
+        ![DISENGAGEMENT_RATE, TERMINATION_RATE].contains(metric) || *metric == termination
+    })
 }
 
 /// The mean return.

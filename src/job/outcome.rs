@@ -31,10 +31,10 @@ pub struct CurvePoint {
 pub struct TestEpisode {
     /// Undiscounted return.
     pub total_reward: f64,
-    /// Steps of the simulation.
+    /// Number of steps.
     pub length: u32,
-    /// Whether it ended in disengagement.
-    pub disengaged: bool,
+    /// Whether it was terminated, and not cut off at the horizon.
+    pub terminated: bool,
 }
 
 /// A phase of a job in which decisions are made.
@@ -56,16 +56,8 @@ pub struct Decision {
     pub episode: u32,
     /// Steps taken in the episode before this one.
     pub step: u32,
-    /// True context, 0 or 1.
-    pub context: u8,
-    /// Inferred probability as the letter P shows it, whether or not the agent saw it.
-    pub probability: f64,
-    /// Most likely context, 0 or 1.
-    pub likely_context: u8,
-    /// Habituation before the step, in [0, 1].
-    pub habituation: f64,
-    /// Disengagement risk before the step, in [0, 1].
-    pub disengagement: f64,
+    /// The state before the step: one number for each of [`Results::state_names`].
+    pub state: Box<[f64]>,
     /// Whether a message could be sent, apart from the budget of messages.
     pub available: bool,
     /// Whether a message could be sent; where it could not, the action taken is 0.
@@ -101,18 +93,12 @@ pub struct ParticipantValue {
     pub value: f64,
 }
 
-/// The number of bins of the probability of context 0 in [`ActionCount`].
-pub const PROBABILITY_BINS: usize = 10;
-
-/// How often an action was taken in the test episodes, by the inferred probability of context 0 (whether or
-/// not the agent saw it) and the true context.
+/// How often an action was taken in the test episodes, by the stratum of the decision.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct ActionCount {
-    /// Bin of the probability: `[bin / 10, (bin + 1) / 10)`; the last bin includes 1.
-    pub bin: u8,
-    /// True context, 0 or 1.
-    pub context: u8,
-    /// Action, 0 to 3.
+    /// The stratum, from 0; `None` in a family without strata.
+    pub stratum: Option<u8>,
+    /// Number of the action.
     pub action: u8,
     /// The number of times the action was taken; at least 1.
     pub count: u64,
@@ -129,6 +115,10 @@ pub struct Results {
     pub episodes: Vec<TestEpisode>,
     /// Choices of action in the test; only counts above 0.
     pub actions: Vec<ActionCount>,
+    /// How the environment described itself; see [`crate::env::Model::description`].
+    pub description: Option<String>,
+    /// The names of the numbers in the state of a decision.
+    pub state_names: Vec<String>,
     /// Recorded decisions, by phase, episode and step; empty unless the job asks for them.
     pub decisions: Vec<Decision>,
     /// Parameters in which participants differ, by phase, episode and place. Parameters of the

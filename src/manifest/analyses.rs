@@ -8,18 +8,18 @@ use toml::de::DeTable;
 use super::analysed_jobs;
 use super::analysis::{Analysis, AnalysisDraft};
 use super::analysis_field::{AnalysisTable, Fields};
-use super::analysis_kind::{AnalysisKind, KINDS, KindDeclaration, LearningCurve, SHARED};
+use super::analysis_kind::{AnalysisKind, Curve, KINDS, KindDeclaration, LearningCurve, SHARED};
+use super::axis::CurveAxis;
 use super::declared::{DeclaredAgent, Manifest};
 use super::draft::Draft;
-use super::fault::{Fault, FaultList, near};
+use super::fault::{Fault, FaultList, near, shortened};
 use super::figure_keys::FigureKeys;
 use super::limits::MOST_COMPARISONS;
 use super::presence::absent;
-use super::read::shortened;
 use super::respelt::respelt;
 use super::source::{Located, Span};
 use super::sweep::{Node, Reader};
-use crate::job::metric::{MEAN_RETURN, metrics_of};
+use crate::job::metric::{MEAN_RETURN, metrics_with};
 use crate::job::{Condition, MetricName, MetricPlace};
 use crate::key::{Distribution, Parameter, Value};
 
@@ -127,8 +127,12 @@ impl Reader<'_> {
     /// A metric that an analysis can have.
     fn metric(&mut self, node: &Node) -> Option<MetricName> {
         let named = node.get_ref().as_str().and_then(MetricName::named);
-        named.filter(|metric| metric.is_in(MetricPlace::Analyses)).or_else(|| {
-            let words: Vec<_> = metrics_of(MetricPlace::Analyses).map(MetricName::text).collect();
+        let mut known = metrics_with(MetricPlace::Analyses, self.family.termination_metric);
+        let words: Vec<_> = known.clone().map(MetricName::text).collect();
+        let is_known = |metric: &MetricName| {
+            metric.first_episodes().is_some() || known.any(|one| one == *metric)
+        };
+        named.filter(is_known).or_else(|| {
             self.not_one_of("metric", &words, node);
             None
         })
@@ -175,6 +179,7 @@ pub(super) fn lost(
     for analysis in &draft.analyses {
         let mut faults = FaultList::default();
         let checked = Checked { draft, manifest, analysis };
+        checked.family(&mut faults);
         checked.conditions(&mut faults);
         checked.metric(&mut faults);
         checked.sides(&mut faults);
@@ -207,6 +212,33 @@ impl Checked<'_> {
                 faults.add(absent.fault("no job to analyse", condition.span));
             }
         }
+    }
+
+    /// Reports a kind that needs something that the family of the environment does not have.
+    fn family(&self, faults: &mut FaultList) {
+        let Checked { manifest, analysis, .. } = self;
+        let family = manifest.family();
+        let kind = &analysis.analysis.kind;
+        let needed = match kind {
+            AnalysisKind::Recovery(_) if !family.has_optimum => "an optimum",
+            AnalysisKind::ActionChoice(_) | AnalysisKind::InferenceError(_)
+                if !family.has_contexts =>
+            {
+                "inferred contexts"
+            }
+            AnalysisKind::Curve(Curve { x: CurveAxis::ContextInferenceError })
+                if !family.has_contexts =>
+            {
+                "inferred contexts; give `x`, a swept parameter"
+            }
+            _ => return,
+        };
+        let message = format!(
+            "kind \"{}\" is not possible with environment.family = \"{}\", which lacks {needed}",
+            kind.word(),
+            family.name
+        );
+        faults.add(Fault::at(analysis.span, message));
     }
 
     /// Reports a metric or participants that no job records.

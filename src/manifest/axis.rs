@@ -9,8 +9,7 @@ use super::section::Section;
 use super::source::Located;
 use super::sweep::{Node, Reader};
 use super::written::quoted;
-use crate::agent::free_key;
-use crate::key::{Kind, Parameter};
+use crate::key::{Kind, Parameter, free_key};
 
 /// The horizontal axis of a curve.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -59,7 +58,7 @@ impl Field for Parameter {
             table.missing(key, "write the dotted name of a swept parameter");
             return None;
         };
-        let named = node.get_ref().as_str().and_then(named);
+        let named = node.get_ref().as_str().and_then(|name| named(table.reader.family, name));
         let numeric = named.filter(|parameter| {
             matches!(
                 kind_of(*parameter),

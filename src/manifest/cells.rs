@@ -5,9 +5,10 @@ use std::collections::HashSet;
 use toml::de::DeTable;
 
 use super::draft::Draft;
-use super::fault::{Fault, near, nearest};
+use super::fault::{Fault, near, nearest, shortened};
+use super::free::PARAMETERS;
 use super::parameter::{meant, named, parameter};
-use super::read::{MOST_ENTRIES, shortened};
+use super::read::MOST_ENTRIES;
 use super::section::Section;
 use super::source::{Located, Span};
 use super::sweep::{Node, Reader, Repeats};
@@ -142,7 +143,9 @@ impl Reader<'_> {
         out: &mut Vec<Located<Condition>>,
     ) -> bool {
         // A quoted full name is one key that contains dots.
-        let Some(parameter) = named(found).filter(|_| !found.contains('.')) else { return false };
+        let Some(parameter) = named(self.family, found).filter(|_| !found.contains('.')) else {
+            return false;
+        };
         let dotted = parameter.to_string();
         let Some((section, key)) = dotted.split_once('.') else { return false };
         let Some((_, known)) = find(section, key) else { return false };
@@ -173,10 +176,12 @@ impl Reader<'_> {
                 out.push(Located { value, span });
                 continue;
             }
-            if (section, found) == ("agent", "parameters") {
-                let free = self.free_parameters(node).map(|(_, given)| given).unwrap_or_default();
-                for (name, node) in free {
-                    let parameter = Parameter::Agent(name);
+            if [("agent", PARAMETERS), ("environment", PARAMETERS)].contains(&(section, found)) {
+                for (name, node) in self.free_parameters(node).unwrap_or_default() {
+                    let parameter = match section {
+                        "agent" => Parameter::Agent(name),
+                        _ => Parameter::Environment(name),
+                    };
                     let dotted = parameter.to_string();
                     let values = self.sweep(&dotted, Kind::Scalar, Repeats::Refused, node);
                     let span = node.span().into();

@@ -11,7 +11,6 @@ use super::grid::{Axis, Grid, axes, size, zipped};
 use super::limits::{MOST_COMPARISONS, MOST_JOBS};
 use super::presence::absent;
 use super::source::Span;
-use crate::env;
 use crate::job::Condition;
 use crate::key::{Assignment, Constraint, Parameter, Size, Value, Violation};
 
@@ -39,7 +38,7 @@ pub(super) fn check(
     let exclusions_hold = exclusions(draft, &manifest, faults);
     let grids: Vec<Grid> =
         (0..manifest.agents.len()).map(|agent| Grid::of(&manifest, agent)).collect();
-    for constraint in env::CONSTRAINTS.iter().chain(env::PEOPLE_CONSTRAINTS) {
+    for constraint in (manifest.family().constraints)() {
         let certain = grids.iter().enumerate();
         let mut certain = certain.filter(|(place, grid)| {
             is_certain(draft, *place, grid, constraint.parameters, &broken)

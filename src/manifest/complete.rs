@@ -6,7 +6,8 @@ use super::fault::{Fault, FaultList};
 use super::parameter::Parameters;
 use super::section::Section;
 use super::source::Span;
-use crate::env::{Feature, Scenario};
+use super::written;
+use crate::env::Family;
 use crate::key::{Distribution, Key, Kind, Rows, Value};
 
 /// The manifest that `draft` declares; reports missing keys.
@@ -26,8 +27,9 @@ pub(super) fn complete(
     };
     missing(!draft.has_format, "missing key `format`", "write format = 1 at the top");
     missing(draft.name.is_none(), "missing key `name`", "write name = \"my-experiment\"");
-    let help = "write scenarios = [\"P-H-D\", \"L-H-D\"]";
-    missing(draft.scenarios.is_none(), "missing key `scenarios`", help);
+    let family = draft.family();
+    let help = format!("write scenarios = {}", written::list(&examples(family)));
+    missing(draft.scenarios.is_none(), "missing key `scenarios`", &help);
     missing(draft.seeds.is_none(), "missing key `seeds`", "write seeds = 3");
     let agents_missing = draft.agents.is_empty() && !draft.invalid_agents();
     let help = "write an [[agent]] with name and algorithm, or extends = \"paper\"";
@@ -53,7 +55,7 @@ pub(super) fn complete(
         hypothesis: draft.hypothesis.clone(),
         published: draft.published.clone(),
         time_limit_seconds: draft.time_limit_seconds,
-        scenarios: given_or(scenarios, || Value::Text(Scenario::of(Feature::Context).to_string())),
+        scenarios: given_or(scenarios, || examples(family)[0].clone()),
         seeds: given_or(seeds, || Value::Integer(1)),
         environment: parameters(&draft.environment),
         population: parameters(&draft.population),
@@ -75,6 +77,11 @@ pub(super) fn complete(
     }
 }
 
+/// The example scenarios of a family.
+fn examples(family: &Family) -> Vec<Value> {
+    family.example_scenarios.iter().map(|scenario| Value::Text((*scenario).to_owned())).collect()
+}
+
 fn given_or<T>(given: Option<Vec<T>>, harmless: impl Fn() -> T) -> Vec<T> {
     given.filter(|list| !list.is_empty()).unwrap_or_else(|| vec![harmless()])
 }
@@ -88,7 +95,7 @@ fn require(settings: &mut Settings, faults: &mut FaultList) {
         }
         let span = settings.span.unwrap_or(Span { start: 0, end: 0 });
         let table = match section {
-            Section::Environment | Section::Population | Section::Evaluation => {
+            Section::Environment(_) | Section::Population(_) | Section::Evaluation => {
                 format!("[{}]", section.name())
             }
             Section::Agent(_) => "[[agent]]".to_owned(),

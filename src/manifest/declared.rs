@@ -4,8 +4,9 @@ use std::path::Path;
 
 use super::analysis::Analysis;
 use super::parameter::{Parameters, scenario_of, seed_of};
+use super::section::Section;
 use crate::agent::Algorithm;
-use crate::env::{RETURN_UNIT, Scenario};
+use crate::env::{Family, Scenario};
 use crate::job::Condition;
 use crate::key::{Parameter, Value};
 
@@ -88,7 +89,15 @@ impl Manifest {
 
     /// The unit of the return in its environment.
     pub fn return_unit(&self) -> &'static str {
-        RETURN_UNIT
+        self.family().return_unit
+    }
+
+    /// The family of its environment.
+    pub fn family(&self) -> &'static Family {
+        match self.environment.section() {
+            Section::Environment(family) => family,
+            Section::Population(_) | Section::Agent(_) | Section::Evaluation => Family::first(),
+        }
     }
 
     /// The scenarios, in the order of the manifest.

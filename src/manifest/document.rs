@@ -3,8 +3,7 @@
 use toml::Spanned;
 use toml::de::DeTable;
 
-use super::fault::{Fault, FaultList};
-use super::read::shortened;
+use super::fault::{Fault, FaultList, shortened};
 use super::source::{Source, Span};
 
 /// A TOML text, as far as the parser could read it.

@@ -9,6 +9,7 @@ use super::analysis::AnalysisDraft;
 use super::section::Section;
 use super::source::{Located, Span};
 use crate::agent::Algorithm;
+use crate::env::Family;
 use crate::job::Condition;
 use crate::key::{Parameter, Value};
 
@@ -79,6 +80,9 @@ impl Settings {
     }
 
     pub fn override_with(&mut self, other: Settings) {
+        if self.section != other.section {
+            return *self = other;
+        }
         self.span = other.span.or(self.span);
         self.given.extend(other.given);
     }
@@ -90,7 +94,8 @@ impl Settings {
 }
 
 impl Draft {
-    pub fn new() -> Draft {
+    /// An empty file about an environment of this family.
+    pub fn new(family: &'static Family) -> Draft {
         Draft {
             name: None,
             question: None,
@@ -99,8 +104,8 @@ impl Draft {
             time_limit_seconds: None,
             scenarios: None,
             seeds: None,
-            environment: Settings::new(Section::Environment),
-            population: Settings::new(Section::Population),
+            environment: Settings::new(Section::Environment(family)),
+            population: Settings::new(Section::Population(family)),
             evaluation: Settings::new(Section::Evaluation),
             agents: Vec::new(),
             zips: None,
@@ -109,6 +114,14 @@ impl Draft {
             has_format: false,
             unread_agents: Vec::new(),
             invalid_cells: false,
+        }
+    }
+
+    /// The family of the environment.
+    pub fn family(&self) -> &'static Family {
+        match self.environment.section {
+            Section::Environment(family) => family,
+            Section::Population(_) | Section::Agent(_) | Section::Evaluation => Family::first(),
         }
     }
 

@@ -335,6 +335,12 @@ impl Serialize for Faults {
     }
 }
 
+/// A text of the author's, shortened for messages.
+pub(super) fn shortened(text: &str) -> String {
+    let short: String = text.chars().take(60).collect();
+    if short.len() < text.len() { format!("{short}…") } else { short }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

@@ -82,7 +82,7 @@ impl Field for PanelKey {
         if matches!(found, "agent" | "agent.name") {
             return Some(PanelKey::Agent);
         }
-        match named(found) {
+        match named(table.reader.family, found) {
             Some(Parameter::SCENARIO) => Some(PanelKey::Scenario),
             Some(
                 swept @ (Parameter::Environment(_)

@@ -1,23 +1,28 @@
-//! Reads the parameters of an outside program, whose names the author chooses.
+//! Reads the parameters of outside programs, whose names the author chooses, and the family of the environment.
 
-use super::fault::Fault;
-use super::read::shortened;
+use toml::de::DeTable;
+
+use super::fault::{Fault, shortened};
 use super::sweep::{Node, Reader};
-use crate::agent::{Algorithm, free_key};
+use crate::env::Family;
+use crate::key::{free_key, free_keys};
+
+/// The table of an outside program's parameters, in its [[agent]] or in [environment].
+pub(super) const PARAMETERS: &str = "parameters";
+
+/// The key of `[environment]` that names its family.
+pub(super) const FAMILY: &str = "family";
 
 /// Parameters with their keys, `parameters.<name>`.
-type Free<'n> = Vec<(&'static str, &'n Node<'n>)>;
+pub(super) type Free<'n> = Vec<(&'static str, &'n Node<'n>)>;
 
 impl Reader<'_> {
-    /// The external algorithm with the parameters in the table `node`, and their values. `None`, with
-    /// faults reported, if `node` is not a valid table.
-    pub fn free_parameters<'n>(
-        &mut self,
-        node: &'n Node<'n>,
-    ) -> Option<(&'static Algorithm, Free<'n>)> {
+    /// The parameters of an outside program in the table `node`. `None`, with faults reported, if `node` is not
+    /// a valid table.
+    pub fn free_parameters<'n>(&mut self, node: &'n Node<'n>) -> Option<Free<'n>> {
         let Some(table) = node.get_ref().as_table() else {
             let expected = "a table, as in { learning_rate = [3e-4, 1e-3] }";
-            self.expected("parameters", expected, node);
+            self.expected(PARAMETERS, expected, node);
             return None;
         };
         let mut given = Free::new();
@@ -34,11 +39,30 @@ impl Reader<'_> {
                 }
             }
         }
-        let algorithm = Algorithm::external(given.iter().map(|(name, _)| *name));
-        if algorithm.is_none() {
+        if free_keys(given.iter().map(|(name, _)| *name)).is_none() {
             let message = format!("`parameters`: at most 100, found {}", given.len());
             self.faults.add(Fault::at(node.span().into(), message));
+            return None;
         }
-        Some((algorithm?, given))
+        Some(given)
+    }
+
+    /// The family that the table `environment` names, with the parameters of an outside program. Faults are reported.
+    pub fn family<'n>(&mut self, environment: &'n DeTable<'n>) -> (&'static Family, Free<'n>) {
+        let Some(node) = environment.get(FAMILY) else { return (Family::first(), Free::new()) };
+        let names: Vec<&str> = Family::all().iter().map(|family| family.name).collect();
+        let Some(family) = self.word("environment.family", &names, node).and_then(Family::named)
+        else {
+            return (Family::first(), Free::new());
+        };
+        let free = environment.get(PARAMETERS).filter(|_| family.is_external());
+        let free = free.and_then(|node| self.free_parameters(node)).unwrap_or_default();
+        match free.is_empty() {
+            true => (family, free),
+            false => {
+                let named = Family::external(free.iter().map(|(name, _)| *name));
+                (named.unwrap_or(family), free)
+            }
+        }
     }
 }

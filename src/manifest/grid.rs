@@ -11,7 +11,7 @@ use super::declared::{DeclaredAgent, Exclusion, Manifest};
 use super::parameter::{Parameters, scenario_of, seed_of};
 use super::section::Section;
 use crate::agent::{Agent, Algorithm};
-use crate::env::{Environment, Family, Scenario};
+use crate::env::{Environment, Scenario};
 use crate::job::Evaluation;
 use crate::key::{Assignment, Constraint, Keyed, Parameter, Value, Violation};
 
@@ -94,12 +94,12 @@ impl<'m> Grid<'m> {
     /// The sizes above their limits in the first cell that has any and is not excluded, each with the keys
     /// that add to it.
     pub(super) fn too_large(&self) -> Vec<(Assignment<'m>, Violation)> {
-        let algorithm = self.agent.algorithm;
+        let (algorithm, family) = (self.agent.algorithm, self.manifest.family());
         let too_large = |assignment: &Assignment<'m>| {
-            Some(algorithm.too_large(assignment)).filter(|sizes| !sizes.is_empty())
+            Some(algorithm.too_large(family, assignment)).filter(|sizes| !sizes.is_empty())
         };
-        let varies = |parameter| algorithm.is_sized_by(parameter);
-        let found = self.find(&algorithm.parameters(), varies, too_large);
+        let varies = |parameter| algorithm.is_sized_by(family, parameter);
+        let found = self.find(&algorithm.parameters(family), varies, too_large);
         let sizes = found.map_or_else(Vec::new, |(_, sizes)| sizes);
         sizes.into_iter().map(|(size, keys)| (keys, Violation::TooLarge(size))).collect()
     }
@@ -191,8 +191,8 @@ impl<'m> Grid<'m> {
     /// Whether two cells have equal values for every key of this section.
     pub fn agree(&self, section: Section, one: &Cell, other: &Cell) -> bool {
         let axes = match section {
-            Section::Environment => &self.environment,
-            Section::Population => &self.population,
+            Section::Environment(_) => &self.environment,
+            Section::Population(_) => &self.population,
             Section::Agent(_) => &self.hyper_parameters,
             Section::Evaluation => &self.evaluation,
         };
@@ -225,7 +225,8 @@ impl<'m> Grid<'m> {
         };
         let values = chosen(&self.manifest.environment, &self.environment);
         let people = chosen(&self.manifest.population, &self.population);
-        (Family::first().read)(&values, &people).expect(TYPED)
+        let family = self.manifest.family();
+        (family.read)(family, &values, &people).expect(TYPED)
     }
 
     /// The cell's agent.

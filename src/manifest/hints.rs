@@ -9,6 +9,7 @@ use super::analysis_kind::{AnalysisKind, LearningCurve, SelectionRule};
 use super::declared::{DeclaredAgent, Manifest};
 use super::fault::Fault;
 use super::grid::Grid;
+use super::parameter::Parameters;
 use super::repair::decimal_lists;
 use super::written::share;
 use crate::agent::{UNAVAILABLE, longest_episode};
@@ -30,8 +31,10 @@ pub fn hints(manifest: &Manifest) -> Vec<String> {
         hints.extend(keys_without_effect(manifest, agent));
         hints.extend(minibatch_of_one_step(agent));
         hints.extend(few_rollouts(manifest, place));
-        hints.extend(missing_programs(manifest, agent));
+        let of = format!("agent {}", printable(&agent.name));
+        hints.extend(missing_programs(manifest, &of, &agent.parameters));
     }
+    hints.extend(missing_programs(manifest, "the environment", &manifest.environment));
     hints.extend(manifest.analyses.iter().flat_map(|one| long_windows(manifest, one)));
     hints.extend(manifest.analyses.iter().filter_map(highest_rate));
     let lists = decimal_lists(&manifest.source);
@@ -137,7 +140,8 @@ fn few_rollouts(manifest: &Manifest, place: usize) -> Option<String> {
         },
     };
     let agent = &manifest.agents[place];
-    if agent.algorithm.name() != "ppo" {
+    // How long the episodes of a program can be is not known yet.
+    if agent.algorithm.name() != "ppo" || manifest.family().is_external() {
         return None;
     }
     match Grid::of(manifest, place).violation(&FEW)?.1 {
@@ -147,8 +151,8 @@ fn few_rollouts(manifest: &Manifest, place: usize) -> Option<String> {
 }
 
 /// Hints for outside programs that this machine does not have.
-fn missing_programs(manifest: &Manifest, agent: &DeclaredAgent) -> Vec<String> {
-    let commands = agent.parameters.iter().find(|(key, _)| key.name == "command");
+fn missing_programs(manifest: &Manifest, of: &str, parameters: &Parameters) -> Vec<String> {
+    let commands = parameters.iter().find(|(key, _)| key.name == "command");
     let commands = commands.map_or(&[][..], |(_, values)| values);
     let folder = Path::new(&manifest.path).parent().unwrap_or(Path::new(""));
     let hint = |value: &Value| {
@@ -158,8 +162,8 @@ fn missing_programs(manifest: &Manifest, agent: &DeclaredAgent) -> Vec<String> {
             Some(reason) => (program, reason),
             None => (arguments.iter().find(|word| is_missing_script(word, folder))?, NOT_THERE),
         };
-        let (name, program) = (printable(&agent.name), printable(program));
-        Some(format!("`command` of agent {name} cannot start on this machine: {program} {reason}"))
+        let program = printable(program);
+        Some(format!("`command` of {of} cannot start on this machine: {program} {reason}"))
     };
     commands.iter().filter_map(hint).collect()
 }

@@ -69,7 +69,7 @@ pub use grid::{Cell, Grid};
 pub use hints::hints;
 pub use limits::MOST_JOBS;
 pub use load::{load, parse};
-pub use parameter::{Parameters, parameter, parameters};
+pub use parameter::{Parameters, free_parameters, parameter, parameters};
 pub use published::{
     Equivalence, Published, PublishedCurve, PublishedErrors, PublishedHeatMap, PublishedTest,
 };

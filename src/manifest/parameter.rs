@@ -2,10 +2,9 @@
 
 use super::fault::nearest;
 use super::section::Section;
-use crate::agent::free_key;
-use crate::env::Scenario;
+use crate::env::{Family, Scenario};
 use crate::job::{Condition, short_name};
-use crate::key::{Key, Parameter, Value};
+use crate::key::{Key, Parameter, Value, free_key};
 
 /// Every parameter, in the order of the grid: scenario, keys by section, seed.
 pub fn parameters() -> Vec<Parameter> {
@@ -23,17 +22,47 @@ pub fn parameters() -> Vec<Parameter> {
     all
 }
 
-/// The parameter with this dotted name; `agent.parameters.<name>` is a parameter of outside programs.
+/// The parameter with this dotted name; `agent.parameters.<name>` and `environment.parameters.<name>` are
+/// parameters of outside programs.
 pub fn parameter(dotted: &str) -> Option<Parameter> {
     let known = parameters().into_iter().find(|parameter| parameter.to_string() == dotted);
-    known.or_else(|| free_key(dotted.strip_prefix("agent.")?).map(|key| Parameter::Agent(key.name)))
+    known.or_else(|| free_parameters(dotted).next())
 }
 
-/// The parameter with this dotted name, or the only parameter whose last part is this name.
-pub(super) fn named(name: &str) -> Option<Parameter> {
-    let is_meant = |parameter: &Parameter| short_name(&parameter.to_string()) == name;
+/// Whether a job can have a parameter in an environment of this family.
+pub(super) fn is_in(family: &Family, parameter: Parameter) -> bool {
+    let has = |keys: &[Key], name| keys.iter().any(|key| key.name == name);
+    match parameter {
+        Parameter::Environment(name) => has(family.keys, name),
+        Parameter::Population(name) => has(family.people, name),
+        Parameter::Job(_) | Parameter::Agent(_) | Parameter::Evaluation(_) => true,
+    }
+}
+
+/// The parameter with this dotted name, or the only parameter of jobs in environments of this family whose last
+/// part is this name.
+pub(super) fn named(family: &Family, name: &str) -> Option<Parameter> {
+    let is_meant = |parameter: &Parameter| {
+        short_name(&parameter.to_string()) == name && is_in(family, *parameter)
+    };
+    let mut free = free_parameters(name);
+    if let Some(of_program) = free.find(|parameter| {
+        matches!(parameter, Parameter::Environment(_)) && is_in(family, *parameter)
+    }) {
+        return Some(of_program);
+    }
     let mut meant = parameters().into_iter().filter(is_meant);
     parameter(name).or_else(|| meant.next().filter(|_| meant.next().is_none()))
+}
+
+/// The parameters of outside programs that a name can mean: `agent.parameters.<name>`,
+/// `environment.parameters.<name>`, or both without the section.
+pub fn free_parameters(name: &str) -> impl Iterator<Item = Parameter> {
+    let of_agents = free_key(name.strip_prefix("agent.").unwrap_or(name));
+    let of_environments = free_key(name.strip_prefix("environment.").unwrap_or(name));
+    let of_agents = of_agents.map(|key| Parameter::Agent(key.name));
+    let of_environments = of_environments.map(|key| Parameter::Environment(key.name));
+    of_agents.into_iter().chain(of_environments)
 }
 
 /// The dotted name that a text probably means, among the parameters and `others`: the name whose last part
@@ -124,15 +153,21 @@ mod tests {
 
     #[test]
     fn a_last_part_that_one_parameter_has_names_it() {
-        assert_eq!(named("sigma"), Some(Parameter::Environment("sigma")));
-        assert_eq!(named("agent.gamma"), named("gamma"));
-        assert_eq!(named("scenario"), Some(Parameter::SCENARIO));
-        assert_eq!(named("sigm"), None);
+        assert_eq!(named(Family::first(), "sigma"), Some(Parameter::Environment("sigma")));
+        let first = Family::first();
+        assert_eq!(named(first, "agent.gamma"), named(first, "gamma"));
+        assert_eq!(named(first, "scenario"), Some(Parameter::SCENARIO));
+        assert_eq!(named(first, "sigm"), None);
+        let external = Family::named("external").unwrap();
+        assert_eq!(named(first, "version"), Some(Parameter::Agent("version")));
+        assert_eq!(named(external, "version"), None);
+        assert_eq!(named(external, "sigma"), None);
+        let of_first = parameters().into_iter().filter(|one| is_in(first, *one));
         let short: Vec<String> =
-            parameters().iter().map(|known| short_name(&known.to_string()).to_owned()).collect();
+            of_first.map(|known| short_name(&known.to_string()).to_owned()).collect();
         for name in &short {
             let several = short.iter().filter(|other| *other == name).count() > 1;
-            assert_eq!(named(name).is_none(), several, "{name}");
+            assert_eq!(named(first, name).is_none(), several, "{name}");
         }
     }
 }

@@ -8,7 +8,7 @@ use super::respelt::respelt;
 use super::source::{Located, Span};
 use super::sweep::{Node, Reader};
 use crate::env::ParticipantSampler;
-use crate::job::metric::metrics_of;
+use crate::job::metric::metrics_with;
 use crate::job::{MetricName, MetricPlace, ParticipantRange};
 use crate::key::{Kind, Value};
 
@@ -58,8 +58,9 @@ impl Reader<'_> {
         let keys = &*respelt(keys, &KEYS);
         if let Some(metric) = metric.filter(|one| !one.is_in(MetricPlace::Participants)) {
             let message = format!("`participants`: `{metric}` is not recorded per episode");
-            let words: Vec<_> =
-                metrics_of(MetricPlace::Participants).map(MetricName::text).collect();
+            let termination = self.family.termination_metric;
+            let known = metrics_with(MetricPlace::Participants, termination);
+            let words: Vec<_> = known.map(MetricName::text).collect();
             let help = format!("use one of {}", words.join(", "));
             self.faults.add(Fault::at(here, message).help(help));
         }

@@ -3,7 +3,8 @@
 use toml::de::{DeTable, DeValue};
 
 use super::draft::{AgentDraft, Draft, Settings};
-use super::fault::{Fault, nearest};
+use super::fault::{Fault, nearest, shortened};
+use super::free::{FAMILY, Free, PARAMETERS};
 use super::limits::MOST_JOBS;
 use super::preset;
 use super::respelt::respelt;
@@ -11,7 +12,7 @@ use super::section::Section;
 use super::source::{Located, Span};
 use super::sweep::{Node, Reader, Repeats, whole, zipped};
 use crate::agent::Algorithm;
-use crate::env::{Feature, Scenario};
+use crate::env::{Family, Scenario, ScenarioError};
 use crate::key::hidden;
 use crate::key::{Kind, Value};
 
@@ -40,9 +41,6 @@ const ABOVE_TABLES: usize = 10;
 /// The keys of [`TOP_KEYS`] that are arrays of tables, with double brackets.
 pub(super) const TABLES: [&str; 3] = ["agent", "exclude", "analysis"];
 
-/// The table of an outside program's parameters, in its [[agent]].
-const PARAMETERS: &str = "parameters";
-
 /// The version of the format that this program reads and writes.
 pub(super) const FORMAT: u64 = 1;
 
@@ -66,7 +64,11 @@ pub(super) fn newer_format(root: &DeTable) -> Option<Fault> {
 impl Reader<'_> {
     /// The content of the document, merged over the preset that it extends.
     pub fn draft(&mut self, root: &DeTable) -> Draft {
-        let mut draft = Draft::new();
+        let environment = root.get("environment").and_then(|node| table_in(node));
+        let (family, free) =
+            environment.map(|table| self.family(table)).unwrap_or((Family::first(), Free::new()));
+        self.family = family;
+        let mut draft = Draft::new(family);
         for key in root.keys().filter(|key| !TOP_KEYS.contains(&key.get_ref().as_ref())) {
             self.astray(&mut draft, key.get_ref(), key.span().into());
         }
@@ -76,6 +78,9 @@ impl Reader<'_> {
         for (key, node) in root {
             self.top_key(&mut draft, &inherited, key.get_ref(), node);
         }
+        for (key, node) in free {
+            self.setting(&mut draft.environment, key, node);
+        }
         // Keys above all tables that stand in a table have been reported, and are read all the same.
         for key in TOP_KEYS[..ABOVE_TABLES].iter().filter(|key| **key != "name") {
             let stray = tables_of(root).find_map(|table| table.get(*key));
@@ -84,7 +89,7 @@ impl Reader<'_> {
             }
         }
         for (name, span) in std::mem::take(&mut self.misplaced) {
-            if let Some((place, _)) = Section::Environment.find(name) {
+            if let Some((place, _)) = Section::Environment(family).find(name) {
                 draft.environment.mark_invalid(place, span);
             }
         }
@@ -112,11 +117,17 @@ impl Reader<'_> {
                 draft.seeds = Some(Located { value, span: node.span().into() });
             }
             "environment" => {
-                let read = self.section(Section::Environment, node);
+                let others = match self.family.is_external() {
+                    true => &[FAMILY, PARAMETERS][..],
+                    false => &[FAMILY],
+                };
+                let read = self.section(Section::Environment(self.family), others, node);
                 draft.environment.override_with(read);
             }
-            "population" => draft.population = self.section(Section::Population, node),
-            "evaluation" => draft.evaluation = self.section(Section::Evaluation, node),
+            "population" => {
+                draft.population = self.section(Section::Population(self.family), &[], node);
+            }
+            "evaluation" => draft.evaluation = self.section(Section::Evaluation, &[], node),
             "agent" => self.agents(draft, inherited, node),
             "zip" => self.zips(draft, node),
             "exclude" => self.exclusions(draft, node),
@@ -129,7 +140,7 @@ impl Reader<'_> {
     fn astray(&mut self, draft: &mut Draft, found: &str, span: Span) {
         let fault = Fault::at(span, format!("unknown key `{}`", shortened(found)));
         self.faults.add(belonging(fault, None, found, &TOP_KEYS));
-        match Section::Environment.find(found) {
+        match Section::Environment(self.family).find(found) {
             Some((place, _)) => draft.environment.mark_invalid(place, span),
             None => draft.mark_invalid(nearest(found, TOP_KEYS).unwrap_or_default(), span),
         }
@@ -145,9 +156,18 @@ impl Reader<'_> {
     fn inherited(&mut self, root: &DeTable) -> Draft {
         let (name, span) = match root.get("extends") {
             Some(node) => (self.extends(node), node.span()),
-            None => return Draft::new(),
+            None => return Draft::new(self.family),
         };
-        preset::draft(name).moved_to(span.into())
+        let inherited = preset::draft(name).moved_to(span.clone().into());
+        if inherited.family() != self.family {
+            let (preset, own) = (inherited.family().name, self.family.name);
+            let message = format!(
+                "`extends`: the environment of \"{name}\" is of the family {preset}, that of this manifest of {own}"
+            );
+            let fault = Fault::at(span.into(), message);
+            self.faults.add(fault.help("remove `extends`, and write out the agents"));
+        }
+        inherited
     }
 
     /// The name of the preset; for an unknown name, the nearest or the first one.
@@ -213,13 +233,23 @@ impl Reader<'_> {
     }
 
     fn scenario(&mut self, name: &str, node: &Node) -> Option<Scenario> {
-        let letters = Feature::ALL.map(|feature| feature.letter().to_string()).join(", ");
-        let expected = format!("letters of {letters}, each at most once, joined by hyphens");
-        let Some(found) = node.get_ref().as_str() else {
-            self.expected(name, &expected, node);
-            return None;
+        let family = self.family;
+        let expected = (family.expected_scenario)();
+        let checked = |scenario: Scenario| (family.check_scenario)(&scenario).map(|()| scenario);
+        let read = match node.get_ref() {
+            DeValue::String(text) => text.parse().and_then(checked),
+            // A list of features is one scenario, where scenarios are names.
+            DeValue::Array(names) if family.is_external() => {
+                let names: Option<Vec<&str>> =
+                    names.iter().map(|name| name.get_ref().as_str()).collect();
+                names.map_or(Err(ScenarioError::Empty), Scenario::of_names)
+            }
+            _ => {
+                self.expected(name, &expected, node);
+                return None;
+            }
         };
-        match found.parse() {
+        match read {
             Ok(scenario) => Some(scenario),
             Err(reason) => {
                 let found = self.found(node);
@@ -228,9 +258,11 @@ impl Reader<'_> {
                 let letters = found.chars().filter(char::is_ascii_alphanumeric);
                 let respelt: Vec<String> =
                     letters.map(|letter| letter.to_ascii_uppercase().to_string()).collect();
-                self.faults.add(match respelt.join("-").parse::<Scenario>() {
-                    Ok(meant) => fault.help(format!("did you mean `{meant}`?")),
-                    Err(_) => fault,
+                self.faults.add(match respelt.join("-").parse().and_then(checked) {
+                    Ok(meant) if !family.is_external() => {
+                        fault.help(format!("did you mean `{meant}`?"))
+                    }
+                    Ok(_) | Err(_) => fault,
                 });
                 None
             }
@@ -304,16 +336,12 @@ impl Reader<'_> {
         tables
     }
 
-    fn section(&mut self, section: Section, node: &Node) -> Settings {
+    /// Reads a section, except the keys `others`.
+    fn section(&mut self, section: Section, others: &[&str], node: &Node) -> Settings {
         let mut settings = Settings::new(section);
         settings.span = Some(node.span().into());
-        let only = match node.get_ref().as_array().map(|entries| &entries[..]) {
-            Some([entry]) => entry.get_ref().as_table(),
-            _ => None,
-        };
-        // A table that double brackets opened is read all the same.
-        match self.table(section.name(), node).or(only) {
-            Some(table) => self.settings(&mut settings, table, &[]),
+        match self.table(section.name(), node).or(table_in(node)) {
+            Some(table) => self.settings(&mut settings, table, others),
             None => {
                 for place in 0..section.keys().len() {
                     settings.mark_invalid(place, node.span().into());
@@ -331,7 +359,7 @@ impl Reader<'_> {
         for key in table.keys().filter(|key| !known.contains(&key.get_ref().as_ref())) {
             let (found, span) = (key.get_ref().as_ref(), Span::from(key.span()));
             self.unknown_key(section, span, found, others);
-            if let Some((_, key)) = Section::Environment.find(found) {
+            if let Some((_, key)) = Section::Environment(self.family).find(found) {
                 self.misplaced.push((key.name, span));
             }
             let meant = nearest(found, section.keys().iter().map(|key| key.name));
@@ -454,10 +482,10 @@ impl Reader<'_> {
         let likely = algorithm.or(Algorithm::all().into_iter().max_by_key(known));
         let likely = likely.expect("there are algorithms");
         let free = table.get(PARAMETERS).filter(|_| likely.is_external());
-        let free = free.and_then(|node| self.free_parameters(node));
-        let likely = match &free {
-            Some((with_parameters, _)) => with_parameters,
-            None => likely,
+        let free = free.and_then(|node| self.free_parameters(node)).unwrap_or_default();
+        let likely = match free.is_empty() {
+            true => likely,
+            false => Algorithm::external(free.iter().map(|(name, _)| *name)).unwrap_or(likely),
         };
         if likely.is_external() {
             others.push(PARAMETERS);
@@ -465,7 +493,7 @@ impl Reader<'_> {
         let mut settings = Settings::new(Section::Agent(likely));
         settings.span = Some(span);
         self.settings(&mut settings, written, &others);
-        for (key, node) in free.map(|(_, given)| given).unwrap_or_default() {
+        for (key, node) in free {
             self.setting(&mut settings, key, node);
         }
         let label = self.label(table);
@@ -537,6 +565,15 @@ impl Reader<'_> {
     }
 }
 
+/// The table in a node. A table that double brackets opened is one all the same.
+fn table_in<'n>(node: &'n Node<'n>) -> Option<&'n DeTable<'n>> {
+    match node.get_ref() {
+        DeValue::Table(table) => Some(table),
+        DeValue::Array(entries) if entries.len() == 1 => entries[0].get_ref().as_table(),
+        _ => None,
+    }
+}
+
 /// The tables below a table, and the tables in its lists.
 fn tables_of<'r, 'n>(root: &'r DeTable<'n>) -> impl Iterator<Item = &'r DeTable<'n>> {
     root.values().flat_map(|node| match node.get_ref() {
@@ -552,7 +589,7 @@ fn tables_of<'r, 'n>(root: &'r DeTable<'n>) -> impl Iterator<Item = &'r DeTable<
 fn algorithm_of(section: Section) -> Option<&'static Algorithm> {
     match section {
         Section::Agent(algorithm) => Some(algorithm),
-        Section::Environment | Section::Population | Section::Evaluation => None,
+        Section::Environment(_) | Section::Population(_) | Section::Evaluation => None,
     }
 }
 
@@ -607,10 +644,4 @@ fn belonging(fault: Fault, here: Option<Section>, found: &str, names: &[&str]) -
 /// The header of a section.
 fn brackets(section: &str) -> String {
     if TABLES.contains(&section) { format!("[[{section}]]") } else { format!("[{section}]") }
-}
-
-/// A text of the author's, shortened for messages.
-pub(super) fn shortened(text: &str) -> String {
-    let short: String = text.chars().take(60).collect();
-    if short.len() < text.len() { format!("{short}…") } else { short }
 }

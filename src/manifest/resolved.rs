@@ -5,10 +5,12 @@ use std::fmt::{self, Write};
 use super::analysis::Analysis;
 use super::analysis_field::Fields;
 use super::declared::{DeclaredAgent, Manifest};
+use super::free::FAMILY;
 use super::parameter::Parameters;
 use super::participant_range;
 use super::read::FORMAT;
 use super::written::{self, list, quoted};
+use crate::env::Family;
 use crate::job::Condition;
 use crate::key::{Key, Parameter, Value};
 
@@ -45,6 +47,9 @@ impl Manifest {
             writeln!(out, "zip = {}", list(&zips))?;
         }
         writeln!(out, "\n[environment]")?;
+        if self.family() != Family::first() {
+            writeln!(out, "{FAMILY} = \"{}\"", self.family().name)?;
+        }
         write_parameters(out, &self.environment)?;
         // Skipped if all keys have their defaults: the list is long, and participants rarely differ.
         let is_given = |(key, values): (&Key, &[Value])| {

@@ -3,6 +3,7 @@
 use serde_json::{Map, Value as Json, json};
 
 use super::analysis_kind::KINDS;
+use super::free::{FAMILY, PARAMETERS};
 use super::limits::MOST_JOBS;
 use super::parameter::parameters;
 use super::preset;
@@ -11,7 +12,7 @@ use super::read::{FORMAT, LONGEST_NAME, LONGEST_TIME_LIMIT, MOST_ENTRIES};
 use super::section::Section;
 use super::value_schema::{list, value};
 use crate::agent::Algorithm;
-use crate::env::Feature;
+use crate::env::{Family, Feature};
 use crate::key::{Key, Kind};
 
 /// The schema, in draft 2020-12. It states types, ranges and words of single keys; [`super::parse`] checks
@@ -25,6 +26,17 @@ pub fn schema() -> Json {
         "additionalProperties": false,
         "required": ["format", "name"],
         "properties": top(),
+        // The first family has letters.
+        "if": {
+            "required": ["environment"],
+            "properties": {
+                "environment": {
+                    "required": [FAMILY],
+                    "properties": { FAMILY: { "not": { "const": Family::first().name } } },
+                },
+            },
+        },
+        "else": { "properties": { "scenarios": one_or_more("#/$defs/letters") } },
         "$defs": {
             "name": {
                 "type": "string",
@@ -32,11 +44,15 @@ pub fn schema() -> Json {
                 "maxLength": LONGEST_NAME,
                 "description": "visible characters; no control, text-direction or zero-width characters",
             },
-            "scenario": scenario(),
+            "scenario": { "anyOf": [letters(), names(), list(names())] },
+            "letters": letters(),
             "seed": { "type": "integer", "minimum": 0, "maximum": i64::MAX },
             "parameter": { "anyOf": [
                 { "enum": parameters().into_iter().map(|p| p.to_string()).collect::<Vec<_>>() },
-                { "type": "string", "pattern": format!("^agent\\.parameters\\.{FREE_NAME}$") },
+                {
+                    "type": "string",
+                    "pattern": format!("^(agent|environment)\\.parameters\\.{FREE_NAME}$"),
+                },
             ] },
             "zip": {
                 "type": "array",
@@ -44,8 +60,7 @@ pub fn schema() -> Json {
                 "uniqueItems": true,
                 "items": { "$ref": "#/$defs/parameter" },
             },
-            "environment": section(Section::Environment, Map::new()),
-            "population": section(Section::Population, Map::new()),
+            "population": section(Section::Population(Family::first()), Map::new()),
             "evaluation": section(Section::Evaluation, Map::new()),
             "exclude": exclude(),
             "analysis": analysis(),
@@ -54,7 +69,34 @@ pub fn schema() -> Json {
     for algorithm in Algorithm::all() {
         schema["$defs"][algorithm.name()] = agent(algorithm);
     }
+    for family in Family::all() {
+        schema["$defs"][Section::Environment(family).title()] = environment(family);
+    }
     schema
+}
+
+/// Environments of a family.
+fn environment(family: &'static Family) -> Json {
+    let mut properties = Map::new();
+    let named = described("the family of the environment", json!({ "const": family.name }));
+    properties.insert(FAMILY.to_owned(), named);
+    if family.is_external() {
+        properties.insert(PARAMETERS.to_owned(), free_parameters());
+    }
+    let mut schema = section(Section::Environment(family), properties);
+    if family != Family::first() {
+        schema["required"] = json!([FAMILY]);
+    }
+    schema
+}
+
+/// The environment of every family.
+fn environments() -> Json {
+    let each = Family::all().iter().map(|family| {
+        let title = Section::Environment(family).title();
+        json!({ "$ref": format!("#/$defs/{title}") })
+    });
+    json!({ "anyOf": each.collect::<Vec<_>>() })
 }
 
 fn top() -> Json {
@@ -92,7 +134,7 @@ fn top() -> Json {
             "maxItems": MOST_ENTRIES,
             "items": { "$ref": "#/$defs/zip" },
         },
-        "environment": { "$ref": "#/$defs/environment" },
+        "environment": environments(),
         "agent": {
             "type": "array",
             "maxItems": MOST_ENTRIES,
@@ -120,7 +162,13 @@ fn top() -> Json {
     })
 }
 
-fn scenario() -> Json {
+/// The names of features.
+fn names() -> Json {
+    json!({ "type": "string", "pattern": "^[A-Za-z0-9_]+(-[A-Za-z0-9_]+)*$" })
+}
+
+/// A scenario of letters.
+fn letters() -> Json {
     let letters: String = Feature::ALL.iter().map(|feature| feature.letter()).collect();
     json!({
         "type": "string",
@@ -139,7 +187,7 @@ fn agent(algorithm: &'static Algorithm) -> Json {
     properties.insert("label".to_owned(), label);
     properties.insert("algorithm".to_owned(), json!({ "const": algorithm.name() }));
     if algorithm.is_external() {
-        properties.insert("parameters".to_owned(), free_parameters());
+        properties.insert(PARAMETERS.to_owned(), free_parameters());
     }
     let mut schema = section(Section::Agent(algorithm), properties);
     schema["required"] = json!(["name"]);
@@ -229,20 +277,27 @@ fn exclude() -> Json {
         of_agents.extend(keys(Section::Agent(algorithm)));
     }
     of_agents.insert("name".to_owned(), one_or_more("#/$defs/name"));
-    of_agents.insert("parameters".to_owned(), free_parameters());
+    of_agents.insert(PARAMETERS.to_owned(), free_parameters());
     let table = |properties| json!({ "type": "object", "additionalProperties": false, "properties": properties });
     // A key that only one section has may be written without the section.
-    let short = [Section::Environment, Section::Population, Section::Evaluation];
-    let short = short.into_iter().flat_map(keys).chain(of_agents.clone());
-    let short: Map<String, Json> =
-        short.filter(|(key, _)| super::parameter::named(key).is_some()).collect();
+    let environments = || Family::all().iter().map(|family| Section::Environment(family));
+    let mut of_environments: Map<String, Json> = environments().flat_map(keys).collect();
+    of_environments.insert(PARAMETERS.to_owned(), free_parameters());
+    let people = Section::Population(Family::first());
+    let short = environments().chain([people, Section::Evaluation]);
+    let short = short.flat_map(keys).chain(of_agents.clone());
+    let short: Map<String, Json> = short
+        .filter(|(key, _)| {
+            Family::all().iter().any(|family| super::parameter::named(family, key).is_some())
+        })
+        .collect();
     let mut properties = short;
     properties.extend([
         ("scenario".to_owned(), one_or_more("#/$defs/scenario")),
         ("seed".to_owned(), one_or_more("#/$defs/seed")),
-        ("environment".to_owned(), table(keys(Section::Environment))),
+        ("environment".to_owned(), table(of_environments)),
         ("agent".to_owned(), table(of_agents)),
-        ("population".to_owned(), table(keys(Section::Population))),
+        ("population".to_owned(), table(keys(people))),
         ("evaluation".to_owned(), table(keys(Section::Evaluation))),
     ]);
     let mut schema = table(properties);

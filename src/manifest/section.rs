@@ -1,17 +1,17 @@
 //! The sections of a manifest, and their keys.
 
 use crate::agent::Algorithm;
-use crate::env::{Population, StepCount};
+use crate::env::Family;
 use crate::job::Evaluation;
 use crate::key::{Key, Keyed, Parameter};
 
 /// The part of a manifest that a key belongs to, and the first part of its dotted name.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Section {
-    /// `[environment]`.
-    Environment,
-    /// `[population]`.
-    Population,
+    /// `[environment]` of this family.
+    Environment(&'static Family),
+    /// `[population]` of this family.
+    Population(&'static Family),
     /// `[[agent]]` with this algorithm.
     Agent(&'static Algorithm),
     /// `[evaluation]`.
@@ -19,36 +19,48 @@ pub enum Section {
 }
 
 impl Section {
-    /// Every section, in the order of the grid.
+    /// Every section, in the order of the grid, with the families after the first one last.
     pub fn all() -> Vec<Section> {
         let agents = Algorithm::all().into_iter().map(Section::Agent);
-        let people = [Section::Environment, Section::Population];
-        people.into_iter().chain(agents).chain([Section::Evaluation]).collect()
+        let of = |family: &&'static Family| {
+            let people = (!family.people.is_empty()).then_some(Section::Population(family));
+            std::iter::once(Section::Environment(family)).chain(people)
+        };
+        let (first, others) = Family::all().split_first().expect("there are families");
+        let others = others.iter().flat_map(of);
+        of(first).chain(agents).chain([Section::Evaluation]).chain(others).collect()
     }
 
     /// The section's name in a manifest and in dotted names.
     pub fn name(self) -> &'static str {
         match self {
-            Section::Environment => "environment",
-            Section::Population => "population",
+            Section::Environment(_) => "environment",
+            Section::Population(_) => "population",
             Section::Agent(_) => "agent",
             Section::Evaluation => "evaluation",
         }
     }
 
     /// The unique title of the section: its name, or the name of its algorithm.
-    pub fn title(self) -> &'static str {
+    pub fn title(self) -> String {
         match self {
-            Section::Agent(algorithm) => algorithm.name(),
-            Section::Environment | Section::Population | Section::Evaluation => self.name(),
+            Section::Agent(algorithm) => algorithm.name().to_owned(),
+            Section::Environment(family) | Section::Population(family)
+                if family != Family::first() =>
+            {
+                format!("{} of {}", self.name(), family.name)
+            }
+            Section::Environment(_) | Section::Population(_) | Section::Evaluation => {
+                self.name().to_owned()
+            }
         }
     }
 
     /// The section's keys, in the order the documentation lists them.
     pub fn keys(self) -> &'static [Key] {
         match self {
-            Section::Environment => StepCount::KEYS,
-            Section::Population => Population::KEYS,
+            Section::Environment(family) => family.keys,
+            Section::Population(family) => family.people,
             Section::Agent(algorithm) => algorithm.keys(),
             Section::Evaluation => Evaluation::KEYS,
         }
@@ -62,8 +74,8 @@ impl Section {
     /// The key called `name` of this section, as a parameter.
     pub fn parameter(self, name: &'static str) -> Parameter {
         match self {
-            Section::Environment => Parameter::Environment(name),
-            Section::Population => Parameter::Population(name),
+            Section::Environment(_) => Parameter::Environment(name),
+            Section::Population(_) => Parameter::Population(name),
             Section::Agent(_) => Parameter::Agent(name),
             Section::Evaluation => Parameter::Evaluation(name),
         }
@@ -79,8 +91,14 @@ mod tests {
     /// Whether the section's struct accepts these values.
     fn fit(section: Section, values: Vec<Value>) -> bool {
         match section {
-            Section::Environment => StepCount::from_values(&values).is_some(),
-            Section::Population => Population::from_values(&values).is_some(),
+            Section::Environment(family) => {
+                let people = family.people.iter().filter_map(Key::default).collect::<Vec<_>>();
+                (family.read)(family, &values, &people).is_some()
+            }
+            Section::Population(family) => {
+                let own = family.keys.iter().map(|key| extremes(key.kind)[0].clone());
+                (family.read)(family, &own.collect::<Vec<_>>(), &values).is_some()
+            }
             Section::Agent(algorithm) => Agent::with_values(algorithm, values).is_some(),
             Section::Evaluation => Evaluation::from_values(&values).is_some(),
         }
@@ -130,7 +148,9 @@ mod tests {
                     assert!(fit(section, values), "{} = {value}", key.name);
                 }
             }
-            assert!(!fit(section, some[1..].to_vec()), "{section:?}");
+            if !some.is_empty() {
+                assert!(!fit(section, some[1..].to_vec()), "{section:?}");
+            }
         }
     }
 
@@ -148,9 +168,12 @@ mod tests {
     }
 
     #[test]
-    fn only_sigma_the_rule_and_an_outside_program_must_be_given() {
+    fn only_sigma_the_rule_and_outside_programs_must_be_given() {
         let keys = Section::all().into_iter().flat_map(|section| section.keys());
         let required = keys.filter(|key| key.default.is_none()).map(|key| key.name);
-        assert_eq!(required.collect::<Vec<_>>(), ["sigma", "rule", "command", "version"]);
+        assert_eq!(
+            required.collect::<Vec<_>>(),
+            ["sigma", "rule", "command", "version", "command", "version"]
+        );
     }
 }

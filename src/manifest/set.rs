@@ -14,13 +14,12 @@ use super::declared::Manifest;
 use super::edits::Edits;
 use super::fault::{Fault, Faults, nearest};
 use super::load::{load, parse, read_text};
-use super::parameter::parameters;
+use super::parameter::{is_in, parameters};
 use super::repair::slip;
 use super::source::Source;
-use crate::agent::free_key;
 use crate::job::short_name;
-use crate::key::Parameter;
 use crate::key::printable;
+use crate::key::{Parameter, free_key};
 
 /// Top-level keys that can be set.
 const TOP: [&str; 6] =
@@ -161,7 +160,14 @@ fn with<'s>(manifest: &Manifest, overrides: &'s [Override]) -> Result<Edited<'s>
             Place::Top(key) => put(document.as_table_mut(), key, set.value_of(key)),
             Place::Section(section, key) => {
                 let table = document.entry(section).or_insert_with(|| Item::Table(Table::new()));
-                let table = table.as_table_like_mut().ok_or_else(|| set.not_editable(section))?;
+                let not_editable = || set.not_editable(section);
+                let mut table = table.as_table_like_mut().ok_or_else(not_editable)?;
+                let mut key = key;
+                // A parameter of a program stands in a table of its own.
+                if let Some((of_program, name)) = key.split_once('.') {
+                    let parameters = table.get_mut(of_program).and_then(Item::as_table_like_mut);
+                    (table, key) = (parameters.ok_or_else(not_editable)?, name);
+                }
                 put(table, key, set.value_of(key));
             }
             Place::Agents(agents, key) => {
@@ -291,6 +297,9 @@ fn place<'m>(manifest: &'m Manifest, set: &Override) -> Result<Place<'m>, Fault>
         return Ok(Place::Top(top));
     }
     let fault = |message: String| Fault::whole(format!("--set {set}: {message}"));
+    if let Some(place) = environment_parameter(manifest, key) {
+        return Ok(place);
+    }
     let free = key.strip_prefix("agent.").unwrap_or(key);
     if free_key(free).is_some() {
         return agents(manifest, free, |_| true)
@@ -300,7 +309,8 @@ fn place<'m>(manifest: &'m Manifest, set: &Override) -> Result<Place<'m>, Fault>
     let is_key = |dotted: &str| short_name(dotted) == key;
     if !key.contains('.')
         && !parameters().iter().any(|known| is_key(&known.to_string()))
-        && let Some(place) = agents(manifest, &format!("parameters.{key}"), |_| true)
+        && let Some(place) = environment_parameter(manifest, &format!("parameters.{key}"))
+            .or_else(|| agents(manifest, &format!("parameters.{key}"), |_| true))
     {
         return Ok(place);
     }
@@ -324,7 +334,8 @@ fn place<'m>(manifest: &'m Manifest, set: &Override) -> Result<Place<'m>, Fault>
         .copied()
         .filter(|parameter| {
             let dotted = parameter.to_string();
-            dotted == key || (!key.contains('.') && short_name(&dotted) == key)
+            is_in(manifest.family(), *parameter)
+                && (dotted == key || (!key.contains('.') && short_name(&dotted) == key))
         })
         .collect();
     match meant.as_slice() {
@@ -354,6 +365,13 @@ fn place<'m>(manifest: &'m Manifest, set: &Override) -> Result<Place<'m>, Fault>
             Err(fault(format!("`{key}` is ambiguous; use one of {}", names.join(", "))))
         }
     }
+}
+
+/// The place of a parameter of the environment's program, if it has the parameter.
+fn environment_parameter(manifest: &Manifest, key: &str) -> Option<Place<'static>> {
+    let free = free_key(key.strip_prefix("environment.").unwrap_or(key))?;
+    let has = manifest.family().keys.iter().any(|known| known.name == free.name);
+    has.then_some(Place::Section("environment", free.name))
 }
 
 /// The agents that have a key and whose names meet a condition.

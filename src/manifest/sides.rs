@@ -82,7 +82,8 @@ impl Reader<'_> {
             return None;
         };
         let parameter = by.get_ref().as_str().unwrap_or_default();
-        let is_known = matches!(parameter, "agent" | "agent.name") || named(parameter).is_some();
+        let is_known =
+            matches!(parameter, "agent" | "agent.name") || named(self.family, parameter).is_some();
         let first = self.side(parameter, by, one);
         // An unknown parameter is reported once.
         let (first, second) = (first, is_known.then(|| self.side(parameter, by, other)).flatten());
@@ -103,7 +104,7 @@ impl Reader<'_> {
             };
             return Some(Condition::texts(Parameter::AGENT_NAME, [agent]));
         }
-        match named(name) {
+        match named(self.family, name) {
             Some(parameter @ Parameter::SCENARIO) => {
                 let values = self.scenarios("between", node);
                 (!values.is_empty()).then_some(Condition { parameter, values })

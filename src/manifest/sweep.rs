@@ -12,6 +12,7 @@ use super::range::{self, MOST_VALUES, MOST_VALUES_IN_ALL, RangeError, Spacing};
 use super::respelt::respelt;
 use super::source::Span;
 use super::written::share;
+use crate::env::Family;
 use crate::key::{Kind, Parameter, Value};
 
 /// A value of the TOML tree with its position in the text.
@@ -26,6 +27,8 @@ pub(super) struct Reader<'t> {
     pub zipped: HashSet<Parameter>,
     /// Keys of the environment that stand in another table.
     pub misplaced: Vec<(&'static str, Span)>,
+    /// The family of the environment.
+    pub family: &'static Family,
     /// The folder that relative file names start from.
     pub folder: PathBuf,
     /// The number of values that further lists and ranges may have.
@@ -55,6 +58,7 @@ impl<'t> Reader<'t> {
             faults: FaultList::default(),
             zipped: HashSet::new(),
             misplaced: Vec::new(),
+            family: Family::first(),
             folder: PathBuf::new(),
             values_left: MOST_VALUES_IN_ALL,
         }

@@ -12,6 +12,12 @@ pub const LONGEST_OPTIMUM: u32 = 200;
 /// Why no optimum is computed.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum NoOptimum {
+    /// The environment is of a family without an optimum.
+    #[error("no optimum is computed in environments of the family {family}")]
+    Family {
+        /// The family.
+        family: &'static str,
+    },
     /// The scenario hides part of the state.
     #[error(
         "no optimum is computed for {scenario}, which does not show both habituation (H) and \

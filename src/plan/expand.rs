@@ -90,8 +90,9 @@ impl Typed {
     /// Moves to another cell, and keeps the values that both cells share.
     fn move_to(&mut self, grid: &Grid, cell: &Cell) {
         let agree = |section| grid.agree(section, &self.cell, cell);
-        let are_people_equal = agree(Section::Population);
-        if !(agree(Section::Environment) && are_people_equal) {
+        let family = self.environment.value.family();
+        let are_people_equal = agree(Section::Population(family));
+        if !(agree(Section::Environment(family)) && are_people_equal) {
             self.environment = Part::of_environment(grid.environment(cell));
         }
         if !are_people_equal {

@@ -4,11 +4,11 @@ use std::collections::HashSet;
 use std::fmt;
 use std::str::FromStr;
 
-use crate::agent::{Algorithm, free_key};
+use crate::agent::Algorithm;
 use crate::job::{Condition, PlannedJob, short_name, shown, value_of};
 use crate::key::printable;
-use crate::key::{Kind, Parameter, Value};
-use crate::manifest::{Section, nearest, nearest_value, parameters};
+use crate::key::{Kind, Parameter, Value, free_key};
+use crate::manifest::{Section, free_parameters, nearest, nearest_value, parameters};
 
 /// Maximum number of values that a message lists.
 const VALUES_SHOWN: usize = 10;
@@ -182,10 +182,13 @@ impl Filter {
     /// preceding ones.
     pub fn why_none<I: Iterator<Item = PlannedJob>>(&self, jobs: impl Fn() -> I) -> FilterError {
         let mut known = names();
-        for planned in jobs().filter(|planned| planned.job.agent.algorithm().is_external()) {
-            let free = planned.job.agent.free_parameters();
-            let free = free.map(|(name, _)| format!("agent.parameters.{name}"));
-            let new: Vec<String> = free.filter(|name| !known.contains(name)).collect();
+        for planned in jobs() {
+            let sections = planned.job.sections();
+            let named = sections.iter().flat_map(|(section, keys, _)| {
+                let free = keys.iter().filter(|key| free_key(key.name).is_some());
+                free.map(move |key| format!("{section}.{}", key.name))
+            });
+            let new: Vec<String> = named.filter(|name| !known.contains(name)).collect();
             known.extend(new);
         }
         let unknown = self.0.iter().find(|condition| !condition.is_known(&known));
@@ -224,12 +227,12 @@ impl Term {
     fn written(name: String, values: Vec<String>) -> Term {
         let of_programs = (!name.contains('.')).then(|| format!("parameters.{name}"));
         let names = [Some(name.as_str()), of_programs.as_deref()].into_iter().flatten();
-        let met = names.filter_map(|name| condition(name, &values)).collect();
+        let met = names.flat_map(|name| conditions(name, &values)).collect();
         Term { name, values, met }
     }
 
     fn is_known(&self, names: &[String]) -> bool {
-        let is_free = free_key(self.name.strip_prefix("agent.").unwrap_or(&self.name)).is_some();
+        let is_free = free_parameters(&self.name).next().is_some();
         is_free || names.iter().any(|name| *name == self.name || short_name(name) == self.name)
     }
 
@@ -286,39 +289,39 @@ fn names() -> Vec<String> {
     names
 }
 
-/// The condition for this name and these words; `None` if there is no parameter of the name.
-fn condition(name: &str, written: &[String]) -> Option<Condition> {
-    let is_named = |parameter: Parameter| move |values| Some(Condition { parameter, values });
+/// The conditions that this name and these words can mean, one for each parameter of the name.
+fn conditions(name: &str, written: &[String]) -> Vec<Condition> {
+    let is_named = |parameter: Parameter, values| vec![Condition { parameter, values }];
     let texts = || written.iter().map(|word| Value::Text(unquoted(word))).collect();
     match name {
-        "agent" => return is_named(Parameter::AGENT_NAME)(texts()),
-        "scenario" => return is_named(Parameter::SCENARIO)(texts()),
+        "agent" => return is_named(Parameter::AGENT_NAME, texts()),
+        "scenario" => return is_named(Parameter::SCENARIO, texts()),
         "seed" => {
             let seed = |word: &String| whole(&unquoted(word)).map(Value::Integer);
-            return is_named(Parameter::SEED)(written.iter().filter_map(seed).collect());
+            return is_named(Parameter::SEED, written.iter().filter_map(seed).collect());
         }
         "algorithm" | "agent.algorithm" => {
             let known =
                 |word: &String| Some(Value::Choice(Algorithm::named(&unquoted(word))?.name()));
-            return is_named(Parameter::ALGORITHM)(written.iter().filter_map(known).collect());
+            return is_named(Parameter::ALGORITHM, written.iter().filter_map(known).collect());
         }
         _ => {}
     }
-    let free = free_key(name.strip_prefix("agent.").unwrap_or(name));
-    let of_programs = free.map(|key| Parameter::Agent(key.name));
-    let mut named = parameters().into_iter().chain(of_programs).filter(|one| {
+    let named = parameters().into_iter().filter(|one| {
         let dotted = one.to_string();
         dotted == name || short_name(&dotted) == name || one.key() == name
     });
-    let parameter = named.next()?;
-    let of_section = |section: Section| {
-        let (_, key) = section.find(parameter.key())?;
-        (section.parameter(key.name) == parameter).then_some(key.kind)
+    let of_parameter = |parameter: Parameter| {
+        let of_section = |section: Section| {
+            let (_, key) = section.find(parameter.key())?;
+            (section.parameter(key.name) == parameter).then_some(key.kind)
+        };
+        let kinds = Section::all().into_iter().filter_map(of_section);
+        let kinds: Vec<Kind> = kinds.chain(free_key(parameter.key()).map(|key| key.kind)).collect();
+        let value = |word: &String| kinds.iter().find_map(|kind| value(*kind, word));
+        Condition { parameter, values: written.iter().filter_map(value).collect() }
     };
-    let kinds = Section::all().into_iter().filter_map(of_section);
-    let kinds: Vec<Kind> = kinds.chain(free.map(|key| key.kind)).collect();
-    let value = |word: &String| kinds.iter().find_map(|kind| value(*kind, word));
-    Some(Condition { parameter, values: written.iter().filter_map(value).collect() })
+    named.chain(free_parameters(name)).map(of_parameter).collect()
 }
 
 /// The value of a kind for a word, in range or not. Quotes make a scalar a text; of other kinds, they are no

@@ -5,83 +5,42 @@ use serde_json::{Value as Json, json};
 use sha2::{Digest, Sha256};
 
 use crate::agent::{Activation, Architecture, Choice};
-use crate::env::{Feature, ObservationSpec};
-use crate::job::{Job, counted};
+use crate::env::{Meaning, ObservationSpec};
+use crate::job::Job;
 use crate::store::StoredWeights;
 
 /// The version of the description's form.
 const FORMAT: u32 = 1;
 
-/// The meaning of the actions, by number.
-const ACTIONS: [&str; 4] = [
-    "nothing",
-    "a message that is not tailored",
-    "a message tailored to context 0",
-    "a message tailored to context 1",
-];
-
-/// The meaning, unit and scale of an entry of an observation: the one of a feature at this place.
-fn meaning(job: &Job, feature: Feature, at: usize) -> (String, &'static str, f64) {
-    let task = job.task();
-    let environment = &task.model().parameters;
-    let (meaning, unit, scale) = match feature {
-        Feature::Context => ("true context".to_owned(), "0 or 1", 1.0),
-        Feature::Probability => {
-            let context = environment.observed_probability;
-            (format!("inferred probability of context {context}"), "probability", 1.0)
-        }
-        Feature::Likely => ("most likely context".to_owned(), "0 or 1", 1.0),
-        Feature::Habituation => ("habituation".to_owned(), "0 to 1", 1.0),
-        Feature::Disengagement => ("disengagement risk".to_owned(), "0 to 1", 1.0),
-        Feature::Time => {
-            let (period, clock) =
-                (environment.time_indicator_period, environment.time_indicator.word());
-            (format!("clock ({clock}) modulo {period}"), "steps of the episode", 1.0)
-        }
-        Feature::Available => ("whether a message can be sent".to_owned(), "0 or 1", 1.0),
-        Feature::Budget => {
-            let budget = environment.message_budget;
-            (format!("remaining share of the {}", counted(budget, "message")), "0 to 1", 1.0)
-        }
-        Feature::PreviousAction => {
-            (format!("whether the previous action was {}", ACTIONS[at]), "0 or 1", 1.0)
-        }
-        Feature::PreviousSteps => ("steps walked in the previous step".to_owned(), "steps", 0.01),
-    };
-    (meaning, unit, scale)
-}
-
 /// The entries of the observations of a job, in their order.
 pub fn describe_observations(job: &Job) -> Vec<Json> {
     let ObservationSpec { features, one_hot } = job.task().observations();
-    let letters = job.scenario.features().iter();
-    let present: Vec<_> = letters
-        .flat_map(|letter| (0..letter.width()).map(|at| meaning(job, *letter, at)))
-        .collect();
+    let present = job.environment.meanings(&job.scenario);
     // With a history, the features repeat for each of its observations, the oldest first.
     let earlier = (0..features.len() / present.len()).rev();
     let meanings = earlier.flat_map(|back| {
-        present.iter().map(move |(meaning, unit, scale)| {
+        present.iter().map(move |one| {
             let meaning = match back {
-                0 => meaning.clone(),
-                1 => format!("{meaning}, one step ago"),
-                _ => format!("{meaning}, {back} steps ago"),
+                0 => one.meaning.clone(),
+                1 => format!("{}, one step ago", one.meaning),
+                _ => format!("{}, {back} steps ago", one.meaning),
             };
-            (meaning, *unit, *scale)
+            Meaning { meaning, ..one.clone() }
         })
     });
     // JSON has no infinity: an infinite bound becomes `null`.
     let bound = |bound: f32| bound.is_finite().then_some(bound);
-    let features = features.iter().zip(meanings).map(|(spec, (meaning, unit, scale))| {
+    let features = features.iter().zip(meanings).map(|(spec, of)| {
+        let Meaning { meaning, unit, scale } = of;
         json!({
             "name": spec.name, "meaning": meaning, "unit": unit, "scale": scale,
             "low": bound(spec.low), "high": bound(spec.high),
         })
     });
-    let clock = job.task().model().parameters.time_indicator.word();
+    let clock = job.environment.clock();
     let times = (0..one_hot).map(|time| {
         json!({
-            "name": format!("t{time}"), "meaning": format!("clock ({clock}) is {time}"),
+            "name": format!("t{time}"), "meaning": format!("{clock} is {time}"),
             "unit": "0 or 1", "scale": 1.0, "low": 0.0, "high": 1.0,
         })
     });
@@ -129,7 +88,7 @@ pub(super) fn describe(
         },
         "job": serde_json::from_str::<Json>(&job.canonical()).unwrap_or_default(),
         "features": describe_observations(job),
-        "actions": ACTIONS,
+        "actions": job.environment.actions(),
         "network": { "activation": activation, "stacks": stacks, "output": output },
         "choice": choice,
         "files": {

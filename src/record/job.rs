@@ -120,6 +120,8 @@ pub struct DataSet {
     pub experiment: String,
     /// Its jobs, in the manifest's order.
     pub jobs: Vec<JobRecord>,
+    /// How the environment described itself in a completed run; see [`crate::env::Model::description`].
+    pub description: Option<String>,
 }
 
 /// The status of a job, with its results.
@@ -154,8 +156,9 @@ impl AmongParticipants {
             return Vec::new();
         }
         let mean = |of: fn(&TestEpisode) -> f64| self.episodes.iter().map(of).sum::<f64>() / n;
+        let terminated = mean(|one| f64::from(u8::from(one.terminated)));
         vec![
-            (DISENGAGEMENT_RATE.text().into(), mean(|one| f64::from(u8::from(one.disengaged)))),
+            (DISENGAGEMENT_RATE.text().into(), terminated),
             (MEAN_LENGTH.text().into(), mean(|one| f64::from(one.length))),
             (MEAN_RETURN.text().into(), mean(|one| one.total_reward)),
         ]

@@ -6,14 +6,21 @@ use super::tables::{self, between, high, in_unit, low};
 use crate::analyse::declared::{AgentSummary, ArmSummary, share_of_optimum};
 use crate::analyse::{Aggregate, Interval, Undefined};
 use crate::job::MetricUnit;
+use crate::report::environment_words::Words;
 
 /// The number of values from which on an inter-quartile mean leaves any out.
 const FOUR: usize = 4;
 
 /// One row per arm: four summaries of its returns, the behaviour of its policies, and their share
 /// of the optimum. `unknown_optima` holds the reasons for unknown optima.
-pub fn arms(rows: &[ArmSummary], names: &Names, unknown_optima: &[String]) -> DataTable {
+pub fn arms(
+    rows: &[ArmSummary],
+    names: &Names,
+    unknown_optima: &[String],
+    words: &Words,
+) -> DataTable {
     let has_lost = rows.iter().any(|row| row.returns.lost().ended() > 0);
+    let rate = words.terminated.text();
     let columns = [
         ("arm", "Arm"),
         ("seeds", "n"),
@@ -27,19 +34,27 @@ pub fn arms(rows: &[ArmSummary], names: &Names, unknown_optima: &[String]) -> Da
         (".interquartile_low", ""),
         (".interquartile_high", ""),
         ("lower_quartile_return", "Lower quartile"),
-        ("disengagement_rate", "Disengaged, %"),
+        (&*rate, words.terminated_heading()),
         ("messages_per_episode", "Messages"),
-        ("optimum", "Optimum"),
-        ("share_of_optimum", "Share of optimum, %"),
+        (if words.has_optimum { "optimum" } else { ".optimum" }, "Optimum"),
+        (
+            if words.has_optimum { "share_of_optimum" } else { ".share_of_optimum" },
+            "Share of optimum, %",
+        ),
         (".share_low", ""),
         (".share_high", ""),
     ];
-    let caption = "Arms: means over seeds of the return, its lower quartile over test episodes, the \
-                   share of episodes ended by disengagement, and the messages sent per episode; IQM: \
-                   inter-quartile mean of the return, the mean of fewer than four values; the \
-                   optimum and its share are of the return minus the cost of messages";
+    let Words { return_unit, terminated, has_optimum } = words;
+    let caption = format!(
+        "Arms: means over seeds of the return ({return_unit}), its lower quartile over test episodes, the \
+         share of {}, and the messages sent per episode; IQM: inter-quartile mean of the return, the mean \
+         of fewer than four values",
+        terminated.in_unit(return_unit).quantity()
+    );
+    let of_optima = "; the optimum and its share are of the return minus the cost of messages";
+    let of_optima = if *has_optimum { of_optima } else { "" };
     let unknown: String = unknown_optima.iter().map(|reason| format!("; {reason}")).collect();
-    let caption = format!("{caption}{unknown}");
+    let caption = format!("{caption}{of_optima}{unknown}");
     let mut table = DataTable::new(caption, &columns);
     table.rows = rows.iter().map(|row| arm(row, names)).collect();
     table
@@ -66,7 +81,7 @@ fn arm(row: &ArmSummary, names: &Names) -> Vec<Entry> {
         low(middle),
         high(middle),
         in_unit(row.lower_quartiles.mean(), MetricUnit::Return),
-        in_unit(row.disengagement.mean(), MetricUnit::Share),
+        in_unit(row.terminated.mean(), MetricUnit::Share),
         Entry::of(row.messages.mean(), 1),
         optimum(row.optimum),
         share(row.net_returns.mean()),
@@ -86,7 +101,7 @@ fn called_mean(entry: Entry, values: usize) -> Entry {
 }
 
 /// One row per agent and scenario: inter-quartile means over all their arms.
-pub fn agents(rows: &[AgentSummary], names: &Names) -> DataTable {
+pub fn agents(rows: &[AgentSummary], names: &Names, words: &Words) -> DataTable {
     let columns = [
         ("agent", "Agent"),
         ("scenario", "Scenario"),
@@ -96,13 +111,19 @@ pub fn agents(rows: &[AgentSummary], names: &Names) -> DataTable {
         ("interval", "95 % interval"),
         (".low", ""),
         (".high", ""),
-        ("share_of_optimum", "IQM of the share of the optimum, %"),
-        ("share_interval", "its 95 % interval"),
+        (
+            if words.has_optimum { "share_of_optimum" } else { ".share_of_optimum" },
+            "IQM of the share of the optimum, %",
+        ),
+        (if words.has_optimum { "share_interval" } else { ".share_interval" }, "its 95 % interval"),
         (".share_low", ""),
         (".share_high", ""),
     ];
-    let caption = "Agents: inter-quartile means (IQM) over arms and seeds; t intervals with the error by \
-                   which the mean varies between resamples of the seeds, each with its values in all arms";
+    let caption = format!(
+        "Agents: inter-quartile means (IQM) of the return ({}) over arms and seeds; t intervals with the \
+         error by which the mean varies between resamples of the seeds, each with its values in all arms",
+        words.return_unit
+    );
     let mut table = DataTable::new(caption, &columns);
     for row in rows {
         let (returns, shares) = (interval_of(row.returns), row.shares.map(interval_of));
@@ -161,6 +182,10 @@ mod tests {
     use super::*;
     use crate::analyse::Sample;
     use crate::analyse::declared::ArmId;
+    use crate::job::metric::DISENGAGEMENT_RATE;
+
+    const WORDS: Words =
+        Words { return_unit: "points", terminated: DISENGAGEMENT_RATE, has_optimum: true };
 
     fn row(values: &[f64], failed: u32) -> ArmSummary {
         let values = (1..).zip(values.iter().copied());
@@ -169,7 +194,7 @@ mod tests {
             name: ArmId { agent: "dqn".into(), scenario: "P-H-D".into(), settings: Vec::new() },
             lower_quartiles: returns.clone(),
             net_returns: returns.clone(),
-            disengagement: returns.clone(),
+            terminated: returns.clone(),
             messages: returns.clone(),
             returns,
             optimum: None,
@@ -182,10 +207,11 @@ mod tests {
     #[test]
     fn lost_seeds_have_a_column_where_there_are_any() {
         let has_column = |table: &DataTable| table.markdown().contains("| Lost |");
-        let whole = arms(&[row(&[1.0, 2.0], 0)], &Names::default(), &[]);
+        let whole = arms(&[row(&[1.0, 2.0], 0)], &Names::default(), &[], &WORDS);
         assert!(!has_column(&whole));
         // One seed failed, and one value is NaN.
-        let lost = arms(&[row(&[1.0, 2.0], 0), row(&[1.0, f64::NAN], 1)], &Names::default(), &[]);
+        let lost =
+            arms(&[row(&[1.0, 2.0], 0), row(&[1.0, f64::NAN], 1)], &Names::default(), &[], &WORDS);
         assert!(has_column(&lost));
         assert_eq!([lost.rows[0][2].shown(), lost.rows[1][2].shown()], ["0", "2"]);
         assert_eq!(lost.columns[2].name, "lost");
@@ -196,7 +222,9 @@ mod tests {
         for (n, is_mean) in [(3, true), (4, false)] {
             let values: Vec<f64> = (0..n).map(f64::from).collect();
             assert_eq!(
-                arms(&[row(&values, 0)], &Names::default(), &[]).markdown().contains("(mean)"),
+                arms(&[row(&values, 0)], &Names::default(), &[], &WORDS)
+                    .markdown()
+                    .contains("(mean)"),
                 is_mean
             );
         }

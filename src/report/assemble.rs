@@ -12,6 +12,7 @@ use crate::key::Parameter;
 use crate::manifest::{Analysis, Faults, Manifest, Parameters, Published};
 use crate::plan;
 use crate::record::{DataSet, JobRecord, JobStatus};
+use crate::report::environment_words::Words;
 use crate::store::{DataQuery, Parts, Reader, StoreError};
 
 /// Long-running work of an assembly.
@@ -56,13 +57,14 @@ pub fn assemble(
         };
         let concerned = queries.iter().map(|query| query.among(&data.jobs));
         let analyses = manifest.analyses.iter().zip(concerned).collect::<Vec<_>>();
-        let findings = carry_out(&analyses, published.as_ref(), manifest.return_unit());
+        let words = Words::of(manifest, data.description.as_deref());
+        let findings = carry_out(&analyses, published.as_ref(), words.return_unit);
         Ok(ReportedExperiment {
             name: manifest.name.clone(),
             question: manifest.question.clone(),
             hypothesis: manifest.hypothesis.clone(),
             manifest: manifest.source.clone(),
-            winners: winners(reader, manifest, &findings)?,
+            winners: winners(reader, manifest, words.return_unit, &findings)?,
             findings: findings.into_iter().zip(queries.iter().map(sql)).collect(),
             styles: manifest.analyses.iter().map(|analysis| analysis.figure).collect(),
             labels: manifest
@@ -73,6 +75,7 @@ pub fn assemble(
             reproduction: published.as_ref().map(|published| reproduce(published, &data.jobs)),
             arms: summarise_arms(&data.jobs),
             unknown_optima,
+            words,
             jobs: data.jobs,
         })
     };

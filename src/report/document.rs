@@ -52,8 +52,13 @@ pub fn report(experiments: &[ReportedExperiment], store: &str, hosts: Hosts) -> 
             shown.push(one);
         }
         let summaries = summarise_agents(&experiment.arms);
-        let arms = arm_tables::arms(&experiment.arms, names, &experiment.unknown_optima);
-        let agents = arm_tables::agents(&summaries, names);
+        let arms = arm_tables::arms(
+            &experiment.arms,
+            names,
+            &experiment.unknown_optima,
+            &experiment.words,
+        );
+        let agents = arm_tables::agents(&summaries, names, &experiment.words);
         let tables = ArmTables { arms: (named.arms, arms), agents: (named.agents, agents) };
         for (stem, table) in [&tables.arms, &tables.agents] {
             write_table(&format!("tables/{stem}"), table, &mut files);

@@ -3,7 +3,7 @@
 use std::collections::HashMap;
 use std::mem;
 
-use crate::env::{Scenario, StepCountModel};
+use crate::env::{Environment, Scenario, StepCountModel};
 use crate::job::{Job, environment_text, people_text};
 use crate::optimum::{self, NoOptimum};
 
@@ -19,7 +19,7 @@ pub(super) struct Places {
 
 /// An environment and a scenario.
 struct Place {
-    model: StepCountModel,
+    environment: Environment,
     scenario: Scenario,
 }
 
@@ -33,14 +33,21 @@ pub(super) struct Optima {
 
 impl Place {
     fn is_of(&self, job: &Job) -> bool {
-        self.model == *job.task().model() && self.scenario == job.scenario
+        self.environment == job.environment && self.scenario == job.scenario
+    }
+
+    /// `None` in a family without an optimum.
+    fn model(&self) -> Option<&StepCountModel> {
+        self.environment.model()
     }
 
     /// Whether the optimum can be computed. If there are several reasons against it, a scenario that hides
     /// the state takes precedence.
     fn check(&self) -> Result<(), NoOptimum> {
-        let alike = optimum::check_people(&self.model.population);
-        match optimum::check(&self.model.parameters, &self.scenario) {
+        let family = self.environment.family().name;
+        let model = self.model().ok_or(NoOptimum::Family { family })?;
+        let alike = optimum::check_people(&model.population);
+        match optimum::check(&model.parameters, &self.scenario) {
             hidden @ Err(NoOptimum::StateHidden { .. }) => hidden,
             other => alike.and(other),
         }
@@ -62,8 +69,8 @@ impl Places {
         let new = self.places.len();
         let place = *self.known.entry(text).or_insert(new);
         if place == new {
-            self.places
-                .push(Place { model: job.task().model().clone(), scenario: job.scenario.clone() });
+            let (environment, scenario) = (job.environment.clone(), job.scenario.clone());
+            self.places.push(Place { environment, scenario });
         }
         self.of_jobs.push(place);
     }
@@ -86,7 +93,7 @@ impl Places {
                     solved.push(at);
                     continue;
                 }
-                Err(NoOptimum::StateHidden { .. }) => continue,
+                Err(NoOptimum::StateHidden { .. } | NoOptimum::Family { .. }) => continue,
                 Err(
                     error @ (NoOptimum::NotKnown { .. }
                     | NoOptimum::PeopleDiffer { .. }
@@ -97,8 +104,11 @@ impl Places {
                 unknown.push(reason);
             }
         }
-        let pair = |at: &usize| (&self.places[*at].model.parameters, &self.places[*at].scenario);
-        let pairs: Vec<_> = solved.iter().map(pair).collect();
+        let pair = |at: &usize| {
+            let place = &self.places[*at];
+            Some((&place.model()?.parameters, &place.scenario))
+        };
+        let pairs: Vec<_> = solved.iter().filter_map(pair).collect();
         let found = optimum::several(&pairs, |done| on_progress(done, pairs.len()));
         let mut best = vec![None; self.places.len()];
         for (at, found) in solved.into_iter().zip(found) {

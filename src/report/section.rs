@@ -6,6 +6,7 @@ use super::scene::Scene;
 use crate::analyse::declared::{ArmSummary, Finding, JobCounts, Reproduction};
 use crate::manifest::FigureKeys;
 use crate::record::JobRecord;
+use crate::report::environment_words::Words;
 
 /// An experiment with its findings.
 #[derive(Clone, Debug)]
@@ -34,6 +35,8 @@ pub struct ReportedExperiment {
     pub arms: Vec<ArmSummary>,
     /// The distinct reasons for missing optima of completed jobs.
     pub unknown_optima: Vec<String>,
+    /// The words of its environment.
+    pub words: Words,
 }
 
 /// A finding in displayed form.

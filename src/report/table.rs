@@ -8,26 +8,30 @@ use crate::plan::Swept;
 /// One line of the summary: the words that identify the arm, then its numbers.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Line {
-    /// Agent, scenario, sigma and the swept parameters, in the order of the columns.
+    /// Agent, scenario, sigma where there is one, and the swept parameters, in the order of the columns.
     pub arm: Vec<String>,
     /// The number of completed seeds, and of all seeds if some are missing: `6`, `1 of 6`.
     pub seeds: String,
-    /// Mean return over the completed seeds, in steps walked, and its standard deviation.
+    /// Mean return over the completed seeds, and its standard deviation.
     pub returns: Option<Moments>,
-    /// Mean over seeds of the share of test episodes that ended in disengagement.
-    pub disengagement: Option<Moments>,
+    /// Mean over seeds of the share of test episodes that were terminated.
+    pub terminated: Option<Moments>,
 }
 
 /// The names of the columns that identify arms, and one line per arm with an ended seed. `swept`
 /// holds the further parameters that the experiment sweeps.
 pub fn summary_table(arms: &[ArmSummary], swept: &Swept) -> (Vec<String>, Vec<Line>) {
     let names = swept.names();
-    let mut columns: Vec<String> = ["agent", "scenario", "sigma"].map(str::to_owned).to_vec();
+    let mut columns: Vec<String> = ["agent", "scenario"].map(str::to_owned).to_vec();
+    // Environments of other families have no such key.
+    let has_sigma = arms.iter().any(|arm| arm.sigma.is_some());
+    columns.extend(has_sigma.then(|| "sigma".to_owned()));
     columns.extend(names.iter().map(|name| short_name(name).to_owned()));
     let line = |summary: &ArmSummary| {
         let arm = &summary.name;
         let sigma = summary.sigma.map_or_else(String::new, |sigma| sigma.to_string());
-        let mut words = vec![arm.agent.clone(), arm.scenario.clone(), sigma];
+        let mut words = vec![arm.agent.clone(), arm.scenario.clone()];
+        words.extend(has_sigma.then_some(sigma));
         words.extend(names.iter().map(|name| {
             let value = arm.settings.iter().find(|(known, _)| known == name);
             let value = value.filter(|_| swept.is_of(&arm.agent, name));
@@ -40,7 +44,7 @@ pub fn summary_table(arms: &[ArmSummary], swept: &Swept) -> (Vec<String>, Vec<Li
                 (seeds, declared) => format!("{seeds} of {declared}"),
             },
             returns: Moments::of(summary.returns.values()).ok(),
-            disengagement: Moments::of(summary.disengagement.values()).ok(),
+            terminated: Moments::of(summary.terminated.values()).ok(),
         }
     };
     (columns, arms.iter().filter(|arm| arm.has_ended()).map(line).collect())
@@ -66,7 +70,7 @@ mod tests {
             name: ArmId { agent: agent.to_owned(), scenario: "P-H-D".to_owned(), settings },
             net_returns: Sample::default(),
             lower_quartiles: Sample::default(),
-            disengagement: Sample::default(),
+            terminated: Sample::default(),
             messages: Sample::default(),
             returns,
             optimum: None,

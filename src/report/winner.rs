@@ -18,6 +18,7 @@ use crate::store::{Parts, Reader, StoreError};
 pub fn winners(
     reader: &Reader,
     manifest: &Manifest,
+    return_unit: &'static str,
     findings: &[Finding],
 ) -> Result<Vec<Option<String>>, StoreError> {
     let of_one = |(analysis, finding): (&Analysis, &Finding)| {
@@ -27,7 +28,7 @@ pub fn winners(
             return Ok(None);
         };
         let reporting_seeds = &selection.reporting_seeds;
-        let search = Search { reader, manifest, analysis, reporting_seeds };
+        let search = Search { reader, manifest, return_unit, analysis, reporting_seeds };
         let chosen = rankings.iter().filter_map(|ranking| Some((ranking, ranking.winner()?)));
         let tables = chosen.map(|(ranking, winner)| search.table(ranking, winner));
         let tables: Vec<String> =
@@ -41,6 +42,7 @@ pub fn winners(
 struct Search<'s> {
     reader: &'s Reader,
     manifest: &'s Manifest,
+    return_unit: &'static str,
     analysis: &'s Analysis,
     reporting_seeds: &'s [u64],
 }
@@ -89,7 +91,7 @@ impl Search<'_> {
     }
 
     fn comments(&self, ranking: &Ranking, winner: &Candidate, held_out: &Sample) -> Vec<String> {
-        let metric = self.analysis.metric.in_unit(self.manifest.return_unit());
+        let metric = self.analysis.metric.in_unit(self.return_unit);
         let ArmId { agent, scenario, settings } = &ranking.place;
         let written = |settings: &mut dyn Iterator<Item = &(String, crate::job::Scalar)>| {
             settings.map(|(key, value)| format!(", {key} = {value}")).collect::<String>()

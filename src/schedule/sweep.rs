@@ -5,7 +5,7 @@ use std::io;
 use std::mem;
 use std::num::NonZeroUsize;
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::mpsc;
+use std::sync::{Arc, mpsc};
 use std::thread::{self, Scope};
 use std::time::{Duration, Instant};
 
@@ -124,9 +124,9 @@ pub fn run(
 ) -> Result<Tally, SweepError> {
     panic::capture();
     let wanted = context.options.workers.get().min(queue.len().max(1));
-    let slots: Vec<Slot> = (0..wanted).map(|_| Slot::default()).collect();
+    let slots: Vec<Arc<Slot>> = (0..wanted).map(|_| Arc::default()).collect();
     // Set when the sweep must end early, for any reason.
-    let halt = AtomicBool::new(false);
+    let halt = Arc::new(AtomicBool::new(false));
     let folder = CheckpointFolder::beside(store.path());
     thread::scope(|scope| {
         let _clock = start_clock(scope, &slots, context.stop, &halt)?;
@@ -169,7 +169,7 @@ pub fn run(
 /// Starts one worker per slot, or as many as the system's limit on threads allows.
 fn start_workers<'scope>(
     scope: &'scope Scope<'scope, '_>,
-    slots: &'scope [Slot],
+    slots: &'scope [Arc<Slot>],
     shared: &Shared<'scope>,
     sink: &mut dyn EventSink,
 ) -> Result<Vec<Worker<'scope>>, SweepError> {
@@ -191,14 +191,14 @@ fn start_workers<'scope>(
 /// dropped. The coordinating thread cannot do this while it waits for a locked store.
 fn start_clock<'scope>(
     scope: &'scope Scope<'scope, '_>,
-    slots: &'scope [Slot],
+    slots: &'scope [Arc<Slot>],
     stop: &'scope AtomicBool,
     halt: &'scope AtomicBool,
 ) -> Result<mpsc::Sender<()>, SweepError> {
     let (running, ended) = mpsc::channel();
     let tick = move || {
         while ended.recv_timeout(LOOK) == Err(mpsc::RecvTimeoutError::Timeout) {
-            slots.iter().for_each(Slot::look);
+            slots.iter().for_each(|slot| slot.look());
             if stop.load(Ordering::Relaxed) {
                 halt.store(true, Ordering::Relaxed);
             }

@@ -3,7 +3,7 @@
 use std::io;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::{Mutex, PoisonError, mpsc};
+use std::sync::{Arc, Mutex, PoisonError, mpsc};
 use std::thread::{self, Scope};
 use std::time::Duration;
 
@@ -13,7 +13,7 @@ use crate::schedule::checkpoint::{Alarm, CheckpointFolder, CheckpointNote, Keepe
 use crate::schedule::panic;
 use crate::schedule::queued::Queued;
 use crate::store::Claim;
-use crate::train::{Checkpoints, TrainingControl, TrainingProgress};
+use crate::train::{Checkpoints, StopHandle, TrainingControl, TrainingProgress};
 
 /// A function that trains a job; the program uses [`crate::train::run()`].
 pub type Train<'a> = &'a (dyn Fn(&Job, &dyn TrainingControl) -> Outcome + Sync);
@@ -70,7 +70,7 @@ pub(super) struct Report {
 #[derive(Clone)]
 pub(super) struct Shared<'a> {
     pub(super) train: Train<'a>,
-    pub(super) halt: &'a AtomicBool,
+    pub(super) halt: &'a Arc<AtomicBool>,
     pub(super) folder: &'a CheckpointFolder,
     /// The time between two checkpoints.
     pub(super) checkpoint_every: Duration,
@@ -89,7 +89,7 @@ struct Training {
 /// The coordinating thread's side of a worker.
 pub(super) struct Worker<'scope> {
     trainings: mpsc::Sender<Training>,
-    slot: &'scope Slot,
+    slot: &'scope Arc<Slot>,
     holds: Option<(Queued, Claim)>,
 }
 
@@ -100,7 +100,7 @@ impl<'scope> Worker<'scope> {
     pub(super) fn spawn(
         scope: &'scope Scope<'scope, '_>,
         index: usize,
-        slot: &'scope Slot,
+        slot: &'scope Arc<Slot>,
         shared: Shared<'scope>,
     ) -> io::Result<Self> {
         let (trainings, inbox) = mpsc::channel::<Training>();
@@ -149,7 +149,7 @@ impl<'scope> Worker<'scope> {
 }
 
 /// Trains a job.
-fn work(worker: usize, training: &Training, slot: &Slot, shared: &Shared<'_>) -> Report {
+fn work(worker: usize, training: &Training, slot: &Arc<Slot>, shared: &Shared<'_>) -> Report {
     slot.worked.restart();
     let Training { job, key, attempt, time_limit, folder } = training;
     let limit = time_limit.unwrap_or(Duration::MAX);
@@ -174,8 +174,8 @@ fn work(worker: usize, training: &Training, slot: &Slot, shared: &Shared<'_>) ->
 }
 
 struct SlotControl<'a> {
-    slot: &'a Slot,
-    halt: &'a AtomicBool,
+    slot: &'a Arc<Slot>,
+    halt: &'a Arc<AtomicBool>,
     keeper: Keeper<'a>,
     folder: &'a Path,
 }
@@ -187,6 +187,11 @@ impl TrainingControl for SlotControl<'_> {
 
     fn stop_requested(&self) -> bool {
         self.halt.load(Ordering::Relaxed) || self.slot.deadline.rings()
+    }
+
+    fn stop_handle(&self) -> StopHandle {
+        let (slot, halt) = (self.slot.clone(), self.halt.clone());
+        Arc::new(move || halt.load(Ordering::Relaxed) || slot.deadline.rings())
     }
 
     fn worked(&self) -> Duration {
@@ -217,7 +222,8 @@ fn train_caught(train: Train<'_>, job: &Job, control: &SlotControl<'_>) -> Outco
 /// The failure of a job that was stopped at its time limit.
 fn over_time(slot: &Slot, limit: Duration, job: &Job) -> Failure {
     // The usual cause if a program sends nothing.
-    let hint = match job.agent.algorithm().is_external() {
+    let is_external = job.agent.algorithm().is_external() || job.environment.family().is_external();
+    let hint = match is_external {
         true => ", or make the program flush its standard output after every message,",
         false => "",
     };

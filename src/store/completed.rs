@@ -10,6 +10,7 @@ use crate::job::{ActionCount, Failure, Provenance};
 use crate::job::{JobKey, PlannedJob};
 use crate::record::{CompletedRun, DataSet, JobRecord, JobStatus, SharedSettings};
 
+use super::family;
 use super::job_states::JobStates;
 use super::read::failure_kind;
 use super::state::JobState;
@@ -70,12 +71,22 @@ impl Reader {
             }));
             let batch = &mut jobs[first..];
             if batch.is_empty() {
-                return Ok(DataSet { experiment: experiment.to_owned(), jobs });
+                let description = self.description_of(&jobs)?;
+                return Ok(DataSet { experiment: experiment.to_owned(), jobs, description });
             }
             let keys: Vec<JobKey> = batch.iter().map(|job| job.job_key).collect();
             self.read_statuses(batch, states.ask(&keys)?, (&parts, &mut seen))?;
             batch.iter_mut().for_each(&mut see);
         }
+    }
+
+    /// The description in the first completed run of these jobs that has one.
+    fn description_of(&self, jobs: &[JobRecord]) -> Result<Option<String>, StoreError> {
+        let completed = jobs.iter().find(|job| job.completed().is_some());
+        let Some(job) = completed else { return Ok(None) };
+        self.read("read the description of an environment", |connection| {
+            Ok(family::description_of(connection, &job.job_key.to_string())?)
+        })
     }
 
     /// Reads the statuses of jobs with their results.
@@ -273,14 +284,16 @@ fn curve(connection: &Connection, run: i64) -> rusqlite::Result<Vec<(u32, f64)>>
 }
 
 fn actions(connection: &Connection, run: i64) -> rusqlite::Result<Vec<ActionCount>> {
+    if family::has_rows(connection, run)? {
+        return family::actions(connection, run);
+    }
     let mut statement = connection.prepare_cached(
         "SELECT bin, context, action, count FROM action_count
          WHERE run = ?1 ORDER BY bin, context, action",
     )?;
     let rows = statement.query_map([run], |row| {
         Ok(ActionCount {
-            bin: row.get(0)?,
-            context: row.get(1)?,
+            stratum: Some(2 * row.get::<_, u8>(0)? + row.get::<_, u8>(1)?),
             action: row.get(2)?,
             count: row.get(3)?,
         })

@@ -5,7 +5,7 @@ use std::sync::LazyLock;
 use rusqlite::types::{Null, Value};
 use rusqlite::{CachedStatement, Connection, Error};
 
-use crate::job::{Decision, Phase};
+use crate::job::{Decision, Phase, Results};
 
 use super::insert::{RUN, insert_renumbered};
 use super::schema::has_table;
@@ -45,7 +45,18 @@ pub(super) fn are_known(connection: &Connection) -> rusqlite::Result<bool> {
     has_table(connection, "recorded_decision")
 }
 
-/// Inserts the decisions of a run in progress, which must be sorted by phase, episode and step.
+/// The names of the states that rows can hold. Decisions with other states are rows of
+/// [`step`](super::step).
+const STATE: [&str; 5] =
+    ["context", "probability", "likely_context", "habituation", "disengagement"];
+
+/// Whether the decisions of a run are rows of this table.
+pub(super) fn packs(results: &Results) -> bool {
+    results.state_names == STATE
+}
+
+/// Inserts the decisions of a run in progress, which must be sorted by phase, episode and step, and whose states
+/// must have the names of [`STATE`].
 ///
 /// **Errors**: a number is not finite, or an episode or step exceeds its bits in the row id.
 pub(super) fn insert(
@@ -72,15 +83,19 @@ fn insert_steps(
 ) -> rusqlite::Result<()> {
     let mut bits = 0_i64;
     for (place, decision) in steps.iter().enumerate() {
-        let step = decision.context
-            | decision.likely_context << 1
+        let &[context, probability, likely, habituation, disengagement] = &*decision.state else {
+            let error = format!("a decision does not have the state {STATE:?}: {decision:?}");
+            return Err(Error::ToSqlConversionFailure(error.into()));
+        };
+        let step = u8::from(context != 0.0)
+            | u8::from(likely != 0.0) << 1
             | u8::from(decision.available) << 2
             | decision.action << 3;
         bits |= i64::from(step) << (BITS * place);
         let numbers = [
-            decision.probability,
-            decision.habituation,
-            decision.disengagement,
+            probability,
+            habituation,
+            disengagement,
             decision.action_probability(),
             decision.reward,
         ];

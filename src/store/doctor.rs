@@ -12,6 +12,7 @@ use crate::job::{self, ImpliedParameter};
 
 use super::error::StoreError;
 use super::implied::{self, Known};
+use super::schema::has_table;
 use super::verify::{CheckWeights, failure_fault, job_fault, row_ids, run_fault};
 use super::{choice, decision, earlier_manifest, file, participant, schema};
 
@@ -78,14 +79,15 @@ const INVARIANTS: [Invariant; 7] = [
                     WHERE run = run.id)",
     },
     Invariant {
-        violation: "its mean return, mean length or disengagement rate does not match its test episodes",
+        violation: "its mean return, mean length or rate of terminated episodes does not match its test episodes",
         sql: "SELECT job.key FROM run JOIN job ON job.id = run.job
               JOIN run_metric ON run_metric.run = run.id
               JOIN metric_name ON metric_name.id = run_metric.metric
               JOIN (SELECT run, avg(total_reward) AS mean_return, avg(length) AS mean_length,
                     avg(disengaged) AS disengagement_rate
                 FROM test_episode GROUP BY run) AS tested ON tested.run = run.id
-              WHERE name IN ('mean_return', 'mean_length', 'disengagement_rate')
+              WHERE name IN ('mean_return', 'mean_length', 'disengagement_rate',
+                'termination_rate')
                 -- Sums are taken in other orders.
                 AND abs(value - CASE name WHEN 'mean_return' THEN mean_return
                     WHEN 'mean_length' THEN mean_length ELSE disengagement_rate END)
@@ -103,7 +105,7 @@ const INVARIANTS: [Invariant; 7] = [
     Invariant {
         violation: "its number of actions does not match the steps of its test episodes",
         sql: "SELECT job.key FROM run JOIN job ON job.id = run.job
-              WHERE status = 'completed'
+              WHERE status = 'completed' AND json_type(canonical, '$.environment.family') IS NULL
                 AND (SELECT sum(count) FROM action_count WHERE run = run.id)
                     IS NOT (SELECT sum(length) FROM test_episode WHERE run = run.id)",
     },
@@ -120,13 +122,40 @@ const OF_DECISIONS: [Invariant; 2] = [
     Invariant {
         violation: "its recorded decisions do not match its declaration: one per step",
         sql: "SELECT job.key FROM run JOIN job ON job.id = run.job
-              WHERE status = 'completed' AND
+              WHERE status = 'completed' AND json_type(canonical, '$.environment.family') IS NULL AND
                 (SELECT total(steps) FROM recorded_decision AS recorded
                  WHERE recorded.id BETWEEN (run.id << 39) + (1 << 38)
                     AND (run.id << 39) + 549755813887)
                 IS NOT CASE WHEN json_extract(canonical, '$.evaluation.record_decisions')
                         IN ('test', 'all')
                     THEN (SELECT total(length) FROM test_episode WHERE run = run.id) ELSE 0.0 END",
+    },
+];
+
+/// The invariants of decisions in environments of other families, which stores of earlier versions lack.
+const OF_STEPS: &[Invariant] = &[
+    Invariant {
+        violation: "its number of actions does not match the steps of its test episodes",
+        sql: "SELECT job.key FROM run JOIN job ON job.id = run.job
+              WHERE status = 'completed' AND json_type(canonical, '$.environment.family') IS NOT NULL
+                AND (SELECT sum(count) FROM action_total WHERE run = run.id)
+                    IS NOT (SELECT sum(length) FROM test_episode WHERE run = run.id)",
+    },
+    Invariant {
+        violation: "a run that is not completed has results",
+        sql: "SELECT job.key FROM run JOIN job ON job.id = run.job
+              WHERE status <> 'completed'
+                AND (EXISTS (SELECT 1 FROM action_total WHERE action_total.run = run.id)
+                    OR EXISTS (SELECT 1 FROM recorded_step WHERE recorded_step.run = run.id))",
+    },
+    Invariant {
+        violation: "its recorded steps do not match its declaration: one per step",
+        sql: "SELECT job.key FROM run JOIN job ON job.id = run.job
+              WHERE status = 'completed' AND
+                (SELECT count(*) FROM recorded_step WHERE recorded_step.run = run.id AND phase = 1)
+                <> CASE WHEN json_extract(canonical, '$.evaluation.record_decisions') IN ('test', 'all')
+                        AND json_type(canonical, '$.environment.family') IS NOT NULL
+                    THEN (SELECT sum(length) FROM test_episode WHERE run = run.id) ELSE 0 END",
     },
 ];
 
@@ -255,7 +284,12 @@ impl Examination<'_> {
             Ok(true) => OF_CHOICES,
             Ok(false) | Err(_) => &[],
         };
+        let of_steps = match has_table(self.connection, "recorded_step") {
+            Ok(true) => OF_STEPS,
+            Ok(false) | Err(_) => &[],
+        };
         let all = INVARIANTS.iter().chain(of_decisions).chain(of_choices).chain(of_participants);
+        let all = all.chain(of_steps);
         for Invariant { violation, sql } in all {
             for key in self.texts("job", sql) {
                 self.find("job", Some(key), *violation);

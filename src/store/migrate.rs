@@ -69,6 +69,10 @@ pub(super) const MIGRATIONS: &[Migration] = &[
         name: "0011_log_commands",
         sql: include_str!("../../migrations/0011_log_commands.sql"),
     },
+    Migration {
+        name: "0012_other_families",
+        sql: include_str!("../../migrations/0012_other_families.sql"),
+    },
 ];
 
 /// The version of the schema that this program writes.

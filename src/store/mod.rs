@@ -41,6 +41,7 @@ mod ending;
 mod error;
 mod experiment;
 mod export;
+mod family;
 mod file;
 mod forget;
 mod implied;

@@ -133,7 +133,7 @@ fn test_episodes(connection: &Connection, run: i64) -> rusqlite::Result<Vec<Test
         "SELECT total_reward, length, disengaged FROM test_episode WHERE run = ?1 ORDER BY episode",
     )?;
     let rows = statement.query_map([run], |row| {
-        Ok(TestEpisode { total_reward: row.get(0)?, length: row.get(1)?, disengaged: row.get(2)? })
+        Ok(TestEpisode { total_reward: row.get(0)?, length: row.get(1)?, terminated: row.get(2)? })
     })?;
     rows.collect()
 }

@@ -10,7 +10,7 @@ use super::ending::{complete_run, end_run};
 use super::error::StoreError;
 use super::insert::insert_rows;
 use super::writer::Store;
-use super::{choice, decision, participant};
+use super::{choice, decision, family, participant};
 
 /// The end of a claimed run.
 #[derive(Clone, Copy, Debug)]
@@ -111,17 +111,22 @@ fn insert_results(connection: &Connection, run: i64, results: &Results) -> rusql
     });
     insert_rows(connection, "curve_point", points)?;
     let episodes = (1_i64..).zip(&results.episodes).map(|(number, episode)| {
-        let TestEpisode { total_reward, length, disengaged } = *episode;
-        [run.into(), number.into(), total_reward.into(), length.into(), disengaged.into()]
+        let TestEpisode { total_reward, length, terminated } = *episode;
+        [run.into(), number.into(), total_reward.into(), length.into(), terminated.into()]
     });
     insert_rows(connection, "test_episode", episodes)?;
-    let actions = results.actions.iter().map(|choice| {
-        let ActionCount { bin, context, action, count } = *choice;
-        [run.into(), bin.into(), context.into(), action.into(), count.cast_signed().into()]
+    let actions = results.actions.iter().filter_map(|choice| {
+        let ActionCount { stratum, action, count } = *choice;
+        let [bin, context] = [stratum? / 2, stratum? % 2];
+        Some([run.into(), bin.into(), context.into(), action.into(), count.cast_signed().into()])
     });
     insert_rows(connection, "action_count", actions)?;
-    decision::insert(connection, run, &results.decisions)?;
-    choice::insert(connection, run, &results.decisions)?;
+    if decision::packs(results) {
+        decision::insert(connection, run, &results.decisions)?;
+        choice::insert(connection, run, &results.decisions)?;
+    } else {
+        family::insert(connection, run, results)?;
+    }
     participant::insert(connection, run, &results.participants)?;
     if let Some(weights) = &results.weights {
         connection
@@ -199,7 +204,7 @@ mod tests {
                 point(20, MEAN_RETURN, -1.5),
                 point(20, EPSILON, 0.25),
             ],
-            actions: vec![ActionCount { bin: 9, context: 1, action: 3, count: 7 }],
+            actions: vec![ActionCount { stratum: Some(19), action: 3, count: 7 }],
             ..results()
         };
         let claim = claim(&mut store, session, &job());
@@ -251,13 +256,12 @@ mod tests {
                 .map(|length| TestEpisode {
                     total_reward: f64::from(length) / 7.0,
                     length,
-                    disengaged: length % 3 == 0,
+                    terminated: length % 3 == 0,
                 })
                 .collect();
             let actions: Vec<ActionCount> = (0..count.min(80) as u8)
                 .map(|i| ActionCount {
-                    bin: i / 8,
-                    context: i / 4 % 2,
+                    stratum: Some(i / 4),
                     action: i % 4,
                     count: 1 + u64::from(i),
                 })
@@ -290,7 +294,7 @@ mod tests {
             let stored: Vec<TestEpisode> = statement
                 .query_map([claim.run], |row| {
                     let (total_reward, length) = (row.get(0)?, row.get(1)?);
-                    Ok(TestEpisode { total_reward, length, disengaged: row.get(2)? })
+                    Ok(TestEpisode { total_reward, length, terminated: row.get(2)? })
                 })
                 .unwrap()
                 .collect::<Result<_, _>>()
@@ -305,9 +309,10 @@ mod tests {
                 .unwrap();
             let stored: Vec<ActionCount> = statement
                 .query_map([claim.run], |row| {
-                    let (bin, context) = (row.get(0)?, row.get(1)?);
+                    let [bin, context]: [u8; 2] = [row.get(0)?, row.get(1)?];
+                    let stratum = Some(2 * bin + context);
                     let count: i64 = row.get(3)?;
-                    Ok(ActionCount { bin, context, action: row.get(2)?, count: count as u64 })
+                    Ok(ActionCount { stratum, action: row.get(2)?, count: count as u64 })
                 })
                 .unwrap()
                 .collect::<Result<_, _>>()

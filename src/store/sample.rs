@@ -1,7 +1,7 @@
 //! Jobs and results for the tests of this module.
 
 use crate::job::Job;
-use crate::job::metric::metrics_of;
+use crate::job::metric::{TERMINATION_RATE, metrics_of};
 use crate::job::{Metric, MetricPlace, Provenance, Results, TestEpisode};
 
 use super::{Claim, Claimed, Experiment, Isolation, RetryFailed, SessionId, Store};
@@ -25,10 +25,17 @@ pub(super) fn job() -> Job {
 /// Minimal results of that job.
 pub(super) fn results() -> Results {
     Results {
-        metrics: metrics_of(MetricPlace::Test).map(|name| Metric { name, value: 1.0 }).collect(),
+        metrics: metrics_of(MetricPlace::Test)
+            .filter(|name| *name != TERMINATION_RATE)
+            .map(|name| Metric { name, value: 1.0 })
+            .collect(),
         curve: Vec::new(),
-        episodes: vec![TestEpisode { total_reward: 50.0, length: 2, disengaged: true }],
+        episodes: vec![TestEpisode { total_reward: 50.0, length: 2, terminated: true }],
         actions: Vec::new(),
+        description: None,
+        state_names: ["context", "probability", "likely_context", "habituation", "disengagement"]
+            .map(str::to_owned)
+            .into(),
         decisions: Vec::new(),
         participants: Vec::new(),
         weights: Some(vec![8]),

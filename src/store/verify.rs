@@ -5,7 +5,7 @@ use rusqlite::{Connection, OptionalExtension};
 use crate::job::{Job, JobError, JobKey, Versions};
 use crate::key::CanonicalError;
 
-use super::digest;
+use super::{digest, family};
 
 /// Checks the weights of a completed run of a job, because the store cannot interpret them. Returns an error
 /// if the weights do not fit the job, or are missing.
@@ -79,6 +79,7 @@ pub(super) fn weights_fault(
         .query_row([run], |row| Ok((row.get(0)?, row.get(1)?)))?;
     // This release may not be able to read the jobs of another release.
     let Ok(job) = Job::from_canonical(&canonical) else { return Ok(None) };
+    let job = family::described(connection, run, job)?;
     let checked = check_weights(&job, weights.as_deref());
     Ok(checked.err().map(|reason| format!("its weights do not load: {reason}")))
 }

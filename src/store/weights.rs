@@ -5,6 +5,7 @@ use rusqlite::Connection;
 use crate::job::{Job, JobKey};
 
 use super::error::{Fault, StoreError};
+use super::family;
 use super::read::Reader;
 
 /// The weights of a completed run, with the job for which they were trained.
@@ -68,18 +69,21 @@ fn not_completed(connection: &Connection, digits: &str) -> rusqlite::Result<Stor
 }
 
 fn load(connection: &Connection, job: i64, key: &str) -> Result<StoredWeights, Fault> {
-    let (job_key, canonical, safetensors) = connection
+    let (job_key, canonical, safetensors, run) = connection
         .prepare_cached(
-            "SELECT unhex(job.key), job.canonical, trained_weights.safetensors
+            "SELECT unhex(job.key), job.canonical, trained_weights.safetensors, run.id
              FROM job
              JOIN run ON run.job = job.id AND run.status = 'completed'
              LEFT JOIN trained_weights ON trained_weights.run = run.id
              WHERE job.id = ?1",
         )?
-        .query_row([job], |row| Ok((row.get(0)?, row.get::<_, String>(1)?, row.get(2)?)))?;
+        .query_row([job], |row| {
+            Ok((row.get(0)?, row.get::<_, String>(1)?, row.get(2)?, row.get(3)?))
+        })?;
     let job = Job::from_canonical(&canonical).map_err(|error| StoreError::UnreadableJob {
         key: key.to_owned(),
         reason: error.to_string(),
     })?;
+    let job = family::described(connection, run, job)?;
     Ok(StoredWeights { job_key: JobKey(job_key), job, safetensors })
 }

@@ -1,10 +1,14 @@
 //! Control of a training: progress reports, requests to stop, checkpoints.
 
 use std::path::Path;
+use std::sync::Arc;
 use std::time::Duration;
 
 use crate::train::checkpoint::{Checkpoints, KeptNowhere};
 use crate::train::progress::TrainingProgress;
+
+/// A copy of [`TrainingControl::stop_requested`] that outlives the control.
+pub type StopHandle = Arc<dyn Fn() -> bool + Send + Sync>;
 
 /// Receives the progress reports of a training, may stop it, and keeps its checkpoints.
 pub trait TrainingControl {
@@ -16,6 +20,11 @@ pub trait TrainingControl {
 
     /// The working time spent on the training in this process; checkpoints record it.
     fn worked(&self) -> Duration;
+
+    /// Ends waits on the program of an environment. By default, these waits never end early.
+    fn stop_handle(&self) -> StopHandle {
+        Arc::new(|| false)
+    }
 
     /// The folder in which an outside program starts; the current folder by default.
     fn folder(&self) -> &Path {

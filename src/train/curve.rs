@@ -1,8 +1,6 @@
 //! The learning curve: training episodes averaged over a stride.
 
-use crate::job::metric::{
-    DISENGAGEMENT_RATE, EPSILON, MEAN_LENGTH, MEAN_LOSS, MEAN_RETURN, metrics_of,
-};
+use crate::job::metric::{EPSILON, MEAN_LENGTH, MEAN_LOSS, MEAN_RETURN, metrics_of};
 use std::collections::VecDeque;
 use std::io;
 
@@ -20,6 +18,8 @@ const RECENT: usize = 100;
 #[derive(Debug)]
 pub(super) struct CurveRecorder {
     stride: u32,
+    /// The metric that is the share of terminated episodes.
+    terminated: MetricName,
     episodes: u32,
     since_point: Vec<TrainedEpisode>,
     points: Vec<CurvePoint>,
@@ -37,9 +37,14 @@ struct FirstReturn {
 }
 
 impl CurveRecorder {
-    pub(super) fn new(stride: u32, first: impl Iterator<Item = MetricName>) -> Self {
+    pub(super) fn new(
+        stride: u32,
+        terminated: MetricName,
+        first: impl Iterator<Item = MetricName>,
+    ) -> Self {
         CurveRecorder {
             stride,
+            terminated,
             episodes: 0,
             since_point: Vec::new(),
             points: Vec::new(),
@@ -58,7 +63,7 @@ impl CurveRecorder {
         self.episodes
     }
 
-    /// The mean return of the last episodes, in steps walked; 0 before the first episode has ended.
+    /// The mean return of the last episodes; 0 before the first episode has ended.
     pub(super) fn recent_return(&self) -> f64 {
         self.recent.iter().sum::<f64>() / self.recent.len().max(1) as f64
     }
@@ -112,7 +117,7 @@ impl CurveRecorder {
         let values = [
             (MEAN_RETURN, mean(|e| e.total_reward)),
             (MEAN_LENGTH, mean(|e| f64::from(e.length))),
-            (DISENGAGEMENT_RATE, mean(|e| f64::from(u8::from(e.terminated)))),
+            (self.terminated, mean(|e| f64::from(u8::from(e.terminated)))),
             (MEAN_LOSS, (updates > 0).then(|| losses / updates as f64)),
             (EPSILON, self.since_point.last().and_then(|e| e.epsilon)),
         ];
@@ -145,6 +150,7 @@ impl Resumable for MetricName {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::job::metric::TERMINATION_RATE;
     use crate::job::metric::first_return;
 
     fn episode(total_reward: f64, updates: u32) -> TrainedEpisode {
@@ -161,7 +167,8 @@ mod tests {
 
     #[test]
     fn points_average_the_episodes_since_the_point_before() {
-        let mut curve = CurveRecorder::new(2, [1, 3, 5].map(first_return).into_iter());
+        let mut curve =
+            CurveRecorder::new(2, TERMINATION_RATE, [1, 3, 5].map(first_return).into_iter());
         for (total_reward, updates) in [(1.0, 0), (3.0, 0), (-5.0, 1), (7.0, 3), (9.0, 0)] {
             curve.add(&episode(total_reward, updates)).unwrap();
         }
@@ -178,7 +185,7 @@ mod tests {
             points.map(|p| (p.episode, p.value)).collect()
         };
         assert_eq!(of("mean_return"), [(2, 2.0), (4, 1.0), (5, 9.0)]);
-        assert_eq!(of("disengagement_rate"), [(2, 0.0), (4, 0.5), (5, 0.0)]);
+        assert_eq!(of("termination_rate"), [(2, 0.0), (4, 0.5), (5, 0.0)]);
         assert_eq!(of("mean_loss"), [(4, 2.0)]);
         assert_eq!(of("epsilon"), [(2, 0.03), (4, 0.07), (5, 0.09)]);
         assert_eq!(of("mean_length"), [(2, 50.0), (4, 50.0), (5, 50.0)]);
@@ -186,7 +193,8 @@ mod tests {
 
     #[test]
     fn the_first_episodes_are_the_first_to_begin() {
-        let mut curve = CurveRecorder::new(10, [1, 2, 4].map(first_return).into_iter());
+        let mut curve =
+            CurveRecorder::new(10, TERMINATION_RATE, [1, 2, 4].map(first_return).into_iter());
         // The second and the fourth episode end before the first.
         for (number, total_reward) in [(2, 8.0), (4, 16.0), (1, 2.0), (3, 6.0), (5, 100.0)] {
             let number = Some(number);

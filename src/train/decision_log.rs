@@ -1,7 +1,7 @@
 //! The log of decisions: every step of the episodes of a training or a test.
 
 use crate::agent::{OutOfMemory, StepObserver, Unavailable, reserve};
-use crate::env::{Action, EpisodeStatus, PhysicalActivity, VectorEnvironment};
+use crate::env::{Action, EpisodeStatus, Simulated, VectorEnvironment};
 use crate::job::{Decision, ParticipantValue, Phase};
 use crate::state::resumable;
 
@@ -64,8 +64,8 @@ impl DecisionLog {
     }
 }
 
-impl StepObserver<PhysicalActivity> for DecisionLog {
-    fn chosen(&mut self, lanes: &PhysicalActivity, actions: &[Action], probabilities: &[f64]) {
+impl StepObserver<Simulated> for DecisionLog {
+    fn chosen(&mut self, lanes: &Simulated, actions: &[Action], probabilities: &[f64]) {
         let count = probabilities.len() / actions.len();
         self.acting.clear();
         self.episodes.resize(lanes.lanes(), 0);
@@ -77,28 +77,28 @@ impl StepObserver<PhysicalActivity> for DecisionLog {
             if *status != EpisodeStatus::Running || !lanes.is_counted(lane) {
                 continue;
             }
-            let step = lanes.times()[lane];
-            let draw = lanes.context(lane);
-            let shown = lanes.parameters().observed_probability;
-            let zero = draw.probability_of_zero;
+            let step = lanes.time(lane);
             let mut row = probabilities[lane * count..(lane + 1) * count].to_vec();
             let chosen = self.unavailable.choice(lanes, lane, actions[lane], &mut row);
             let episode = self.episode(lane, step);
             if step == 0 && self.phase == Phase::Train {
                 let phase = self.phase;
-                self.participants.extend(lanes.participant(lane).map(|(place, value)| {
-                    ParticipantValue { phase, episode, parameter: place as u8, value }
-                }));
+                self.participants.extend(lanes.participant(lane).into_iter().map(
+                    |(place, value)| ParticipantValue {
+                        phase,
+                        episode,
+                        parameter: place as u8,
+                        value,
+                    },
+                ));
             }
+            let mut state = Vec::new();
+            lanes.record_state(lane, &mut state);
             let decision = Decision {
                 phase: self.phase,
                 episode,
                 step,
-                context: draw.context,
-                probability: if shown == 0 { zero } else { 1.0 - zero },
-                likely_context: draw.likely,
-                habituation: lanes.habituation()[lane],
-                disengagement: lanes.disengagement()[lane],
+                state: state.into(),
                 available: lanes.is_available(lane),
                 can_send: lanes.can_send(lane),
                 chosen: chosen.index() as u8,
@@ -111,11 +111,11 @@ impl StepObserver<PhysicalActivity> for DecisionLog {
         }
     }
 
-    fn paid(&mut self, lanes: &PhysicalActivity, rewards: &[f64]) {
-        let walked = lanes.outcomes(rewards);
+    fn paid(&mut self, lanes: &Simulated, rewards: &[f64]) {
+        let outcomes = lanes.outcomes(rewards);
         let first = self.decisions.len() - self.acting.len();
         for (decision, lane) in self.decisions[first..].iter_mut().zip(&self.acting) {
-            decision.reward = walked[*lane];
+            decision.reward = outcomes[*lane];
         }
     }
 }
@@ -124,8 +124,7 @@ impl StepObserver<PhysicalActivity> for DecisionLog {
 resumable!([] DecisionLog { parts begun, decisions, participants; grown episodes; then set_phase });
 
 resumable!([] Decision {
-    parts episode, step, context, probability, likely_context, habituation, disengagement, available, can_send, chosen,
-    action, probabilities, reward
+    parts episode, step, state, available, can_send, chosen, action, probabilities, reward
 });
 
 resumable!([] ParticipantValue { parts episode, parameter, value });

@@ -9,6 +9,7 @@ mod checkpoint;
 mod control;
 mod curve;
 mod decision_log;
+mod environment_program;
 mod outside;
 mod progress;
 mod roll;
@@ -21,7 +22,7 @@ pub use checkpoint::{
     CheckpointError, CheckpointFile, Checkpoints, KeptNowhere, ReadCheckpoint, Resumed,
     WriteCheckpoint,
 };
-pub use control::{TrainingControl, Uncontrolled};
+pub use control::{StopHandle, TrainingControl, Uncontrolled};
 pub use progress::TrainingProgress;
 pub use roll::{RollStreams, Rollout, begin, play, roll};
 pub use run::run;

@@ -34,8 +34,7 @@ const MOST_LANES: usize = 4096;
 pub(super) fn run(job: &Job, external: &External, control: &dyn TrainingControl) -> Outcome {
     let mut record = TrainingRecord::new(job, control);
     let stop = || control.stop_requested();
-    let started =
-        Program::start(&external.command, &external.shown(), control.folder(), LONGEST_LINE);
+    let started = Program::start(&external.command, control.folder(), LONGEST_LINE);
     let mut program = match started {
         Ok(program) => program,
         Err(error) => return record.failed(&error),

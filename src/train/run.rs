@@ -1,16 +1,25 @@
 //! A job from its start, or from a checkpoint, to its outcome.
 
 use crate::agent::{External, OutOfMemory};
-use crate::job::Job;
-use crate::job::Outcome;
+use crate::env::outside::OutsideModel;
+use crate::job::{Job, Outcome};
 use crate::train::checkpoint::{self, Checkpoints, Resumed};
 use crate::train::control::TrainingControl;
+use crate::train::environment_program;
 use crate::train::outside;
 use crate::train::training::{Stage, Training, out_of_memory};
 
 /// Trains the job's agent, tests it, and returns the outcome. Continues from a checkpoint if there is one,
 /// and writes one if it is stopped.
 pub fn run(job: &Job, control: &dyn TrainingControl) -> Outcome {
+    match job.environment.model::<OutsideModel>() {
+        Some(model) => environment_program::run(job, model, control, train),
+        None => train(job, control),
+    }
+}
+
+/// Trains the job's agent in an environment that is known.
+fn train(job: &Job, control: &dyn TrainingControl) -> Outcome {
     if let Some(external) = job.agent.parameters::<External>() {
         return outside::run(job, &external, control);
     }

@@ -1,16 +1,9 @@
 //! The test episodes of a trained agent and their results.
 
 use crate::agent::{Actor, OutOfMemory, StepObserver, reserve_exact};
-use crate::env::{
-    Action, ContextDraw, EpisodeStatus, LaneSet, OPTIONS, ParticipantSampler, PhysicalActivity,
-    VectorEnvironment,
-};
-use crate::job::metric::{
-    DISENGAGEMENT_RATE, MEAN_LENGTH, MEAN_RETURN, MESSAGE_RATE, NET_RETURN, SD_RETURN,
-};
-use crate::job::{
-    ActionCount, Decision, Metric, PROBABILITY_BINS, ParticipantValue, Phase, TestEpisode,
-};
+use crate::env::{Action, Environment, EpisodeStatus, LaneSet, Simulated, VectorEnvironment};
+use crate::job::metric::{MEAN_LENGTH, MEAN_RETURN, MESSAGE_RATE, NET_RETURN, SD_RETURN};
+use crate::job::{ActionCount, Decision, Metric, ParticipantValue, Phase, TestEpisode};
 use crate::job::{Job, MetricName};
 use crate::state::resumable;
 use crate::train::decision_log::DecisionLog;
@@ -35,11 +28,14 @@ pub(super) struct Test {
     participants: Vec<ParticipantValue>,
     /// The cost of messages so far; maintained only if there are people.
     costs: f64,
+    environment: Environment,
+    /// The metric that is the share of terminated episodes.
+    terminated: MetricName,
 }
 
 /// The participants of a test. Their parameters do not depend on what happens in it.
 struct People {
-    sampler: ParticipantSampler,
+    environment: Environment,
     seed: u64,
     episodes: u32,
 }
@@ -47,23 +43,17 @@ struct People {
 impl People {
     /// The number of the participants' parameters in total.
     fn count(&self) -> usize {
-        self.sampler.places().len() * self.episodes as usize
+        self.environment.differing() * self.episodes as usize
     }
 
     /// Appends the parameters of all participants, by episode and place.
     fn describe(&self, all: &mut Vec<ParticipantValue>) {
         let mut streams = RollStreams::of_test(self.seed).environment;
-        let stream = streams.of(0);
-        for episode in 1..=self.episodes {
-            let values = self.sampler.participant(stream);
-            let places = self.sampler.places().iter().map(|place| *place as u8);
-            all.extend(places.zip(values).map(|(parameter, value)| ParticipantValue {
-                phase: Phase::Test,
-                episode,
-                parameter,
-                value,
-            }));
-        }
+        let phase = Phase::Test;
+        let mut describe = |episode, parameter, value| {
+            all.push(ParticipantValue { phase, episode, parameter, value });
+        };
+        self.environment.describe_participants(streams.of(0), self.episodes, &mut describe);
     }
 }
 
@@ -73,7 +63,14 @@ pub(super) struct Tested {
     pub(super) actions: Vec<ActionCount>,
     pub(super) decisions: Vec<Decision>,
     pub(super) participants: Vec<ParticipantValue>,
-    messages: u64,
+    /// The names of the numbers in the state of a decision.
+    pub(super) state_names: Vec<String>,
+    /// How the environment described itself.
+    pub(super) description: Option<String>,
+    /// The metric that is the share of terminated episodes.
+    terminated: MetricName,
+    /// The number of messages; `None` if every action sends one.
+    messages: Option<u64>,
     /// The total cost of messages; `None` if messages have no cost.
     costs: Option<f64>,
 }
@@ -82,24 +79,26 @@ impl Test {
     /// The test of a job, before its first episode.
     pub(super) fn new(job: &Job) -> Self {
         let task = job.task();
-        let population = &task.model().population;
+        let environment = &job.environment;
         Test {
             episodes: job.evaluation.test_episodes as usize,
             streams: RollStreams::of_test(job.seed),
-            counts: ActionCounts::default(),
+            counts: ActionCounts::new(environment.strata(), task.interface().actions),
             log: job
                 .evaluation
                 .record_decisions
                 .of_test()
                 .then(|| DecisionLog::new(job.agent.unavailable(), Phase::Test)),
             played: Vec::new(),
-            people: (!population.is_homogeneous()).then(|| People {
-                sampler: ParticipantSampler::new(population),
+            people: (environment.differing() > 0).then(|| People {
+                environment: environment.clone(),
                 seed: job.seed,
                 episodes: job.evaluation.test_episodes,
             }),
             participants: Vec::new(),
             costs: 0.0,
+            environment: environment.clone(),
+            terminated: job.termination_metric(),
             batch: Batch { environment: task.tested(0), played: Vec::new() },
         }
     }
@@ -134,7 +133,7 @@ impl Test {
     pub(super) fn play_batch<E: From<OutOfMemory>>(
         &mut self,
         lanes: impl FnOnce(usize),
-        choose: &mut Choose<'_, PhysicalActivity, E>,
+        choose: &mut Choose<'_, Simulated, E>,
     ) -> Result<(), E> {
         self.begin_batch(|environment, streams| {
             environment.reset(LaneSet::All, &mut streams.environment);
@@ -150,7 +149,7 @@ impl Test {
     /// **Errors**: there is not enough memory for the episodes.
     fn begin_batch(
         &mut self,
-        begin: impl FnOnce(&mut PhysicalActivity, &mut RollStreams),
+        begin: impl FnOnce(&mut Simulated, &mut RollStreams),
     ) -> Result<(), OutOfMemory> {
         let left = self.episodes - self.played.len();
         reserve_exact(&mut self.played, left, "the test episodes")?;
@@ -170,7 +169,7 @@ impl Test {
     fn player<'p>(
         &'p mut self,
         pause: &'p dyn Fn() -> bool,
-    ) -> (&'p mut PhysicalActivity, &'p mut RollStreams, Player<'p>) {
+    ) -> (&'p mut Simulated, &'p mut RollStreams, Player<'p>) {
         let Test { streams, counts, log, batch, people, costs, .. } = self;
         let costs = people.is_some().then_some(costs);
         let (log, played) = (log.as_mut(), &mut batch.played[..]);
@@ -187,11 +186,8 @@ impl Test {
             return Ok(());
         }
         let environment = &batch.environment;
-        let horizon = environment.parameters().horizon;
-        let ends = environment.statuses().iter().zip(environment.times());
-        for (episode, (status, time)) in batch.played.iter_mut().zip(ends) {
-            // The step after the horizon is no part of the episode.
-            episode.disengaged = *status == EpisodeStatus::Terminated && *time <= horizon;
+        for (lane, episode) in batch.played.iter_mut().enumerate() {
+            episode.terminated = environment.has_terminated(lane);
         }
         self.played.append(&mut batch.played);
         self.prepare_batch();
@@ -201,26 +197,36 @@ impl Test {
     /// The results, once all episodes are played.
     pub(super) fn finish(mut self) -> Tested {
         let (messages, actions) = (self.counts.messages(), self.counts.rows());
-        let simulation = &self.batch.environment;
-        let costs = match &self.people {
+        let costs = self.environment.message_cost().map(|cost| match &self.people {
             // A product, as in the results of earlier jobs.
-            None => simulation.parameters().message_cost * messages as f64,
+            None => cost * messages as f64,
             Some(_) => self.costs,
-        };
-        let costs = simulation.has_costs().then_some(costs);
+        });
+        let messages = self.environment.has_nothing().then_some(messages);
+        let state_names = self.environment.state_names();
         if let Some(people) = &self.people {
             people.describe(&mut self.participants);
         }
         let participants = self.participants;
         // The participants of the test are recorded whether or not its decisions are.
         let (decisions, _) = self.log.map(DecisionLog::finish).unwrap_or_default();
-        Tested { episodes: self.played, messages, costs, actions, decisions, participants }
+        Tested {
+            episodes: self.played,
+            messages,
+            costs,
+            terminated: self.terminated,
+            actions,
+            decisions,
+            participants,
+            state_names,
+            description: self.environment.description(),
+        }
     }
 }
 
 /// Test episodes in progress; empty between two batches.
 struct Batch {
-    environment: PhysicalActivity,
+    environment: Simulated,
     played: Vec<TestEpisode>,
 }
 
@@ -234,8 +240,8 @@ struct Player<'a> {
     pause: &'a dyn Fn() -> bool,
 }
 
-impl StepObserver<PhysicalActivity> for Player<'_> {
-    fn chosen(&mut self, lanes: &PhysicalActivity, actions: &[Action], probabilities: &[f64]) {
+impl StepObserver<Simulated> for Player<'_> {
+    fn chosen(&mut self, lanes: &Simulated, actions: &[Action], probabilities: &[f64]) {
         if let Some(log) = &mut self.log {
             log.chosen(lanes, actions, probabilities);
         }
@@ -243,15 +249,15 @@ impl StepObserver<PhysicalActivity> for Player<'_> {
             if lanes.statuses()[lane] == EpisodeStatus::Running && lanes.is_counted(lane) {
                 episode.length += 1;
                 let taken = lanes.taken(lane, actions[lane]);
-                self.counts.add(&lanes.context(lane), taken);
-                if let Some(costs) = self.costs.as_deref_mut().filter(|_| taken != Action::NONE) {
-                    *costs += lanes.person(lane).message_cost;
+                self.counts.add(lanes.stratum(lane), taken);
+                if let Some(costs) = self.costs.as_deref_mut().filter(|_| taken.index() > 0) {
+                    *costs += lanes.message_cost(lane);
                 }
             }
         }
     }
 
-    fn paid(&mut self, lanes: &PhysicalActivity, rewards: &[f64]) {
+    fn paid(&mut self, lanes: &Simulated, rewards: &[f64]) {
         if let Some(log) = &mut self.log {
             log.paid(lanes, rewards);
         }
@@ -266,14 +272,16 @@ impl StepObserver<PhysicalActivity> for Player<'_> {
 }
 
 resumable!([] Test {
-    parts streams, counts.0, costs, played, batch.played;
+    parts streams;
+    fixed counts.counts;
+    parts costs, played, batch.played;
     each log;
     check fits, "test episodes";
     then prepare_batch;
     parts batch.environment
 });
 
-resumable!([] TestEpisode { parts total_reward, length, disengaged });
+resumable!([] TestEpisode { parts total_reward, length, terminated });
 
 impl Test {
     /// Whether a batch is as large as it should be.
@@ -298,16 +306,19 @@ impl Tested {
         let squares: f64 =
             self.episodes.iter().map(|e| (e.total_reward - mean) * (e.total_reward - mean)).sum();
         let steps: u64 = self.episodes.iter().map(|e| u64::from(e.length)).sum();
-        let disengaged = self.episodes.iter().filter(|e| e.disengaged).count();
+        let terminated = self.episodes.iter().filter(|e| e.terminated).count();
         let mut metrics = vec![Metric { name: MEAN_RETURN, value: mean }];
         if self.episodes.len() > 1 {
             metrics.push(Metric { name: SD_RETURN, value: (squares / (n - 1.0)).sqrt() });
         }
         metrics.extend([
             Metric { name: MEAN_LENGTH, value: steps as f64 / n },
-            Metric { name: DISENGAGEMENT_RATE, value: disengaged as f64 / n },
-            Metric { name: MESSAGE_RATE, value: self.messages as f64 / steps as f64 },
+            Metric { name: self.terminated, value: terminated as f64 / n },
         ]);
+        if let Some(messages) = self.messages {
+            let value = messages as f64 / steps as f64;
+            metrics.push(Metric { name: MESSAGE_RATE, value });
+        }
         if let Some(costs) = self.costs {
             let value = mean - costs / n;
             metrics.push(Metric { name: NET_RETURN, value });
@@ -329,29 +340,35 @@ impl Tested {
     }
 }
 
-/// The number of choices by \[bin, context, action\].
-#[derive(Default)]
-struct ActionCounts([[[u64; OPTIONS]; 2]; PROBABILITY_BINS]);
+/// The number of choices by stratum and action.
+struct ActionCounts {
+    /// \[strata, actions\].
+    counts: Vec<u64>,
+    actions: usize,
+}
 
 impl ActionCounts {
-    fn add(&mut self, draw: &ContextDraw, action: Action) {
-        let bin = (draw.probability_of_zero * PROBABILITY_BINS as f64) as usize;
-        let bin = bin.min(PROBABILITY_BINS - 1);
-        self.0[bin][usize::from(draw.context)][action.index()] += 1;
+    fn new(strata: usize, actions: usize) -> Self {
+        ActionCounts { counts: vec![0; strata * actions], actions }
     }
 
+    fn add(&mut self, stratum: usize, action: Action) {
+        self.counts[stratum * self.actions + action.index()] += 1;
+    }
+
+    /// The number of choices of other actions than the first.
     fn messages(&self) -> u64 {
-        self.0.iter().flatten().map(|actions| actions[1..].iter().sum::<u64>()).sum()
+        self.counts.chunks(self.actions).map(|actions| actions[1..].iter().sum::<u64>()).sum()
     }
 
     fn rows(&self) -> Vec<ActionCount> {
+        let has_strata = self.counts.len() > self.actions;
         let mut rows = Vec::new();
-        for (bin, contexts) in (0..).zip(&self.0) {
-            for (context, actions) in (0..).zip(contexts) {
-                for (action, &count) in (0..).zip(actions) {
-                    if count > 0 {
-                        rows.push(ActionCount { bin, context, action, count });
-                    }
+        for (stratum, actions) in (0..).zip(self.counts.chunks(self.actions)) {
+            let stratum = has_strata.then_some(stratum);
+            for (action, &count) in (0..=u8::MAX).zip(actions) {
+                if count > 0 {
+                    rows.push(ActionCount { stratum, action, count });
                 }
             }
         }
@@ -363,12 +380,14 @@ impl ActionCounts {
 mod tests {
     use super::*;
     use crate::job::MetricPlace;
-    use crate::job::metric::{METRICS, first_return, metrics_of};
+    use crate::job::metric::{
+        DISENGAGEMENT_RATE, METRICS, TERMINATION_RATE, first_return, metrics_of,
+    };
 
     #[test]
     fn metrics_by_hand() {
         let episode =
-            |total_reward, length, disengaged| TestEpisode { total_reward, length, disengaged };
+            |total_reward, length, terminated| TestEpisode { total_reward, length, terminated };
         let tested = Tested {
             episodes: vec![
                 episode(10.0, 4, true),
@@ -378,7 +397,10 @@ mod tests {
             actions: Vec::new(),
             decisions: Vec::new(),
             participants: Vec::new(),
-            messages: 5,
+            state_names: Vec::new(),
+            description: None,
+            terminated: DISENGAGEMENT_RATE,
+            messages: Some(5),
             costs: Some(1.5 * 5.0),
         };
         let value = |name: &str| tested.metrics().iter().find(|m| m.name == name).unwrap().value;
@@ -394,17 +416,21 @@ mod tests {
         assert_eq!(first, [(first_return(1), 10.0), (first_return(2), 15.0)]);
         let mut found: Vec<MetricName> = tested.metrics().iter().map(|m| m.name).collect();
         found.sort_by_key(|name| METRICS.iter().position(|metric| metric == name));
-        assert_eq!(found, metrics_of(MetricPlace::Test).collect::<Vec<_>>());
+        let of_tests = metrics_of(MetricPlace::Test);
+        assert_eq!(found, of_tests.filter(|name| *name != TERMINATION_RATE).collect::<Vec<_>>());
     }
 
     #[test]
     fn one_test_episode_has_no_spread() {
         let tested = Tested {
-            episodes: vec![TestEpisode { total_reward: 7.0, length: 2, disengaged: false }],
+            episodes: vec![TestEpisode { total_reward: 7.0, length: 2, terminated: false }],
             actions: Vec::new(),
             decisions: Vec::new(),
             participants: Vec::new(),
-            messages: 0,
+            state_names: Vec::new(),
+            description: None,
+            terminated: DISENGAGEMENT_RATE,
+            messages: Some(0),
             costs: None,
         };
         let names: Vec<MetricName> = tested.metrics().iter().map(|m| m.name).collect();

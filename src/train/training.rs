@@ -65,7 +65,11 @@ impl<'j> Training<'j> {
         Ok(Training {
             job,
             learner,
-            curve: CurveRecorder::new(job.evaluation.curve_stride, job.evaluation.first_returns()),
+            curve: CurveRecorder::new(
+                job.evaluation.curve_stride,
+                job.termination_metric(),
+                job.evaluation.first_returns(),
+            ),
             log: job
                 .evaluation
                 .record_decisions
@@ -189,6 +193,8 @@ pub(super) fn assemble(
     participants.extend(tested.participants.iter());
     Results {
         metrics,
+        description: tested.description,
+        state_names: tested.state_names,
         decisions,
         participants,
         curve: curve.finish(),
@@ -246,7 +252,7 @@ mod tests {
 
     use super::*;
     use crate::agent::{Agent, DecisionRule, RuleParameters};
-    use crate::env::{Action, LaneSet, PhysicalActivity, StepCount, VectorEnvironment};
+    use crate::env::{Action, LaneSet, Simulated, StepCount, VectorEnvironment};
     use crate::job::Evaluation;
     use crate::rng::Stream;
     use crate::state::{Resumable, StateReader, StateWriter};
@@ -271,7 +277,7 @@ mod tests {
 
         fn act(
             &mut self,
-            environment: &PhysicalActivity,
+            environment: &Simulated,
             stream: &mut Stream,
             actions: &mut [Action],
             probabilities: Option<&mut [f64]>,
@@ -287,7 +293,7 @@ mod tests {
             probabilities.expect("a roll asks for them").fill(1.0 / 3.0);
         }
 
-        fn observe(&mut self, _: &PhysicalActivity, rewards: &[f64]) {
+        fn observe(&mut self, _: &Simulated, rewards: &[f64]) {
             for (recent, reward) in self.recent.iter_mut().zip(rewards) {
                 *recent = 0.5 * *recent + reward;
                 self.good += u32::from(*reward > 100.0);

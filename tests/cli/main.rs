@@ -18,6 +18,7 @@ mod names;
 mod old_stores;
 mod optimum;
 mod outside_environments;
+mod own_environments;
 mod pipes;
 mod planning;
 mod reading;

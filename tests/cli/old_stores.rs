@@ -62,7 +62,13 @@ fn rows_of(folder: &Folder) -> Vec<String> {
         }
         _ => false,
     };
-    folder.dump().into_iter().filter(|row| !is_added(row)).collect()
+    // Version 12 has one column more: whether the episode was terminated.
+    let has_more = "evaluation_episode: ";
+    let same = |row: String| match row.strip_prefix(has_more).map(|row| row.matches(',').count()) {
+        Some(5) => row.rsplit_once(", ").map_or(row.clone(), |(row, _)| format!("{row}]")),
+        _ => row,
+    };
+    folder.dump().into_iter().filter(|row| !is_added(row)).map(same).collect()
 }
 
 #[test]

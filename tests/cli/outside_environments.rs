@@ -7,17 +7,17 @@ use std::sync::atomic::{AtomicBool, AtomicU32, Ordering};
 use std::time::{Duration, Instant};
 
 use jitai::env::outside::{
-    Description, EnvironmentProgram, EpisodePhase, Launch, OutsideEnvironment, StopRequested,
-    try_program,
+    Description, EnvironmentProgram, EpisodePhase, Launch, OutsideEnvironment, try_program,
 };
 use jitai::env::{Action, EpisodeStatus, LaneSet, LaneStreams, VectorEnvironment};
+use jitai::external::StopRequested;
 use jitai::rng::{Purpose, Stream};
 use serde_json::json;
 use tempfile::TempDir;
 
 /// A counter: the observation is the number of steps over 10, action 1 pays 1, and the sixth step ends the
 /// episode. Faults replace lines of this program.
-const COUNTER: &str = r#"
+pub const COUNTER: &str = r#"
 import json, random, sys, time
 sets = {}
 def say(**answer):
@@ -73,7 +73,6 @@ fn launch(program: &str, folder: &Path) -> Launch {
     let parameters = json!({"dose": 1.0, "fatigue": 0.2});
     Launch {
         command: vec!["python3".to_owned(), program.to_owned()],
-        shown: format!("python3 {program}"),
         folder: folder.to_owned(),
         version: "1".to_owned(),
         parameters: parameters.as_object().unwrap().clone(),

@@ -61,6 +61,23 @@ fn episodes(results: &Results, phase: Phase) -> Vec<Vec<Decision>> {
     of_phase.chunk_by(|one, next| one.episode == next.episode).map(<[Decision]>::to_vec).collect()
 }
 
+/// The recorded state of the simulation.
+struct State {
+    context: u8,
+    probability: f64,
+    likely_context: u8,
+    habituation: f64,
+    disengagement: f64,
+}
+
+fn state(decision: &Decision) -> State {
+    let [context, probability, likely, habituation, disengagement] = *decision.state else {
+        panic!("five numbers, found {:?}", decision.state)
+    };
+    let (context, likely_context) = (context as u8, likely as u8);
+    State { context, probability, likely_context, habituation, disengagement }
+}
+
 #[test]
 fn recording_changes_no_other_result() {
     for agent in agents() {
@@ -96,8 +113,9 @@ fn decisions_are_the_steps_of_the_episodes_that_the_other_results_count() {
         assert!(totals.eq(returns.map(|point| point.value)));
         for count in &results.actions {
             let is_counted = |step: &&Decision| {
-                let bin = ((step.probability * 10.0) as u8).min(9);
-                (bin, step.context, step.action) == (count.bin, count.context, count.action)
+                let bin = ((state(step).probability * 10.0) as u8).min(9);
+                let stratum = Some(2 * bin + state(step).context);
+                (stratum, step.action) == (count.stratum, count.action)
             };
             let found = tested.iter().flatten().filter(is_counted).count();
             assert_eq!(found as u64, count.count);
@@ -142,28 +160,30 @@ fn a_decision_says_what_was_seen_before_the_step_and_what_it_paid() {
     shown_one.environment.change(|e| e.observed_probability = 1);
     let (zero, one) = (results(&shown_zero), results(&shown_one));
     for (zero, one) in zero.decisions.iter().zip(&one.decisions) {
-        assert_eq!(one.probability, 1.0 - zero.probability);
-        assert_eq!(Decision { probability: zero.probability, ..(*one).clone() }, *zero);
+        assert_eq!(state(one).probability, 1.0 - state(zero).probability);
+        let mut same = one.clone();
+        same.state[1] = state(zero).probability;
+        assert_eq!(same, *zero);
     }
     for steps in episodes(&zero, Phase::Test) {
         let first = &steps[0];
-        assert_eq!((first.habituation, first.disengagement), (0.1, 0.1));
+        assert_eq!((state(first).habituation, state(first).disengagement), (0.1, 0.1));
         for step in &steps {
             assert_eq!((step.action_probability(), step.available), (0.25, true));
             assert_eq!((&step.probabilities[..], step.can_send), (&[0.25; 4][..], true));
             assert_eq!(step.chosen, step.action);
-            assert_eq!(step.likely_context, u8::from(step.probability < 0.5));
+            assert_eq!(state(step).likely_context, u8::from(state(step).probability < 0.5));
         }
         for pair in steps.windows(2) {
             let sends = pair[0].action > 0;
-            let rises = pair[1].habituation > pair[0].habituation;
+            let rises = state(&pair[1]).habituation > state(&pair[0]).habituation;
             assert_eq!(sends, rises, "{pair:?}");
             let base = match pair[0].action {
                 1 => 50.0,
-                action if action == pair[0].context + 2 => 200.0,
+                action if action == state(&pair[0]).context + 2 => 200.0,
                 _ => 0.0,
             };
-            let reward = 0.1 + (1.0 - pair[1].habituation) * base;
+            let reward = 0.1 + (1.0 - state(&pair[1]).habituation) * base;
             assert!((pair[0].reward - reward).abs() < 1e-9, "{pair:?}");
         }
     }
@@ -233,11 +253,11 @@ fn the_store_shows_every_decision_to_the_bit_and_counts_them_as_results() {
             f64::from(u8::from(d.phase == Phase::Test)),
             f64::from(d.episode),
             f64::from(d.step),
-            f64::from(d.context),
-            d.probability,
-            f64::from(d.likely_context),
-            d.habituation,
-            d.disengagement,
+            d.state[0],
+            d.state[1],
+            d.state[2],
+            d.state[3],
+            d.state[4],
             f64::from(u8::from(d.available)),
             f64::from(d.action),
             d.action_probability(),
@@ -258,7 +278,7 @@ fn the_store_shows_every_decision_to_the_bit_and_counts_them_as_results() {
     // A change of one bit of a recorded probability is detected.
     let mut bytes = fs::read(&path).unwrap();
     let drawn = results.decisions.iter().find(|decision| decision.step == 3).unwrap();
-    let pattern = drawn.probability.to_be_bytes();
+    let pattern = drawn.state[1].to_be_bytes();
     let places = bytes.windows(8).enumerate().filter(|(_, window)| *window == pattern);
     let places: Vec<usize> = places.map(|(place, _)| place).collect();
     // SQLite may have left a copy where it split a page.
@@ -405,8 +425,8 @@ fn a_bandit_learns_from_the_steps_at_which_a_message_could_be_sent() {
                 continue;
             }
             let seen = |number: f64| f64::from(number as f32);
-            let (h, d) = (seen(step.habituation), seen(step.disengagement));
-            let x = [1.0, seen(step.probability), h, d];
+            let (h, d) = (seen(state(step).habituation), seen(state(step).disengagement));
+            let x = [1.0, seen(state(step).probability), h, d];
             let action = usize::from(step.chosen);
             for i in 0..4 {
                 sums[action][i] += x[i] * step.reward * noise;

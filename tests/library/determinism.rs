@@ -213,13 +213,13 @@ fn a_stop_request_ends_a_training_without_a_result() {
 #[test]
 fn the_tested_policy_is_the_one_whose_weights_are_kept() {
     use jitai::agent::{Actions, Weights};
-    use jitai::env::{Action, PhysicalActivity};
+    use jitai::env::{Action, Simulated};
     use jitai::train::{RollStreams, StepObserver, begin, roll};
 
     struct Total(f64);
-    impl StepObserver<PhysicalActivity> for Total {
-        fn chosen(&mut self, _: &PhysicalActivity, _: &[Action], _: &[f64]) {}
-        fn paid(&mut self, _: &PhysicalActivity, rewards: &[f64]) {
+    impl StepObserver<Simulated> for Total {
+        fn chosen(&mut self, _: &Simulated, _: &[Action], _: &[f64]) {}
+        fn paid(&mut self, _: &Simulated, rewards: &[f64]) {
             self.0 += rewards.iter().sum::<f64>();
         }
     }
@@ -232,7 +232,7 @@ fn the_tested_policy_is_the_one_whose_weights_are_kept() {
         let weights = Weights::from_bytes(&results.weights.unwrap()).unwrap();
         let mut policy = job.agent.trained(&job.task(), &weights, Actions::AsTrained).unwrap();
         let mut streams = RollStreams::of_test(job.seed);
-        let mut lanes = PhysicalActivity::new(&job.task().model().parameters, &job.scenario, 30);
+        let mut lanes = job.task().tested(30);
         let mut total = Total(0.0);
         begin(&mut lanes, &mut *policy, &mut streams);
         roll(&mut lanes, &mut *policy, &mut streams, &mut total);

@@ -450,7 +450,10 @@ fn agents_refuse_environments_that_they_cannot_act_in() {
     let refused = agent::dueling_dqn_learner(&DuelingDqn::default(), Button(Line::new(1)), 1);
     let error = refused.err().unwrap();
     assert_eq!(error, StartError::Actions { actions: 1 });
-    assert_eq!(error.to_string(), "the environment has 1 actions; agents choose among 2 to 256");
+    assert_eq!(
+        error.to_string(),
+        "an environment needs 2 to 256 actions for its agents; this one has 1"
+    );
     let refused = agent::reinforce_learner(&Reinforce::default(), Line::new(2), 1);
     assert_eq!(refused.err(), Some(StartError::Lanes { lanes: 2, expected: 1 }));
     let refused = agent::ppo_learner(&Ppo::default(), Line::new(2), 1);

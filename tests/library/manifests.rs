@@ -95,6 +95,8 @@ fn shipped() -> Vec<(&'static str, u64)> {
         ("experiments/at_horizon.toml", 60),
         ("experiments/bandits.toml", 920),
         ("experiments/external/outside.toml", 21),
+        ("experiments/external/cartpole.toml", 12),
+        ("experiments/external/two_messages.toml", 48),
         ("experiments/memory.toml", 1080),
         ("experiments/unavailable.toml", 160),
         ("experiments/bots/figure_1.toml", 140),

@@ -117,7 +117,8 @@ fn a_rule_is_tested_like_any_agent_and_learns_nothing() {
     assert_ne!(tested(DecisionRule::Tailored, "C"), results);
     // The contexts of the test do not depend on the policy: common random numbers.
     let contexts = |results: &Results| {
-        let of_zero = results.actions.iter().filter(|choice| choice.context == 0);
+        let of_zero =
+            results.actions.iter().filter(|choice| choice.stratum.is_some_and(|of| of % 2 == 0));
         of_zero.map(|choice| choice.count).sum::<u64>()
     };
     assert_eq!(

@@ -311,7 +311,12 @@ fn the_view_names_every_parameter_by_its_place() {
 
 #[test]
 fn rows_are_drawn_with_their_weights() {
-    let columns = match manifest::Section::Population.find("rows").unwrap().1.kind {
+    let columns = match manifest::Section::Population(jitai::env::Family::first())
+        .find("rows")
+        .unwrap()
+        .1
+        .kind
+    {
         jitai::key::Kind::Rows(columns) => columns,
         other => panic!("{other:?}"),
     };

@@ -11,11 +11,11 @@ use crate::agent::memory::OutOfMemory;
 use crate::agent::policy::best;
 use crate::agent::replay::{Batch, Replay};
 use crate::agent::weights::Weights;
-use crate::env::{Action, Observations, PhysicalActivity, VectorEnvironment};
+use crate::env::{Action, Observations, Simulated, VectorEnvironment};
 use crate::state::resumable;
 
 /// A dueling DQN in training, one episode at a time.
-pub struct DuelingDqnLearner<E, Env = PhysicalActivity> {
+pub struct DuelingDqnLearner<E, Env = Simulated> {
     engine: E,
     replay: Replay,
     play: Play<Env>,

@@ -17,7 +17,7 @@ use crate::agent::learner::{Actions, Learner, LearnerError, Span, TrainedEpisode
 use crate::agent::memory::OutOfMemory;
 use crate::agent::policy::{ActionNetwork, best};
 use crate::agent::weights::Weights;
-use crate::env::{Observations, PhysicalActivity, VectorEnvironment};
+use crate::env::{Observations, Simulated, VectorEnvironment};
 use crate::state::{Resumable, resumable};
 
 /// The engine of the recurrent dueling DQN, which trains a dueling network with a memory.
@@ -52,7 +52,7 @@ pub trait RecurrentDqnEngine: Resumable {
 }
 
 /// A recurrent dueling DQN in training, one episode at a time.
-pub struct RecurrentDqnLearner<E, Env = PhysicalActivity> {
+pub struct RecurrentDqnLearner<E, Env = Simulated> {
     engine: E,
     replay: EpisodeReplay,
     play: Play<Env>,

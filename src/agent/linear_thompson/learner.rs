@@ -7,14 +7,12 @@ use crate::agent::linear_thompson::posterior::{Acting, Decision};
 use crate::agent::linear_thompson::sampler::{Sampler, pick};
 use crate::agent::linear_thompson::{Design, LinearThompson, LinearThompsonPolicy, Posterior};
 use crate::agent::weights::Weights;
-use crate::env::{
-    EpisodeStatus, LaneSet, LaneStreams, Observations, PhysicalActivity, VectorEnvironment,
-};
+use crate::env::{EpisodeStatus, LaneSet, LaneStreams, Observations, Simulated, VectorEnvironment};
 use crate::rng::{Purpose, Stream, unit_from_bits};
 use crate::state::resumable;
 
 /// A bandit in training, in an environment of one lane.
-pub struct LinearThompsonLearner<Env = PhysicalActivity> {
+pub struct LinearThompsonLearner<Env = Simulated> {
     parameters: LinearThompson,
     design: Design,
     sampler: Sampler,

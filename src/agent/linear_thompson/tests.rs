@@ -302,13 +302,13 @@ fn a_policy_of_stored_weights_acts_as_the_learner_does() {
     }
 }
 
-fn decisions_of(mut policy: Box<dyn Actor>) -> Vec<(usize, u64)> {
+fn decisions_of(mut policy: Box<dyn Actor<PhysicalActivity>>) -> Vec<(usize, u64)> {
     decisions(&mut *policy)
 }
 
 /// The actions of two episodes in three lanes, with the bits of their probabilities. The policy is
 /// saved and restored mid-episode.
-fn decisions(policy: &mut dyn Actor) -> Vec<(usize, u64)> {
+fn decisions(policy: &mut dyn Actor<PhysicalActivity>) -> Vec<(usize, u64)> {
     let mut environment = simulation(3);
     let mut streams = LaneStreams::Shared(Stream::new(1, Purpose::TestEnvironment));
     let mut choices = Stream::new(1, Purpose::TestActions);

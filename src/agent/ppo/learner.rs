@@ -9,7 +9,7 @@ use crate::agent::ppo::rollout::Rollout;
 use crate::agent::ppo::{AtHorizon, Losses, Ppo, PpoEngine};
 use crate::agent::weights::Weights;
 use crate::env::{
-    Action, EpisodeStatus, LaneSet, LaneStreams, Observations, PhysicalActivity, VectorEnvironment,
+    Action, EpisodeStatus, LaneSet, LaneStreams, Observations, Simulated, VectorEnvironment,
 };
 use crate::kernel::math;
 use crate::rng::{Purpose, Stream};
@@ -24,7 +24,7 @@ use crate::rng::{Purpose, Stream};
 ///
 /// # Panics
 /// Training panics if the caller requests more episodes than the budget has.
-pub struct PpoLearner<E, Env = PhysicalActivity> {
+pub struct PpoLearner<E, Env = Simulated> {
     pub(super) engine: E,
     pub(super) parameters: Ppo,
     pub(super) environment: Env,

@@ -15,7 +15,7 @@ use crate::agent::rule::RuleParameters;
 use crate::agent::unavailable::{UNAVAILABLE, Unavailable};
 use crate::agent::weights::{Weights, WeightsError};
 use crate::env::{
-    Action, Environment, Interface, ObservationSpec, PhysicalActivity, Scenario, StepCountModel,
+    Action, Environment, Interface, ObservationSpec, Scenario, Simulated, StepCountModel,
     VectorEnvironment,
 };
 use crate::key::{Constraint, Key, Keyed, Kind, Size, Value};
@@ -63,18 +63,26 @@ impl Task<'_> {
     }
 
     /// The simulation for training, with this number of lanes.
-    pub fn simulation(&self, lanes: usize) -> PhysicalActivity {
-        self.model().training(self.scenario, lanes).with_history(self.history as usize)
+    pub fn simulation(&self, lanes: usize) -> Simulated {
+        self.environment.training(self.scenario, self.history as usize, lanes)
     }
 
     /// The simulation for the test, whose participants differ whatever the training meets.
-    pub fn tested(&self, lanes: usize) -> PhysicalActivity {
-        self.simulation(lanes).with_population(&self.model().population)
+    pub fn tested(&self, lanes: usize) -> Simulated {
+        self.environment.testing(self.scenario, self.history as usize, lanes)
     }
 
-    /// The environment of the only family.
+    /// The environment.
+    ///
+    /// # Panics
+    /// If it is of another family than `step_count`.
     pub fn model(&self) -> &StepCountModel {
-        self.environment.model().expect("step_count is the only family")
+        self.step_count().expect("an environment of step_count")
+    }
+
+    /// The environment, if it is of the family `step_count`.
+    pub fn step_count(&self) -> Option<&StepCountModel> {
+        self.environment.model()
     }
 }
 
@@ -87,6 +95,12 @@ pub enum StartError {
     /// The agent acts optimally, and the optimum cannot be computed.
     #[error(transparent)]
     NoOptimum(#[from] NoOptimum),
+    /// The rule acts on the state of another family of environments.
+    #[error("rule = \"{rule}\" needs an environment of the family step_count")]
+    Family {
+        /// The rule.
+        rule: &'static str,
+    },
     /// The environment has too few or too many actions.
     #[error("an environment needs 2 to 256 actions for its agents; this one has {actions}")]
     Actions {
@@ -468,10 +482,14 @@ impl Agent {
     /// is the same elsewhere.
     pub fn differs_in(&self, task: &Task) -> bool {
         // Where messages can be unavailable, agents learned otherwise before they had the key `unavailable`.
-        let learns_otherwise = || self.value(UNAVAILABLE).is_some() && task.can_withhold();
+        let model = task.step_count();
+        let learns_otherwise =
+            || model.is_some() && self.value(UNAVAILABLE).is_some() && task.can_withhold();
         let rule: Option<RuleParameters> = self.parameters();
-        rule.is_some_and(|rule| rule.acts_otherwise(task.model(), task.scenario))
-            || learns_otherwise()
+        let acts_otherwise = |rule: RuleParameters| {
+            model.is_some_and(|model| rule.acts_otherwise(model, task.scenario))
+        };
+        rule.is_some_and(acts_otherwise) || learns_otherwise()
     }
 
     /// Whether the agent chooses where no message can be sent. Agents without the key `unavailable` do.

@@ -5,58 +5,16 @@
 //! parameters of a program like the keys of any algorithm. Names and sets stay in memory until the
 //! process ends.
 
-use std::collections::{BTreeMap, BTreeSet};
-use std::sync::{Mutex, PoisonError};
-
 use crate::agent::architecture::NetworkPolicy;
 use crate::agent::external::External;
 use crate::agent::layers::Shape;
 use crate::agent::weights::{Weights, WeightsError};
-use crate::key::{Key, Kind, Value};
+use crate::key::{Value, WithFreeKeys, free_keys, free_values};
 
 use super::algorithm::{Agent, Algorithm, AlgorithmParameters, Start, StartError, Task};
 
-/// Prefix of the keys of a program's parameters.
-const PREFIX: &str = "parameters.";
-
-/// Maximum length of a parameter's name, in characters.
-const LONGEST_NAME: usize = 64;
-
-/// Maximum number of parameters of a program.
-const MOST_PARAMETERS: usize = 100;
-
-/// The keys of programs' parameters, by their names including the prefix.
-static KEYS: Mutex<BTreeMap<&'static str, &'static Key>> = Mutex::new(BTreeMap::new());
-
-/// The algorithms of programs, by the names of their keys.
-static ALGORITHMS: Mutex<BTreeMap<Vec<&'static str>, &'static Algorithm>> =
-    Mutex::new(BTreeMap::new());
-
-/// The key of an outside program's parameter: `parameters.<name>`. `None` unless `name` is a letter
-/// or underscore followed by letters, digits and underscores.
-pub fn free_key(name: &str) -> Option<&'static Key> {
-    let own = name.strip_prefix(PREFIX)?;
-    let is_word = |c: char| c.is_ascii_alphanumeric() || c == '_';
-    let begins = own.starts_with(|c: char| c.is_ascii_alphabetic() || c == '_');
-    if !begins || !own.chars().all(is_word) || own.len() > LONGEST_NAME {
-        return None;
-    }
-    let mut keys = KEYS.lock().unwrap_or_else(PoisonError::into_inner);
-    if let Some(key) = keys.get(name) {
-        return Some(key);
-    }
-    let name: &'static str = Box::leak(name.into());
-    let key: &'static Key = Box::leak(Box::new(Key {
-        name,
-        kind: Kind::Scalar,
-        written_doc: " a parameter of an outside program",
-        default: None,
-        before: None,
-        earlier: None,
-    }));
-    keys.insert(name, key);
-    Some(key)
-}
+/// The algorithms of programs, by the names of their parameters.
+static ALGORITHMS: WithFreeKeys<Algorithm> = WithFreeKeys::none();
 
 impl Algorithm {
     /// Whether its agents are outside programs.
@@ -65,29 +23,21 @@ impl Algorithm {
     }
 
     /// The algorithm of outside programs whose parameters have these keys. `None` if a key is not
-    /// of the form of [`free_key`], or if there are too many keys.
+    /// of the form of [`free_key`](crate::key::free_key), or if there are too many keys.
     pub fn external<'n>(keys: impl IntoIterator<Item = &'n str>) -> Option<&'static Algorithm> {
         let base = Algorithm::named(External::NAME)?;
-        let names: BTreeSet<&str> = keys.into_iter().collect();
-        if names.is_empty() || names.len() > MOST_PARAMETERS {
-            return names.is_empty().then_some(base);
+        let free = free_keys(keys)?;
+        if free.is_empty() {
+            return Some(base);
         }
-        let free: Vec<&Key> = names.into_iter().map(free_key).collect::<Option<_>>()?;
-        let names: Vec<&'static str> = free.iter().map(|key| key.name).collect();
-        let mut algorithms = ALGORITHMS.lock().unwrap_or_else(PoisonError::into_inner);
-        let made = algorithms.entry(names).or_insert_with(|| {
-            let keys: Vec<Key> = base.keys().iter().chain(free).copied().collect();
-            Box::leak(Box::new(base.with_keys(Vec::leak(keys))))
-        });
-        Some(made)
+        Some(ALGORITHMS.of(base.keys(), &free, |keys| base.with_keys(keys)))
     }
 }
 
 impl Agent {
     /// The parameters of an outside program, by the names that the user gave them.
     pub fn free_parameters(&self) -> impl Iterator<Item = (&'static str, &Value)> {
-        let named = self.algorithm().keys().iter().zip(self.values());
-        named.filter_map(|(key, value)| Some((key.name.strip_prefix(PREFIX)?, value)))
+        free_values(self.algorithm().keys(), self.values())
     }
 }
 
@@ -125,15 +75,6 @@ mod tests {
             ["command", "version", "episodes", "history", "parameters.depth", "parameters.rate"];
         assert_eq!(names, expected);
         assert_eq!(both.name(), "external");
-    }
-
-    #[test]
-    fn names_of_parameters_are_words() {
-        for name in ["parameters.", "parameters.9", "parameters.a-b", "parameters.a.b", "rate"] {
-            assert!(free_key(name).is_none(), "{name}");
-        }
-        assert!(free_key(&format!("parameters.{}", "x".repeat(65))).is_none());
-        assert_eq!(free_key("parameters._x9").unwrap().name, "parameters._x9");
     }
 
     #[test]

@@ -26,7 +26,6 @@ pub use algorithm::{
     Agent, Algorithm, AlgorithmParameters, Start, StartError, Task, Trained, Work,
 };
 pub use dueling_dqn::learner_in as dueling_dqn_learner;
-pub use external::free_key;
 pub use linear_thompson::{
     learner_in as linear_thompson_learner, trained as trained_linear_thompson,
 };

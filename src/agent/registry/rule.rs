@@ -3,12 +3,14 @@
 use crate::agent::constraint::HORIZON;
 use crate::agent::rule::{DecisionRule, RuleParameters, RulePolicy};
 use crate::env::{Population, Scenario, StepCount, population};
-use crate::key::{Assignment, Constraint, Key, Keyed, Parameter, Size, Violation};
+use crate::key::{Assignment, Constraint, Key, Keyed, Parameter, Size, Value, Violation};
 use crate::optimum::{LONGEST_OPTIMUM, NoOptimum, check, check_people};
 
 use super::algorithm::{AlgorithmParameters, Start, StartError, Task, Work};
 
 const RULE: Parameter = Parameter::Agent("rule");
+
+const SIGMA: Parameter = Parameter::Environment("sigma");
 
 /// Cost of computing an optimum per step of its horizon, in multiply-adds that take equally long.
 const OPTIMUM_PER_STEP: u64 = 100_000_000;
@@ -66,6 +68,20 @@ impl AlgorithmParameters for RuleParameters {
     const NAME: &'static str = "rule";
     const LEARNS: bool = false;
     const CONSTRAINTS: &'static [Constraint] = &[
+        Constraint {
+            parameters: &[RULE, SIGMA],
+            violation: |assignment| {
+                // Environments of other families have no such key.
+                let rule = assignment.value(RULE).filter(|_| assignment.value(SIGMA).is_none())?;
+                let Value::Choice(word) = rule else { return None };
+                let acts = DecisionRule::named(word).and_then(RulePolicy::anywhere).is_some();
+                (!acts).then(|| Violation::Impossible {
+                    says: format!("rule = \"{word}\" needs an environment of the family step_count"),
+                    help: "in every family, the rules are \"never\", which takes action 0, and \"random\""
+                        .to_owned(),
+                })
+            },
+        },
         Constraint {
             parameters: &[Parameter::SCENARIO, RULE],
             violation: |assignment| {
@@ -140,7 +156,12 @@ impl AlgorithmParameters for RuleParameters {
     }
 
     fn start(&self, task: &Task) -> Result<Start, StartError> {
-        let model = task.model();
+        let Some(model) = task.step_count() else {
+            return match RulePolicy::anywhere(self.rule) {
+                Some(policy) => Ok(Start::Actor(Box::new(policy))),
+                None => Err(StartError::Family { rule: self.rule.word() }),
+            };
+        };
         if self.rule == DecisionRule::Optimal {
             check_people(&model.population)?;
         }

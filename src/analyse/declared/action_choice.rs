@@ -2,7 +2,7 @@
 
 use super::arm::{ArmId, arms};
 use crate::analyse::{Interval, share_interval};
-use crate::job::PROBABILITY_BINS;
+use crate::env::PROBABILITY_BINS;
 use crate::record::{CompletedRun, JobRecord};
 
 /// Number of actions: none, untailored, tailored to context 0, tailored to context 1.
@@ -62,7 +62,10 @@ fn shares(bin: u8, bins: u8, runs: &[&CompletedRun]) -> BinShares {
     let range = bin * width..(bin + 1) * width;
     let counts = runs.iter().map(|run| {
         let mut counts = [0_u64; ACTIONS];
-        for count in run.actions.iter().filter(|count| range.contains(&count.bin)) {
+        for count in run.actions.iter().filter(|count| {
+            // A stratum is a bin with one of the two contexts.
+            count.stratum.is_some_and(|stratum| range.contains(&(stratum / 2)))
+        }) {
             counts[usize::from(count.action).min(ACTIONS - 1)] += count.count;
         }
         counts

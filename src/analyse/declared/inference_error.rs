@@ -60,9 +60,12 @@ pub fn figure(jobs: &[&JobRecord], published: Option<&Published>) -> ErrorFigure
         for (job, run) in &runs {
             for count in &run.actions {
                 steps += count.count;
-                // Context 0 is more probable in bins from 5 on.
-                let likely = u8::from(count.bin < 5);
-                wrong += if likely == count.context { 0 } else { count.count };
+                // A stratum is a bin with one of the two contexts. Context 0 is more probable in bins from 5 on.
+                let Some((bin, context)) = count.stratum.map(|of| (of / 2, of % 2)) else {
+                    continue;
+                };
+                let likely = u8::from(bin < 5);
+                wrong += if likely == context { 0 } else { count.count };
             }
             steps = steps.saturating_sub(certain_steps(job));
         }

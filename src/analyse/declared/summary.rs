@@ -7,8 +7,9 @@ use std::thread;
 
 use super::arm::{ArmId, arms};
 use crate::analyse::{Aggregate, Sample, Undefined, interquartile_mean};
+use crate::job::MetricName;
 use crate::job::metric::{
-    DISENGAGEMENT_RATE, LOWER_QUARTILE_RETURN, MEAN_RETURN, MESSAGES, NET_RETURN,
+    DISENGAGEMENT_RATE, LOWER_QUARTILE_RETURN, MEAN_RETURN, MESSAGES, NET_RETURN, TERMINATION_RATE,
 };
 use crate::record::JobRecord;
 
@@ -26,8 +27,8 @@ pub struct ArmSummary {
     pub net_returns: Sample,
     /// Lower quartiles of the test returns of its seeds.
     pub lower_quartiles: Sample,
-    /// Shares of the test episodes that ended in disengagement.
-    pub disengagement: Sample,
+    /// Shares of the test episodes that were terminated.
+    pub terminated: Sample,
     /// Messages per test episode.
     pub messages: Sample,
     /// The best mean net return that any policy can reach; `None` if it was not computed.
@@ -84,7 +85,7 @@ pub fn summarise_arms(jobs: &[JobRecord]) -> Vec<ArmSummary> {
         returns: arm.sample(MEAN_RETURN),
         net_returns: arm.sample(NET_RETURN),
         lower_quartiles: arm.sample(LOWER_QUARTILE_RETURN),
-        disengagement: arm.sample(DISENGAGEMENT_RATE),
+        terminated: arm.sample(termination_metric(&arm)),
         messages: arm.sample(MESSAGES),
         optimum: arm.optimum(),
         sigma: arm.jobs[0].number("environment.sigma"),
@@ -93,6 +94,16 @@ pub fn summarise_arms(jobs: &[JobRecord]) -> Vec<ArmSummary> {
         name: arm.name,
     };
     arms(&jobs, &[]).into_iter().map(summary).collect()
+}
+
+/// The metric of an arm's jobs that is the share of terminated episodes.
+fn termination_metric(arm: &super::Arm<'_>) -> MetricName {
+    let of_other_families = TERMINATION_RATE.text();
+    let mut completed = arm.jobs.iter().filter_map(|job| job.completed());
+    match completed.any(|run| run.metric(&of_other_families).is_some()) {
+        true => TERMINATION_RATE,
+        false => DISENGAGEMENT_RATE,
+    }
 }
 
 /// Summarises arms by agent and scenario, in their order. Inter-quartile means take most of a report's time,
@@ -225,7 +236,7 @@ mod tests {
             net_returns: returns.clone(),
             returns,
             lower_quartiles: Sample::default(),
-            disengagement: Sample::default(),
+            terminated: Sample::default(),
             messages: Sample::default(),
             optimum,
             sigma: None,

@@ -7,6 +7,7 @@ use crate::env::contract::Clause;
 use crate::env::history::History;
 use crate::env::observation::{ObservationSpec, Observations};
 use crate::env::outside::program::{EnvironmentProgram, EpisodePhase};
+use crate::env::simulation::{Simulated, Simulation};
 use crate::env::vector::{
     Action, ActionSpec, EpisodeStatus, LaneSet, LaneStreams, VectorEnvironment,
 };
@@ -115,11 +116,6 @@ impl OutsideEnvironment {
     pub fn state(&self, lane: usize) -> &[f64] {
         let width = self.state.len() / self.statuses.len();
         &self.state[lane * width..(lane + 1) * width]
-    }
-
-    /// The action that a lane takes if it chooses `action`.
-    pub fn taken(&self, lane: usize, action: Action) -> Action {
-        if self.available[lane] { action } else { Action::NONE }
     }
 
     /// Reads an answer about [`OutsideEnvironment::lanes`], or ends all episodes after a failure.
@@ -386,6 +382,20 @@ impl OutsideEnvironment {
     fn observe_present(&self, out: &mut Observations) {
         out.clear();
         out.features.extend_from_slice(&self.observations);
+    }
+}
+
+impl Simulation for OutsideEnvironment {
+    fn with_lanes(&self, lanes: usize) -> Simulated {
+        Box::new(OutsideEnvironment::with_lanes(self, lanes))
+    }
+
+    fn time(&self, lane: usize) -> u32 {
+        self.lengths[lane]
+    }
+
+    fn record_state(&self, lane: usize, state: &mut Vec<f64>) {
+        state.extend_from_slice(self.state(lane));
     }
 }
 

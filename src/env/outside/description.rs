@@ -5,6 +5,7 @@ use std::collections::BTreeSet;
 use serde::{Deserialize, Serialize};
 
 use crate::env::observation::{FeatureSpec, ObservationSpec};
+use crate::env::scenario::Scenario;
 use crate::external::{Declared, DeclaredFeature, ENVIRONMENT_PROTOCOL};
 
 /// Maximum number of features, of numbers of the state, and of characters of a name and a text.
@@ -101,6 +102,24 @@ impl Description {
             availability: declared.availability,
             participants: declared.participants,
         })
+    }
+
+    /// The numbers of the features that a scenario shows.
+    ///
+    /// **Errors**: a description, if there is no feature of a name.
+    pub fn shown(&self, scenario: &Scenario) -> Result<Vec<usize>, String> {
+        let Some(names) = scenario.names() else { return Ok((0..self.features.len()).collect()) };
+        let number = |name| {
+            let found = self.features.iter().position(|feature| feature.name == name);
+            found.ok_or_else(|| {
+                let all: Vec<&str> = self.features.iter().map(|one| one.name.as_str()).collect();
+                format!(
+                    "scenario `{scenario}`: the environment has no feature `{name}`; its features are {}",
+                    all.join(", ")
+                )
+            })
+        };
+        names.map(number).collect()
     }
 
     /// The specification of observations that show these features, by their numbers.

@@ -10,10 +10,12 @@
 
 mod client;
 mod description;
+mod family;
 mod program;
 mod trial;
 
 pub use client::OutsideEnvironment;
 pub use description::{DescribedFeature, Description};
-pub use program::{EnvironmentProgram, EpisodePhase, Launch, StopRequested};
+pub use family::{FAMILY, OutsideModel, OutsideParameters};
+pub use program::{EnvironmentProgram, EpisodePhase, Launch};
 pub use trial::{Trial, TrialError, try_program};

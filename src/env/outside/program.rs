@@ -8,19 +8,14 @@ use serde_json::{Map, Value as Json};
 use crate::env::outside::description::Description;
 use crate::external::{
     Declared, ENVIRONMENT_PROTOCOL, LONGEST_ENVIRONMENT_LINE, Message, Program, ProgramError,
-    ToEnvironment,
+    StopRequested, ToEnvironment,
 };
-
-/// Whether a wait for a program should end, because the job is being stopped.
-pub type StopRequested = Arc<dyn Fn() -> bool + Send + Sync>;
 
 /// The declaration of an environment that is an outside program.
 #[derive(Clone, Debug)]
 pub struct Launch {
     /// The program and its arguments.
     pub command: Vec<String>,
-    /// The command as a user would type it.
-    pub shown: String,
     /// The working directory.
     pub folder: PathBuf,
     /// The version that the manifest states.
@@ -74,8 +69,8 @@ impl EnvironmentProgram {
     ///
     /// **Errors**: the program cannot be started, ends, breaks the protocol, or `stop` returns true.
     pub fn start(launch: &Launch, stop: StopRequested) -> Result<Self, ProgramError> {
-        let Launch { command, shown, folder, version, parameters } = launch;
-        let mut program = Program::start(command, shown, folder, LONGEST_ENVIRONMENT_LINE)?;
+        let Launch { command, folder, version, parameters } = launch;
+        let mut program = Program::start(command, folder, LONGEST_ENVIRONMENT_LINE)?;
         program.send(&ToEnvironment::Describe {
             protocol: ENVIRONMENT_PROTOCOL,
             jitai: env!("CARGO_PKG_VERSION"),

@@ -7,9 +7,9 @@ use serde::Serialize;
 use crate::env::contract::{self, Violation};
 use crate::env::outside::client::OutsideEnvironment;
 use crate::env::outside::description::Description;
-use crate::env::outside::program::{EnvironmentProgram, EpisodePhase, Launch, StopRequested};
+use crate::env::outside::program::{EnvironmentProgram, EpisodePhase, Launch};
 use crate::env::vector::{Action, EpisodeStatus, LaneSet, LaneStreams, VectorEnvironment};
-use crate::external::ProgramError;
+use crate::external::{ProgramError, StopRequested, shown};
 use crate::rng::{Purpose, Stream};
 
 /// The range of the number of steps of a walk.
@@ -65,7 +65,7 @@ pub fn try_program(launch: &Launch, stop: StopRequested) -> Result<Trial, TrialE
     if let Some(error) = program.into_failure() {
         return Err(error.into());
     }
-    let command = launch.shown.clone();
+    let command = shown(&launch.command);
     checked.map_err(|violation| TrialError::Contract { command, violation })?;
     Ok(Trial { description, speeds })
 }

@@ -3,14 +3,19 @@
 use super::constraints::{CONSTRAINTS, PEOPLE_CONSTRAINTS};
 use super::context::context_error;
 use super::intervention::OPTIONS;
+use super::meaning::{self, ACTIONS};
 use super::observer::Observer;
 use super::parameters::{StepCount, VERSION};
 use super::physical_activity::PhysicalActivity;
-use super::population::{Population, PopulationPhases};
-use super::scenario::Scenario;
-use crate::env::family::{Environment, Family, Model};
+use super::population::{ParticipantSampler, Population, PopulationPhases};
+use super::scenario;
+use super::simulated::{STATE, STRATA};
+use crate::env::family::{Environment, Family, Meaning, Model};
+use crate::env::scenario::Scenario;
+use crate::env::simulation::Simulated;
 use crate::env::vector::Interface;
 use crate::key::{Keyed, Value};
+use crate::rng::Stream;
 
 /// The family `step_count`.
 pub static FAMILY: Family = Family {
@@ -19,7 +24,13 @@ pub static FAMILY: Family = Family {
     people: Population::KEYS,
     constraints: || CONSTRAINTS.iter().chain(PEOPLE_CONSTRAINTS).collect(),
     return_unit: "steps walked",
-    read: |values, people| {
+    termination_metric: "disengagement_rate",
+    has_optimum: true,
+    has_contexts: true,
+    check_scenario: scenario::check,
+    expected_scenario: scenario::expected,
+    example_scenarios: &["P-H-D", "L-H-D"],
+    read: |_, values, people| {
         let parameters = StepCount::from_values(values)?;
         let population = Population::from_values(people)?;
         Some(Environment::of(StepCountModel { parameters, population }))
@@ -41,13 +52,25 @@ impl StepCountModel {
         self.population.widest(&self.parameters)
     }
 
-    /// The simulation that an agent trains in, with this number of lanes.
-    pub fn training(&self, scenario: &Scenario, lanes: usize) -> PhysicalActivity {
+    /// The simulation that an agent trains in, with this number of lanes and of observations at a time.
+    pub fn of_training(
+        &self,
+        scenario: &Scenario,
+        history: usize,
+        lanes: usize,
+    ) -> PhysicalActivity {
         let simulation = PhysicalActivity::new(&self.parameters, scenario, lanes);
-        match self.population.phases {
+        let simulation = match self.population.phases {
             PopulationPhases::All => simulation.with_population(&self.population),
             PopulationPhases::Test => simulation,
-        }
+        };
+        simulation.with_history(history)
+    }
+
+    /// The simulation that an agent is tested in; see [`StepCountModel::of_training`].
+    pub fn of_test(&self, scenario: &Scenario, history: usize, lanes: usize) -> PhysicalActivity {
+        let simulation = PhysicalActivity::new(&self.parameters, scenario, lanes);
+        simulation.with_population(&self.population).with_history(history)
     }
 }
 
@@ -86,12 +109,63 @@ impl Model for StepCountModel {
         Interface { observations, actions: OPTIONS }
     }
 
+    fn actions(&self) -> Vec<String> {
+        ACTIONS.map(str::to_owned).into()
+    }
+
+    fn meanings(&self, scenario: &Scenario) -> Vec<Meaning> {
+        meaning::meanings(&self.parameters, scenario)
+    }
+
+    fn clock(&self) -> String {
+        meaning::clock(&self.parameters)
+    }
+
     fn longest_episode(&self) -> u32 {
         self.parameters.longest_episode()
     }
 
     fn can_withhold(&self) -> bool {
         self.population.can_withhold(&self.parameters)
+    }
+
+    fn training(&self, scenario: &Scenario, history: usize, lanes: usize) -> Simulated {
+        Box::new(self.of_training(scenario, history, lanes))
+    }
+
+    fn testing(&self, scenario: &Scenario, history: usize, lanes: usize) -> Simulated {
+        Box::new(self.of_test(scenario, history, lanes))
+    }
+
+    fn state_names(&self) -> Vec<String> {
+        STATE.map(str::to_owned).into()
+    }
+
+    fn strata(&self) -> usize {
+        STRATA
+    }
+
+    fn message_cost(&self) -> Option<f64> {
+        let has_costs = self.widest().message_cost > 0.0;
+        has_costs.then_some(self.parameters.message_cost)
+    }
+
+    fn differing(&self) -> usize {
+        ParticipantSampler::new(&self.population).places().len()
+    }
+
+    fn describe_participants(
+        &self,
+        stream: &mut Stream,
+        count: u32,
+        describe: &mut dyn FnMut(u32, u8, f64),
+    ) {
+        let sampler = ParticipantSampler::new(&self.population);
+        for participant in 1..=count {
+            let values = sampler.participant(stream);
+            let places = sampler.places().iter().map(|place| *place as u8);
+            places.zip(values).for_each(|(place, value)| describe(participant, place, value));
+        }
     }
 }
 

@@ -3,13 +3,14 @@
 
 use pulp::{Simd, WithSimd};
 
+use crate::env::scenario::Scenario;
 use crate::env::step_count::dynamics::{Dynamics, Effect, LaneDynamics};
 use crate::env::step_count::intervention::OPTIONS;
 use crate::env::step_count::noise::Noise;
 use crate::env::step_count::parameters::{
     DisengagementReward, RewardHabituation, StateNoise, StepCount, StepNoise,
 };
-use crate::env::step_count::scenario::{Feature, Scenario};
+use crate::env::step_count::scenario::Feature;
 use crate::env::vector::{Action, EpisodeStatus};
 use crate::state::resumable;
 

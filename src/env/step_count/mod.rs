@@ -10,6 +10,7 @@ mod dynamics;
 mod family;
 mod full_step;
 mod intervention;
+mod meaning;
 mod noise;
 mod observer;
 mod parameters;
@@ -18,6 +19,7 @@ mod physical_activity;
 mod plain_step;
 mod population;
 mod scenario;
+mod simulated;
 mod symbols;
 mod variates;
 
@@ -38,8 +40,6 @@ pub use parameters::{
 };
 pub use physical_activity::PhysicalActivity;
 pub use population::{ParticipantSampler, Population, PopulationPhases};
-pub use scenario::{Feature, Scenario, ScenarioError};
+pub use scenario::{Feature, letters};
+pub use simulated::PROBABILITY_BINS;
 pub use symbols::{SYMBOLS, Symbol};
-
-/// The unit of the return.
-pub const RETURN_UNIT: &str = "steps walked";

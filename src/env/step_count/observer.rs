@@ -1,9 +1,10 @@
 //! Observations of a scenario from the simulation's state.
 
 use crate::env::observation::{FeatureSpec, ObservationSpec, Observations};
+use crate::env::scenario::Scenario;
 use crate::env::step_count::intervention::OPTIONS;
 use crate::env::step_count::parameters::{StepCount, TimeIndicator};
-use crate::env::step_count::scenario::{Feature, Scenario};
+use crate::env::step_count::scenario::Feature;
 use crate::env::vector::Action;
 
 /// The states of the lanes of the simulation; every array is \[lanes\].

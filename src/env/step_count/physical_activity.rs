@@ -3,6 +3,7 @@
 
 use crate::env::history::History;
 use crate::env::observation::Observations;
+use crate::env::scenario::Scenario;
 use crate::env::step_count::context::{
     ContextChain, ContextDraw, ContextDrawsAhead, Draws, Inference, LaneInference,
 };
@@ -14,7 +15,6 @@ use crate::env::step_count::parameters::{FirstContext, StepCount};
 use crate::env::step_count::participants::Participants;
 use crate::env::step_count::plain_step::PlainStep;
 use crate::env::step_count::population::Population;
-use crate::env::step_count::scenario::Scenario;
 use crate::env::vector::{Action, EpisodeStatus, LaneSet, LaneStreams, VectorEnvironment};
 use crate::kernel::{Isa, LINE};
 use crate::rng::{Companion, unit_from_bits};

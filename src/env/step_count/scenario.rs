@@ -1,10 +1,6 @@
-//! What the agent observes.
+//! The letters of scenarios: the features that an agent can observe.
 
-use std::fmt;
-use std::str::FromStr;
-
-use serde::{Deserialize, Serialize};
-
+use crate::env::scenario::{Scenario, ScenarioError};
 use crate::env::step_count::intervention::OPTIONS;
 
 /// A feature of the state that observations can show.
@@ -79,107 +75,65 @@ impl Feature {
         }
     }
 
-    fn from_letter(letter: char) -> Option<Feature> {
-        Feature::ALL.into_iter().find(|f| f.letter() == letter)
+    /// The feature of this letter.
+    fn named(name: &str) -> Option<Feature> {
+        Feature::ALL.into_iter().find(|feature| name.chars().eq([feature.letter()]))
     }
 }
-
-/// An observation scenario: the features that an agent sees, in order, such as `P-H-D`.
-#[derive(Clone, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
-#[serde(try_from = "String", into = "String")]
-pub struct Scenario(Vec<Feature>);
 
 impl Scenario {
     /// The scenario that shows only this feature.
     pub fn of(feature: Feature) -> Scenario {
-        Scenario(vec![feature])
+        let mut letter = [0; 4];
+        let name: &str = feature.letter().encode_utf8(&mut letter);
+        Scenario::of_names([name]).expect("a letter is a name")
     }
 
-    /// The distinct features, in the order of the observation's entries; never empty.
-    pub fn features(&self) -> &[Feature] {
-        &self.0
+    /// The distinct features, in the order of the observation's entries.
+    pub fn features(&self) -> Vec<Feature> {
+        self.names().into_iter().flatten().filter_map(Feature::named).collect()
     }
 
     /// The number of entries of an observation, without a one-hot of time.
     pub fn width(&self) -> usize {
-        self.0.iter().map(|feature| feature.width()).sum()
+        self.features().iter().map(|feature| feature.width()).sum()
     }
 
     /// Whether it shows the context's probability and not the context.
     pub fn shows_probability_alone(&self) -> bool {
-        self.0.contains(&Feature::Probability) && !self.0.contains(&Feature::Context)
+        let features = self.features();
+        features.contains(&Feature::Probability) && !features.contains(&Feature::Context)
     }
 
     /// Whether it shows both habituation and disengagement risk.
     pub fn shows_state(&self) -> bool {
-        [Feature::Habituation, Feature::Disengagement].iter().all(|f| self.0.contains(f))
+        let features = self.features();
+        [Feature::Habituation, Feature::Disengagement].iter().all(|f| features.contains(f))
     }
 }
 
-/// Why a text is not a scenario.
-#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
-pub enum ScenarioError {
-    /// The text is empty.
-    #[error("a scenario needs at least one letter")]
-    Empty,
-    /// A part between hyphens is not a known letter.
-    #[error("`{0}` is not a feature")]
-    UnknownLetter(String),
-    /// A letter is listed twice.
-    #[error("feature `{0}` is listed twice")]
-    Repeated(char),
+/// Checks that every name of a scenario is a letter.
+///
+/// **Errors**: the first other name.
+pub(super) fn check(scenario: &Scenario) -> Result<(), ScenarioError> {
+    let unknown = |name: &str| ScenarioError::Unknown(name.to_owned());
+    let mut names = scenario.names().ok_or_else(|| unknown(&scenario.to_string()))?;
+    let other = names.find(|name| Feature::named(name).is_none());
+    other.map_or(Ok(()), |name| Err(unknown(name)))
 }
 
-impl FromStr for Scenario {
-    type Err = ScenarioError;
-
-    fn from_str(text: &str) -> Result<Self, ScenarioError> {
-        if text.is_empty() {
-            return Err(ScenarioError::Empty);
-        }
-        let mut features = Vec::new();
-        for part in text.split('-') {
-            let mut letters = part.chars();
-            let feature = match (letters.next(), letters.next()) {
-                (Some(letter), None) => Feature::from_letter(letter),
-                _ => None,
-            };
-            let Some(feature) = feature else {
-                return Err(ScenarioError::UnknownLetter(part.to_owned()));
-            };
-            if features.contains(&feature) {
-                return Err(ScenarioError::Repeated(feature.letter()));
-            }
-            features.push(feature);
-        }
-        Ok(Scenario(features))
-    }
+/// The scenario of these letters, joined by hyphens.
+///
+/// **Errors**: a name is not a letter, or occurs twice; there are none.
+pub fn letters(text: &str) -> Result<Scenario, ScenarioError> {
+    let scenario = text.parse()?;
+    check(&scenario).map(|()| scenario)
 }
 
-impl fmt::Display for Scenario {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        for (i, feature) in self.0.iter().enumerate() {
-            if i > 0 {
-                f.write_str("-")?;
-            }
-            write!(f, "{}", feature.letter())?;
-        }
-        Ok(())
-    }
-}
-
-impl TryFrom<String> for Scenario {
-    type Error = ScenarioError;
-
-    fn try_from(text: String) -> Result<Self, ScenarioError> {
-        text.parse()
-    }
-}
-
-impl From<Scenario> for String {
-    fn from(scenario: Scenario) -> String {
-        scenario.to_string()
-    }
+/// What a scenario consists of, for messages.
+pub(super) fn expected() -> String {
+    let letters = Feature::ALL.map(|feature| feature.letter().to_string()).join(", ");
+    format!("letters of {letters}, each at most once, joined by hyphens")
 }
 
 #[cfg(test)]
@@ -187,19 +141,11 @@ mod tests {
     use super::*;
 
     #[test]
-    fn scenarios_read_back_as_written() {
-        for text in ["C-H-D", "L-H-D", "P-H-D", "C-T", "L-T", "P-T", "T-D-P", "C", "P-M-S-A-B"] {
-            assert_eq!(text.parse::<Scenario>().unwrap().to_string(), text);
-        }
-    }
-
-    #[test]
-    fn faulty_scenarios_say_what_is_wrong() {
-        let fault = |text: &str| text.parse::<Scenario>().unwrap_err();
-        assert_eq!(fault(""), ScenarioError::Empty);
-        assert_eq!(fault("P-X"), ScenarioError::UnknownLetter("X".into()));
-        assert_eq!(fault("PH"), ScenarioError::UnknownLetter("PH".into()));
-        assert_eq!(fault("P-"), ScenarioError::UnknownLetter(String::new()));
-        assert_eq!(fault("P-H-P"), ScenarioError::Repeated('P'));
+    fn every_name_of_a_scenario_is_a_letter() {
+        let fault = |text: &str| check(&text.parse().unwrap());
+        assert_eq!(fault("P-M-S-A-B"), Ok(()));
+        assert_eq!(fault("P-X"), Err(ScenarioError::Unknown("X".into())));
+        assert_eq!(fault("PH"), Err(ScenarioError::Unknown("PH".into())));
+        assert_eq!(fault("all"), Err(ScenarioError::Unknown("all".into())));
     }
 }

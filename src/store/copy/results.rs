@@ -10,7 +10,7 @@ use rusqlite::{CachedStatement, Connection};
 use crate::job::MetricName;
 use crate::store::digest::ResultsDigest;
 use crate::store::results::metric_id;
-use crate::store::{choice, decision, participant};
+use crate::store::{choice, decision, family, participant};
 
 use super::sql::{Written, read_rows, read_values, written};
 
@@ -44,6 +44,16 @@ const TABLES: [ResultTable; 5] = [
     ResultTable::new("trained_weights", &["safetensors"], 0),
 ];
 
+/// The tables of runs in environments of other families.
+const OF_FAMILIES: [ResultTable; 3] = {
+    let [one, other, last] = family::TABLES;
+    [
+        ResultTable::new(one.0, one.1, one.2),
+        ResultTable::new(other.0, other.1, other.2),
+        ResultTable::new(last.0, last.1, last.2),
+    ]
+};
+
 /// The number of rows that one statement inserts. More rows are hardly faster.
 const ROWS: usize = 32;
 
@@ -60,9 +70,9 @@ struct Statements {
     insert_many: String,
 }
 
-/// The statements of [`TABLES`].
+/// The statements of [`TABLES`] and [`OF_FAMILIES`].
 static STATEMENTS: LazyLock<Vec<Statements>> =
-    LazyLock::new(|| TABLES.iter().map(Statements::of).collect());
+    LazyLock::new(|| TABLES.iter().chain(&OF_FAMILIES).map(Statements::of).collect());
 
 impl Statements {
     fn of(table: &ResultTable) -> Statements {
@@ -94,6 +104,8 @@ pub(super) struct ResultRows {
     participants: Vec<Value>,
     /// Recorded choices, likewise.
     choices: Vec<Value>,
+    /// The rows of each table that only runs in environments of other families have; empty for others.
+    of_family: Vec<Vec<Value>>,
     metrics: Arc<MetricNames>,
 }
 
@@ -105,7 +117,8 @@ impl ResultRows {
         run: i64,
     ) -> Option<ResultRows> {
         let table = |statements: &Statements| read_values(from, &statements.select, run);
-        let tables = STATEMENTS.iter().map(table).collect::<Option<_>>()?;
+        let (of_all, of_others) = STATEMENTS.split_at(TABLES.len());
+        let tables = of_all.iter().map(table).collect::<Option<_>>()?;
         let decisions = match decision::are_known(from).ok()? {
             true => read_values(from, &decision::SELECT, run)?,
             false => Vec::new(),
@@ -118,8 +131,12 @@ impl ResultRows {
             true => read_values(from, choice::SELECT, run)?,
             false => Vec::new(),
         };
+        let of_family = match family::has_rows(from, run).ok()? {
+            true => of_others.iter().map(table).collect::<Option<_>>()?,
+            false => Vec::new(),
+        };
         let metrics = metrics.clone();
-        Some(ResultRows { tables, decisions, participants, choices, metrics })
+        Some(ResultRows { tables, decisions, participants, choices, of_family, metrics })
     }
 
     /// The digest of these results for the job with this key, equal to [`crate::store::digest::of_run`];
@@ -153,7 +170,8 @@ impl ResultRows {
                 }
             }
         }
-        recorded.iter().copied().flatten().for_each(|value| digest.add(value.into()));
+        let recorded = recorded.iter().copied().chain(&self.of_family).flatten();
+        recorded.for_each(|value| digest.add(value.into()));
         Some(digest.finish())
     }
 
@@ -179,7 +197,7 @@ impl ResultRows {
         let rows = TABLES.iter().zip(&self.tables);
         let rows: usize = rows.map(|(table, values)| values.len() / table.columns.len()).sum();
         let decisions = (self.decisions.len() + self.participants.len()) * BYTES_PER_NUMBER;
-        let values = self.tables.iter().flatten().chain(&self.choices);
+        let values = self.tables.iter().chain(&self.of_family).flatten().chain(&self.choices);
         let blobs = values.map(|value| match value {
             Value::Blob(bytes) => bytes.len(),
             Value::Text(text) => text.len(),
@@ -196,7 +214,9 @@ impl ResultRows {
         own: i64,
         metrics: &mut HashMap<i64, i64>,
     ) -> rusqlite::Result<Written> {
-        for ((table, statements), values) in TABLES.iter().zip(&*STATEMENTS).zip(&self.tables) {
+        let of_family = OF_FAMILIES.iter().zip(&self.of_family);
+        let tables = TABLES.iter().zip(&self.tables).chain(of_family);
+        for ((table, values), statements) in tables.zip(&*STATEMENTS) {
             if values.is_empty() {
                 continue;
             }

@@ -109,11 +109,7 @@ fn decisions() -> Vec<Decision> {
             phase,
             episode: 1,
             step,
-            context: 1,
-            probability: 0.25,
-            likely_context: 1,
-            habituation: 0.1 * f64::from(step % 3),
-            disengagement: 0.1,
+            state: [1.0, 0.25, 1.0, 0.1 * f64::from(step % 3), 0.1].into(),
             available: true,
             can_send: true,
             chosen: 3,
@@ -127,7 +123,7 @@ fn decisions() -> Vec<Decision> {
 
 /// Results of the same job that differ in one reward.
 fn otherwise_completed() -> Outcome {
-    let episodes = vec![TestEpisode { total_reward: 51.0, length: 2, disengaged: true }];
+    let episodes = vec![TestEpisode { total_reward: 51.0, length: 2, terminated: true }];
     Outcome::Completed(Results { episodes, ..results() })
 }
 

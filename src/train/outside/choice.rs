@@ -1,10 +1,10 @@
 //! Actions and probabilities as programs write them.
 
 use crate::agent::certain;
-use crate::env::{Action, PhysicalActivity, VectorEnvironment};
+use crate::env::{Action, Simulated, VectorEnvironment};
 
 /// Whether a message can be sent in each of these lanes; `None` if messages are available in all of them.
-pub(super) fn available(simulation: &PhysicalActivity, lanes: &[usize]) -> Option<Vec<bool>> {
+pub(super) fn available(simulation: &Simulated, lanes: &[usize]) -> Option<Vec<bool>> {
     let available: Vec<bool> = lanes.iter().map(|lane| simulation.can_send(*lane)).collect();
     available.contains(&false).then_some(available)
 }

@@ -2,7 +2,7 @@
 
 use crate::agent::StepObserver;
 use crate::env::{
-    Action, EpisodeStatus, LaneSet, LaneStreams, Observations, PhysicalActivity, VectorEnvironment,
+    Action, EpisodeStatus, LaneSet, LaneStreams, Observations, Simulated, VectorEnvironment,
 };
 use crate::external::{Program, Reset, Rows, Step, ToProgram};
 use crate::job::{Job, counted};
@@ -14,7 +14,7 @@ use super::record::TrainingRecord;
 
 /// The lanes of a training.
 pub(super) struct Lanes {
-    simulation: PhysicalActivity,
+    simulation: Simulated,
     streams: LaneStreams,
     observations: Observations,
     actions: Vec<Action>,

@@ -34,7 +34,11 @@ impl<'j> TrainingRecord<'j> {
             job,
             control,
             begun: 0,
-            curve: CurveRecorder::new(job.evaluation.curve_stride, job.evaluation.first_returns()),
+            curve: CurveRecorder::new(
+                job.evaluation.curve_stride,
+                job.termination_metric(),
+                job.evaluation.first_returns(),
+            ),
             log: records.then(|| DecisionLog::new(job.agent.unavailable(), Phase::Train)),
             since: TrainedEpisode::default(),
         }

@@ -1,7 +1,7 @@
 //! The test of a program, on the same episodes as for every agent of the seed.
 
 use crate::agent::{Actions, certain};
-use crate::env::{Action, EpisodeStatus, PhysicalActivity, VectorEnvironment};
+use crate::env::{Action, EpisodeStatus, Simulated, VectorEnvironment};
 use crate::external::{
     Choices, FromProgram, Probabilities, Program, ProgramError, Rows, ToProgram,
 };
@@ -27,7 +27,7 @@ pub(super) fn play(
     while !test.is_over() {
         let mut lanes = 0;
         let mut is_announced = false;
-        let mut choose = |simulation: &PhysicalActivity,
+        let mut choose = |simulation: &Simulated,
                           stream: &mut Stream,
                           actions: &mut [Action],
                           probabilities: &mut [f64]|

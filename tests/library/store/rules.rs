@@ -284,6 +284,7 @@ fn results_are_finite_and_in_range() {
         "INSERT INTO action_count VALUES (1, 10, 0, 0, 1)",
         "INSERT INTO action_count VALUES (1, 0, 2, 0, 1)",
         "INSERT INTO action_count VALUES (1, 0, 0, 4, 1)",
+        "INSERT INTO action_total VALUES (1, 256, 1)",
         "INSERT INTO action_count VALUES (1, 0, 0, 0, 0)",
         "INSERT INTO trained_weights VALUES (1, x'')",
     ] {

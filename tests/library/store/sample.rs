@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 
 use jitai::agent::{Agent, DecisionRule, DuelingDqn, Reinforce, RuleParameters};
 use jitai::env::StepCount;
-use jitai::job::metric::{MEAN_RETURN, metrics_of};
+use jitai::job::metric::{MEAN_RETURN, TERMINATION_RATE, metrics_of};
 use jitai::job::{
     ActionCount, CurvePoint, Evaluation, Failure, FailureKind, Job, Metric, MetricPlace, Outcome,
     Provenance, Results, TestEpisode,
@@ -128,15 +128,17 @@ pub fn rule(sigma: f64, seed: u64) -> Job {
 pub fn results() -> Results {
     Results {
         metrics: (1..)
-            .zip(metrics_of(MetricPlace::Test))
+            .zip(metrics_of(MetricPlace::Test).filter(|name| *name != TERMINATION_RATE))
             .map(|(i, name)| Metric { name, value: f64::from(i) })
             .collect(),
         curve: vec![CurvePoint { episode: 10, metric: MEAN_RETURN, value: 7.5 }],
         episodes: vec![
-            TestEpisode { total_reward: 2500.0, length: 50, disengaged: false },
-            TestEpisode { total_reward: 310.0, length: 7, disengaged: true },
+            TestEpisode { total_reward: 2500.0, length: 50, terminated: false },
+            TestEpisode { total_reward: 310.0, length: 7, terminated: true },
         ],
-        actions: vec![ActionCount { bin: 9, context: 0, action: 2, count: 17 }],
+        actions: vec![ActionCount { stratum: Some(18), action: 2, count: 17 }],
+        description: None,
+        state_names: Vec::new(),
         decisions: Vec::new(),
         participants: Vec::new(),
         weights: Some(vec![8, 0, 0, 0]),
@@ -173,6 +175,7 @@ pub fn realistic(job: &Job) -> Results {
     let stride = job.evaluation.curve_stride;
     Results {
         metrics: metrics_of(MetricPlace::Test)
+            .filter(|name| *name != TERMINATION_RATE)
             .map(|name| Metric { name, value: uniform() })
             .collect(),
         curve: (1..=job.agent.episodes() / stride)
@@ -185,12 +188,14 @@ pub fn realistic(job: &Job) -> Results {
             .map(|i| TestEpisode {
                 total_reward: 3000.0 * uniform(),
                 length: 50,
-                disengaged: i % 9 == 0,
+                terminated: i % 9 == 0,
             })
             .collect(),
         actions: (0..80)
-            .map(|i: u8| ActionCount { bin: i / 8, context: i / 4 % 2, action: i % 4, count: 600 })
+            .map(|i: u8| ActionCount { stratum: Some(i / 4), action: i % 4, count: 600 })
             .collect(),
+        description: None,
+        state_names: Vec::new(),
         decisions: Vec::new(),
         participants: Vec::new(),
         weights: Some((0..weights).map(|_| (256.0 * uniform()) as u8).collect()),

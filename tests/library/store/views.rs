@@ -191,12 +191,14 @@ fn one_job_is_found_in_every_view_without_reading_the_others() {
             .collect::<Result<_, _>>()
             .unwrap();
         // The parameters of the job are read from its own text, and from the few parameters that all
-        // jobs have; both come through a co-routine with the name of the view. A row of decisions has
-        // ten places.
+        // jobs have; both come through a co-routine with the name of the view, and so do
+        // decisions and choices of action. A row of decisions has ten places.
         let read = [
             "SCAN tree VIRTUAL",
             "SCAN implied",
             "SCAN parameter",
+            "SCAN decision",
+            "SCAN action_choice",
             "SCAN place",
             "SCAN 10 CONSTANT ROWS",
         ];

@@ -3,7 +3,7 @@
 use super::*;
 use crate::agent::policy::ActionNetwork;
 use crate::agent::replay::{TerminalTarget, Transition};
-use crate::env::{EpisodeStatus, FirstContext, StepCount, TimeIndicator};
+use crate::env::{EpisodeStatus, FirstContext, PhysicalActivity, StepCount, TimeIndicator};
 use crate::state::resumable;
 
 /// An engine whose values are a formula of the state and of the number of target renewals. It

@@ -1,0 +1,88 @@
+//! `jitai check --try`: starts the programs of environments and checks the contract.
+
+use std::collections::HashSet;
+use std::io::{self, Write};
+use std::sync::Arc;
+
+use serde_json::{Value as Json, json};
+
+use crate::cli::Error;
+use crate::cli::output::counted;
+use crate::env::outside::{OutsideModel, Trial, try_program};
+use crate::job::environment_text;
+use crate::key::printable;
+use crate::manifest::Manifest;
+use crate::plan;
+
+/// A trial of an environment: its parameters as a user would write them, and the result or the fault.
+pub(super) struct Tried {
+    parameters: String,
+    result: Result<Trial, String>,
+}
+
+/// Tries every environment of a manifest that is an outside program.
+pub(super) fn of_manifest(manifest: &Manifest) -> Vec<Tried> {
+    let mut seen = HashSet::new();
+    let mut all = Vec::new();
+    for planned in plan::jobs(manifest) {
+        let Some(model) = planned.job.environment.model::<OutsideModel>() else { continue };
+        if !seen.insert(environment_text(&planned.job.environment)) {
+            continue;
+        }
+        let launch = model.launch(manifest.folder());
+        let parameters: Vec<String> =
+            launch.parameters.iter().map(|(name, value)| format!("{name} = {value}")).collect();
+        let result = try_program(&launch, Arc::new(|| false)).map_err(|error| error.to_string());
+        let shown = result.and_then(|trial| {
+            let scenarios = manifest.scenarios();
+            let faults: Vec<String> =
+                scenarios.filter_map(|one| trial.description.shown(&one).err()).collect();
+            if faults.is_empty() { Ok(trial) } else { Err(faults.join("; ")) }
+        });
+        all.push(Tried { parameters: parameters.join(", "), result: shown });
+    }
+    all
+}
+
+/// Prints the trials of a manifest.
+///
+/// **Errors**: a program failed its trial.
+pub(super) fn show(manifest: &Manifest, trials: &[Tried]) -> Result<(), Error> {
+    let mut out = io::stdout().lock();
+    let mut faults = Vec::new();
+    for Tried { parameters, result } in trials {
+        let of = if parameters.is_empty() { String::new() } else { format!(" with {parameters}") };
+        match result {
+            Ok(Trial { description, speeds: [(_, one), (lanes, many)] }) => writeln!(
+                out,
+                "  environment{of}: keeps the contract; {}, {}, horizon {}; {} steps per second with 1 lane, {} \
+                 with {lanes}",
+                counted(description.features.len(), "feature"),
+                counted(description.actions.len(), "action"),
+                description.horizon,
+                rounded(*one),
+                rounded(*many),
+            )?,
+            Err(fault) => faults.push(format!("{}: environment{of}: {fault}", manifest.path)),
+        }
+    }
+    if faults.is_empty() { Ok(()) } else { Err(Error::Usage(printable(&faults.join("\n")))) }
+}
+
+/// The trials as JSON.
+pub(super) fn as_json(manifest: &Manifest, trials: &[Tried]) -> Vec<Json> {
+    let one = |Tried { parameters, result }: &Tried| match result {
+        Ok(trial) => json!({
+            "path": manifest.path, "parameters": parameters, "description": trial.description,
+            "speeds": trial.speeds,
+        }),
+        Err(fault) => json!({ "path": manifest.path, "parameters": parameters, "fault": fault }),
+    };
+    trials.iter().map(one).collect()
+}
+
+/// A speed with two digits.
+fn rounded(speed: f64) -> String {
+    let scale = 10_f64.powf(speed.max(1.0).log10().floor() - 1.0).max(1.0);
+    ((speed / scale).round() * scale).to_string()
+}

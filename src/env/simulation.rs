@@ -1,0 +1,123 @@
+//! Simulations of jobs: vector environments of any family, with what tests and records need from them.
+
+use std::any::Any;
+use std::fmt;
+
+use crate::env::observation::{ObservationSpec, Observations};
+use crate::env::vector::{
+    Action, ActionSpec, EpisodeStatus, LaneSet, LaneStreams, VectorEnvironment,
+};
+use crate::state::{Resumable, StateError, StateReader, StateWriter};
+
+/// A vector environment that jobs can train and test in.
+pub trait Simulation: VectorEnvironment + Any + fmt::Debug + Send {
+    /// The same simulation with another number of lanes, all ended.
+    fn with_lanes(&self, lanes: usize) -> Simulated;
+
+    /// The number of steps taken in a lane's episode.
+    fn time(&self, lane: usize) -> u32;
+
+    /// Whether a lane's next step is part of its episode. True by default.
+    fn is_counted(&self, lane: usize) -> bool {
+        let _ = lane;
+        true
+    }
+
+    /// Whether a message is available in a lane's next step, apart from any budget of messages. The default is
+    /// [`VectorEnvironment::can_send`].
+    fn is_available(&self, lane: usize) -> bool {
+        self.can_send(lane)
+    }
+
+    /// The action that a lane takes if `action` is chosen: action 0 where no message can be sent.
+    fn taken(&self, lane: usize, action: Action) -> Action {
+        if self.can_send(lane) { action } else { Action::default() }
+    }
+
+    /// Whether a lane's episode, which has ended, was terminated within its counted steps.
+    fn has_terminated(&self, lane: usize) -> bool {
+        self.statuses()[lane] == EpisodeStatus::Terminated
+    }
+
+    /// The cost of a message to the person in a lane. 0 by default.
+    fn message_cost(&self, lane: usize) -> f64 {
+        let _ = lane;
+        0.0
+    }
+
+    /// The stratum of a lane's next decision, below the number of strata of its model. 0 by default.
+    fn stratum(&self, lane: usize) -> usize {
+        let _ = lane;
+        0
+    }
+
+    /// Appends the recorded state of a lane before its next step: one number for each name of its model. None by
+    /// default.
+    fn record_state(&self, lane: usize, state: &mut Vec<f64>) {
+        let _ = (lane, state);
+    }
+
+    /// The values drawn for the participant in a lane, with the places of their parameters. None by default.
+    fn participant(&self, lane: usize) -> Vec<(usize, f64)> {
+        let _ = lane;
+        Vec::new()
+    }
+}
+
+/// A simulation of any family.
+pub type Simulated = Box<dyn Simulation>;
+
+impl dyn Simulation {
+    /// The simulation, if it is of this type.
+    pub fn downcast<S: Simulation>(&self) -> Option<&S> {
+        (self as &dyn Any).downcast_ref()
+    }
+}
+
+impl VectorEnvironment for Simulated {
+    fn lanes(&self) -> usize {
+        (**self).lanes()
+    }
+
+    fn action_spec(&self) -> ActionSpec {
+        (**self).action_spec()
+    }
+
+    fn observation_spec(&self) -> ObservationSpec {
+        (**self).observation_spec()
+    }
+
+    fn reset(&mut self, lanes: LaneSet<'_>, streams: &mut LaneStreams) {
+        (**self).reset(lanes, streams);
+    }
+
+    fn step(&mut self, actions: &[Action], rewards: &mut [f64], streams: &mut LaneStreams) {
+        (**self).step(actions, rewards, streams);
+    }
+
+    fn statuses(&self) -> &[EpisodeStatus] {
+        (**self).statuses()
+    }
+
+    fn observe(&self, out: &mut Observations) {
+        (**self).observe(out);
+    }
+
+    fn outcomes<'a>(&'a self, rewards: &'a [f64]) -> &'a [f64] {
+        (**self).outcomes(rewards)
+    }
+
+    fn can_send(&self, lane: usize) -> bool {
+        (**self).can_send(lane)
+    }
+}
+
+impl Resumable for Simulated {
+    fn save(&self, out: &mut StateWriter<'_>) -> std::io::Result<()> {
+        (**self).save(out)
+    }
+
+    fn restore(&mut self, from: &mut StateReader<'_>) -> Result<(), StateError> {
+        (**self).restore(from)
+    }
+}

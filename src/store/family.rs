@@ -1,0 +1,150 @@
+//! What only runs in environments of other families than `step_count` have: choices of action without strata, steps
+//! with states of any names, and the descriptions of outside programs.
+
+use rusqlite::types::Value;
+use rusqlite::{Connection, Error, OptionalExtension, params};
+use serde_json::{Map, Value as Json};
+
+use crate::job::{ActionCount, Decision, Job, Phase, Results};
+
+use super::insert::insert_rows;
+
+/// The tables of such results, in the order of the digest: name, columns besides the run, and how many of these
+/// belong to the key.
+pub(super) const TABLES: [(&str, &[&str], usize); 3] = [
+    ("action_total", &["action", "count"], 1),
+    (
+        "recorded_step",
+        &[
+            "phase",
+            "episode",
+            "step",
+            "available",
+            "can_send",
+            "chosen_action",
+            "action",
+            "action_probability",
+            "action_probabilities",
+            "reward",
+            "state",
+        ],
+        3,
+    ),
+    ("recorded_description", &["description"], 0),
+];
+
+/// The number of columns of `recorded_step`.
+const STEP_COLUMNS: usize = 12;
+
+/// The rows of run `?1` in each of [`TABLES`], in order.
+pub(super) fn selects() -> impl Iterator<Item = String> {
+    TABLES.iter().map(|(name, columns, in_key)| {
+        let order = match in_key {
+            0 => String::new(),
+            _ => format!(" ORDER BY {}", columns[..*in_key].join(", ")),
+        };
+        format!("SELECT {} FROM {name} WHERE run = ?1{order}", columns.join(", "))
+    })
+}
+
+/// Whether a run can have rows in [`TABLES`]. The tables of other runs are not read: damage in them is none of
+/// theirs, and stores of earlier versions lack them.
+pub(super) fn has_rows(connection: &Connection, run: i64) -> rusqlite::Result<bool> {
+    connection
+        .prepare_cached(
+            "SELECT json_type(job.canonical, '$.environment.family') IS NOT NULL
+             FROM run JOIN job ON job.id = run.job WHERE run.id = ?1",
+        )?
+        .query_row([run], |row| row.get(0))
+}
+
+/// Inserts what a run in progress has in [`TABLES`]. Its decisions must be sorted by phase, episode and step.
+///
+/// **Errors**: a number is not finite.
+pub(super) fn insert(connection: &Connection, run: i64, results: &Results) -> rusqlite::Result<()> {
+    let actions = results.actions.iter().filter(|choice| choice.stratum.is_none());
+    let actions = actions.map(|choice| {
+        let ActionCount { action, count, .. } = *choice;
+        [run.into(), action.into(), count.cast_signed().into()]
+    });
+    insert_rows(connection, "action_total", actions)?;
+    let rows = results.decisions.iter().map(|decision| row(run, decision, &results.state_names));
+    let rows: Vec<[Value; STEP_COLUMNS]> = rows.collect::<rusqlite::Result<_>>()?;
+    insert_rows(connection, "recorded_step", rows.into_iter())?;
+    let Some(text) = &results.description else { return Ok(()) };
+    let sql = "INSERT INTO recorded_description VALUES (?1, ?2)";
+    connection.prepare_cached(sql)?.execute(params![run, text]).map(drop)
+}
+
+fn row(run: i64, decision: &Decision, names: &[String]) -> rusqlite::Result<[Value; STEP_COLUMNS]> {
+    let all = &decision.probabilities;
+    let numbers = decision.state.iter().chain([&decision.reward]);
+    if !numbers.clone().all(|number| number.is_finite()) {
+        let error = format!("a decision has a number that is not finite: {decision:?}");
+        return Err(Error::ToSqlConversionFailure(error.into()));
+    }
+    let probabilities = match all.iter().all(|p| p.is_finite()) {
+        true => Json::from(all.to_vec()).to_string().into(),
+        false => Value::Null,
+    };
+    let state = names.iter().cloned().zip(decision.state.iter().map(|number| Json::from(*number)));
+    let state: Map<String, Json> = state.collect();
+    Ok([
+        run.into(),
+        i64::from(decision.phase == Phase::Test).into(),
+        i64::from(decision.episode).into(),
+        i64::from(decision.step).into(),
+        i64::from(decision.available).into(),
+        i64::from(decision.can_send).into(),
+        i64::from(decision.chosen).into(),
+        i64::from(decision.action).into(),
+        decision.action_probability().into(),
+        probabilities,
+        decision.reward.into(),
+        Json::Object(state).to_string().into(),
+    ])
+}
+
+/// The choices of action of a run.
+pub(super) fn actions(connection: &Connection, run: i64) -> rusqlite::Result<Vec<ActionCount>> {
+    let sql = "SELECT action, count FROM action_total WHERE run = ?1 ORDER BY action";
+    let mut statement = connection.prepare_cached(sql)?;
+    let rows = statement.query_map([run], |row| {
+        Ok(ActionCount { stratum: None, action: row.get(0)?, count: row.get(1)? })
+    })?;
+    rows.collect()
+}
+
+/// The description of a run's environment; `None` if it was known before.
+fn description(connection: &Connection, run: i64) -> rusqlite::Result<Option<String>> {
+    if !has_rows(connection, run)? {
+        return Ok(None);
+    }
+    let sql = "SELECT description FROM recorded_description WHERE run = ?1";
+    connection.prepare_cached(sql)?.query_row([run], |row| row.get(0)).optional()
+}
+
+/// The description in the completed run of the job with this key.
+pub(super) fn description_of(
+    connection: &Connection,
+    key: &str,
+) -> rusqlite::Result<Option<String>> {
+    let run = connection
+        .prepare_cached(
+            "SELECT run.id FROM job JOIN run ON run.job = job.id AND run.status = 'completed'
+             WHERE job.key = ?1",
+        )?
+        .query_row([key], |row| row.get(0))
+        .optional()?;
+    run.map_or(Ok(None), |run| description(connection, run))
+}
+
+/// A job with the description of its environment in a run.
+pub(super) fn described(connection: &Connection, run: i64, job: Job) -> rusqlite::Result<Job> {
+    let text = description(connection, run)?;
+    let environment = text.and_then(|text| job.environment.described(&text));
+    Ok(match environment {
+        Some(environment) => Job { environment, ..job },
+        None => job,
+    })
+}

@@ -1,0 +1,101 @@
+//! A job whose environment is an outside program: the program is started first and describes itself.
+//!
+//! There are no checkpoints, because the state of a program cannot be saved: a stopped job starts over.
+
+use std::cell::Cell;
+use std::path::Path;
+use std::time::Duration;
+
+use crate::agent::recorded_decisions;
+use crate::env::outside::{EnvironmentProgram, OutsideModel};
+use crate::env::{Environment, Model};
+use crate::external::ProgramError;
+use crate::job::{Failure, FailureKind, Job, Outcome};
+use crate::key::Size;
+use crate::train::control::{StopHandle, TrainingControl};
+use crate::train::progress::TrainingProgress;
+
+/// Runs a job with `train`, in an environment that its program simulates.
+pub(super) fn run(
+    job: &Job,
+    model: &OutsideModel,
+    control: &dyn TrainingControl,
+    train: fn(&Job, &dyn TrainingControl) -> Outcome,
+) -> Outcome {
+    let started = match model.started(control.folder(), control.stop_handle()) {
+        Ok(started) => started,
+        Err(ProgramError::Stopped) => return Outcome::Interrupted,
+        Err(error) => return failed(error.to_string(), 0),
+    };
+    let program = started.program().expect("it has been started").clone();
+    if let Some(fault) = fault(job, &started) {
+        program.stop();
+        return failed(fault, 0);
+    }
+    let described = Job { environment: Environment::of(started), ..job.clone() };
+    let watched = Watched { control, program: &program, episode: Cell::new(0) };
+    let outcome = train(&described, &watched);
+    match program.failure() {
+        Some(ProgramError::Stopped) => program.stop(),
+        Some(error) => return failed(error.to_string(), watched.episode.get()),
+        None if outcome == Outcome::Interrupted => program.stop(),
+        None => {
+            program.finish();
+            return outcome;
+        }
+    }
+    Outcome::Interrupted
+}
+
+/// Why a job cannot run in an environment that has described itself.
+fn fault(job: &Job, started: &OutsideModel) -> Option<String> {
+    let description = started.program()?.description();
+    if let Err(fault) = description.shown(&job.scenario) {
+        return Some(fault);
+    }
+    let evaluation = &job.evaluation;
+    let episodes = [
+        (evaluation.record_decisions.of_training(), job.agent.episodes()),
+        (evaluation.record_decisions.of_test(), evaluation.test_episodes),
+    ];
+    let recorded = episodes.into_iter().filter(|(is_recorded, _)| *is_recorded);
+    let episodes = recorded.map(|(_, episodes)| u64::from(episodes)).sum();
+    let Size { what, unit, size, most } =
+        recorded_decisions(episodes, u64::from(started.longest_episode()));
+    (size > most).then(|| format!("{what} {size} {unit}; the maximum is {most}"))
+}
+
+fn failed(message: String, episode: u32) -> Outcome {
+    Outcome::Failed(Failure { kind: FailureKind::External, message, episode })
+}
+
+/// The control of a job that also ends once the program of its environment has failed.
+struct Watched<'c> {
+    control: &'c dyn TrainingControl,
+    program: &'c EnvironmentProgram,
+    /// The number of training episodes finished.
+    episode: Cell<u32>,
+}
+
+impl TrainingControl for Watched<'_> {
+    fn report(&self, progress: TrainingProgress) {
+        self.episode.set(progress.episode);
+        self.control.report(progress);
+    }
+
+    fn stop_requested(&self) -> bool {
+        self.control.stop_requested() || self.program.failure().is_some()
+    }
+
+    fn stop_handle(&self) -> StopHandle {
+        self.control.stop_handle()
+    }
+
+    fn worked(&self) -> Duration {
+        self.control.worked()
+    }
+
+    fn folder(&self) -> &Path {
+        self.control.folder()
+    }
+}
