@@ -19,6 +19,8 @@ const BLOCK: usize = 1 << 14;
 /// Maximum size of a message that is written at once if the pipe has room: the size that POSIX guarantees a
 /// pipe with any room to take without a wait.
 const SMALL: usize = 512;
+/// Time in which an answer is looked for again and again.
+const AWAKE: Duration = Duration::from_micros(100);
 /// Number of lines of standard error that are kept, and maximum bytes of each.
 const TAIL_LINES: usize = 8;
 const TAIL_BYTES: usize = 300;
@@ -73,8 +75,7 @@ impl<Output: Read + AsFd> Lines<Output> {
             if self.has_ended {
                 return Next::End;
             }
-            let left = deadline.saturating_duration_since(Instant::now());
-            if !is_ready(&self.output, PollFlags::IN, left) {
+            if !self.comes_before(deadline) {
                 return Next::Nothing;
             }
             let before = self.bytes.len();
@@ -85,6 +86,25 @@ impl<Output: Read + AsFd> Lines<Output> {
                 Ok(length) => length == 0,
                 Err(error) => error.kind() != io::ErrorKind::Interrupted,
             };
+        }
+    }
+
+    /// Waits until there is something to read, or until a deadline. A program that answers at once is not waited
+    /// for asleep, because waking up can take longer than its answer.
+    fn comes_before(&self, deadline: Instant) -> bool {
+        let begun = Instant::now();
+        loop {
+            if is_ready(&self.output, PollFlags::IN, Duration::ZERO) {
+                return true;
+            }
+            let now = Instant::now();
+            if now >= deadline {
+                return false;
+            }
+            if now - begun > AWAKE {
+                return is_ready(&self.output, PollFlags::IN, deadline - now);
+            }
+            thread::yield_now();
         }
     }
 
