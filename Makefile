@@ -188,6 +188,7 @@ bench-python: ## time environments beside StepCountJITAI's, and PPO beside Stabl
 	$(CARGO) build --release
 	$(MAKE) python-sb3
 	$(PIP_SB3) install --no-deps sb3-contrib
+	JITAI=$(or $(CARGO_TARGET_DIR),target)/release/jitai $(PYTHON) python/bench/environments.py
 	JITAI=$(or $(CARGO_TARGET_DIR),target)/release/jitai $(PYTHON_SB3) python/bench/agents.py
 	[ -x target/python-jax/bin/python ] || python3 -m venv target/python-jax
 	target/python-jax/bin/pip install --quiet --disable-pip-version-check jax

@@ -117,9 +117,8 @@ pub mod experiment {
     };
     pub use crate::manifest::{
         Analysis, AnalysisKind, Contrast, CurveAxis, DeclaredAgent, Exclusion, Fault, Faults,
-        Manifest, Pairing, Parameters, Position, Published, PublishedCurve, PublishedErrors,
-        PublishedHeatMap, PublishedTest, Recovery, Section, SelectionRule, Sides, Zip, load, parse,
-        schema,
+        Manifest, Pairing, Parameters, Position, Published, PublishedRow, Recovery, Section,
+        SelectionRule, Sides, Zip, load, parse, schema,
     };
     pub use crate::plan::{Filter, FilterError, Shard, ShardError, count, expand, jobs};
     pub use crate::schedule::{
@@ -208,7 +207,7 @@ pub mod findings {
         ActionPanel, BinShares, Candidate, Comparison, Content, ContrastFigure, ContrastRow,
         CurveFigure, CurveLine, CurvePoint, Distance, ErrorFigure, ErrorPoint, Finding, HeatFigure,
         HeatTile, JobCounts, LearningFigure, LearningLine, LearningPanel, Ranking, RecoveryRow,
-        Reproduction, Scale, Subject,
+        Reproduction, Scale,
     };
 }
 

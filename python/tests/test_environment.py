@@ -11,9 +11,10 @@ import sys
 from typing import ClassVar
 
 import gymnasium
+import jitai
 import numpy as np
 import pytest
-from conftest import ROOT
+from conftest import ROOT, run
 
 SHIPPED = ROOT / "experiments" / "external"
 
@@ -206,6 +207,27 @@ def test_a_single_environment_is_copied_for_every_lane(tmp_path):
     assert served.step(1, [1], [0])["rewards"] == [2.0]
     assert served.step(1, [0, 1], [0, 1])["rewards"] == [2.0, 4.0]
     served.end()
+
+
+def test_the_agents_train_on_the_shipped_environments_and_ppo_solves_cartpole(tmp_path):
+    for name in ("cartpole", "two_messages"):
+        for kind in (".toml", ".py"):
+            text = (SHIPPED / f"{name}{kind}").read_text()
+            (tmp_path / f"{name}{kind}").write_text(text.replace('"python3"', json.dumps(sys.executable)))
+    manifests = ["cartpole.toml", "two_messages.toml"]
+    for command in (["run", *manifests, "--quiet"], ["report", *manifests, "--out", "report"]):
+        ran = run(*command, cwd=tmp_path)
+        assert ran.returncode == 0, ran.stderr
+    with jitai.open(tmp_path / "jitai.sqlite") as store:
+        runs = store.query("SELECT experiment, agent, mean_return FROM run_summary WHERE status = 'completed'")
+    means = {}
+    for experiment, agent, value in zip(runs["experiment"], runs["agent"], runs["mean_return"]):
+        means.setdefault((experiment, agent), []).append(value)
+    assert {agent for _, agent in means} == {"ppo", "dqn", "reinforce", "thompson"}
+    # The usual bar, over 100 episodes.
+    assert min(means["cartpole", "ppo"]) >= 475, means
+    assert np.mean(means["two_messages", "ppo"]) > 400 > np.mean(means["two_messages", "thompson"]), means
+    assert (tmp_path / "report" / "figures" / "cartpole-learning-all.svg").is_file()
 
 
 def manual() -> list[str]:

@@ -70,9 +70,7 @@ pub use hints::hints;
 pub use limits::MOST_JOBS;
 pub use load::{load, parse};
 pub use parameter::{Parameters, free_parameters, parameter, parameters};
-pub use published::{
-    Equivalence, Published, PublishedCurve, PublishedErrors, PublishedHeatMap, PublishedTest,
-};
+pub use published::{Published, PublishedRow};
 pub use schema::schema;
 pub use section::Section;
 pub use set::{Overridden, Override, OverrideForm, load_with};

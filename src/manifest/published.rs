@@ -1,107 +1,87 @@
-//! Published numbers, read from a file beside the manifest, for comparison in the report.
+//! Published numbers, read from a CSV file beside the manifest, for comparison in the report.
 
 use std::fs;
 use std::path::Path;
 
-use serde::Deserialize;
+use csv::{ReaderBuilder, StringRecord, Trim};
 use toml::de::DeTable;
 
-use super::Manifest;
+use super::axis::ERROR_AXIS;
 use super::fault::{Fault, Faults};
+use super::parameter::named;
 use super::source::Span;
+use super::{Manifest, nearest};
+use crate::env::Family;
+use crate::job::MetricName;
+use crate::key::Parameter;
 
 /// Maximum size of a file of published numbers in bytes.
 const MOST_BYTES: u64 = 10_000_000;
 
-/// The numbers of a publication. The lists of one table have equal lengths.
-#[derive(Clone, Debug, Default, PartialEq, Deserialize)]
-#[serde(deny_unknown_fields)]
+/// Columns besides those of parameters.
+const COLUMNS: [&str; 11] = [
+    "subject",
+    "agent",
+    "scenario",
+    "metric",
+    "value",
+    "sd",
+    "p",
+    "n",
+    "reading_error",
+    "margin",
+    "source",
+];
+
+/// The numbers of publications, in the order of the file.
+#[derive(Clone, Debug, Default, PartialEq)]
 pub struct Published {
-    /// The largest differences that count as equivalent.
-    #[serde(default)]
-    pub equivalence: Equivalence,
-    /// Rates of context inference error.
-    pub sigma_to_error: Option<PublishedErrors>,
-    /// Differences of means with their p values.
-    #[serde(default, rename = "t_test")]
-    pub t_tests: Vec<PublishedTest>,
-    /// Mean returns along sigma.
-    #[serde(default, rename = "curve")]
-    pub curves: Vec<PublishedCurve>,
-    /// Differences of means over two parameters.
-    #[serde(default, rename = "heat_map")]
-    pub heat_maps: Vec<PublishedHeatMap>,
+    /// One row for each number.
+    pub rows: Vec<PublishedRow>,
 }
 
-/// Margins of equivalence.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct Equivalence {
-    /// Of returns and their differences, in steps walked.
-    pub steps: Option<f64>,
-    /// Of error rates, as a share.
-    pub rate: Option<f64>,
-}
-
-/// Rates of context inference error by sigma.
-#[derive(Clone, Debug, PartialEq, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct PublishedErrors {
-    /// Feature noise.
-    pub sigma: Vec<f64>,
-    /// Rates as printed: counted in one draw of 1000.
-    pub reported: Vec<f64>,
-    /// Rates by the formula.
-    pub exact: Vec<f64>,
-}
-
-/// Differences along sigma, with the p values of unpaired t tests.
-#[derive(Clone, Debug, PartialEq, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct PublishedTest {
-    /// `first - second`: two scenarios or two agents.
-    pub contrast: String,
-    /// The agent, where the sides are scenarios.
-    pub agent: Option<String>,
-    /// The scenario, where the sides are agents.
-    pub scenario: Option<String>,
-    /// Feature noise.
-    pub sigma: Vec<f64>,
-    /// Differences, in steps walked.
-    pub effect: Vec<f64>,
-    /// Two-sided p values, rounded to five decimals.
-    pub p_value: Vec<f64>,
-}
-
-/// A published line of a figure.
-#[derive(Clone, Debug, PartialEq, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct PublishedCurve {
-    /// The agent.
+/// A published number: a mean, or a difference of two means.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct PublishedRow {
+    /// The kind of number, as tables name it.
+    pub subject: String,
+    /// The agent, or `first - second` for a difference of two agents; empty where there is none.
     pub agent: String,
-    /// The scenario.
+    /// The scenario, or `first - second` for a difference of two scenarios; empty where there is none.
     pub scenario: String,
-    /// Feature noise.
-    pub sigma: Vec<f64>,
-    /// Mean returns, in steps walked.
-    #[serde(rename = "return")]
-    pub mean_return: Vec<f64>,
+    /// The values of parameters.
+    pub parameters: Vec<(Parameter, f64)>,
+    /// The metric; `None` for the rate at which the most likely context is wrong.
+    pub metric: Option<MetricName>,
+    /// The number.
+    pub value: f64,
+    /// The standard deviation over seeds of a mean.
+    pub sd: Option<f64>,
+    /// The two-sided p value of an unpaired t test of a difference.
+    pub p: Option<f64>,
+    /// The number of seeds of a mean, or of each side of a difference; of a rate, the number of samples.
+    pub n: f64,
+    /// Half-width of the error of reading the number off a figure; 0 for a printed number.
+    pub reading_error: f64,
+    /// The largest difference that counts as equivalent.
+    pub margin: Option<f64>,
 }
 
-/// Differences over two parameters of disengagement.
-#[derive(Clone, Debug, PartialEq, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct PublishedHeatMap {
-    /// The agent.
-    pub agent: String,
-    /// `first - second`: two scenarios.
-    pub contrast: String,
-    /// `delta_d` of each row.
-    pub delta_d: Vec<f64>,
-    /// `epsilon_d` of each column.
-    pub epsilon_d: Vec<f64>,
-    /// Differences, in steps walked, one list per row.
-    pub effect: Vec<Vec<f64>>,
+impl PublishedRow {
+    /// Both sides of a difference, each an agent with a scenario; `None` for a mean.
+    pub fn sides(&self) -> Option<[(&str, &str); 2]> {
+        let (agent, scenario) = (self.agent.as_str(), self.scenario.as_str());
+        match (agent.split_once(" - "), scenario.split_once(" - ")) {
+            (Some((one, other)), None) => Some([(one, scenario), (other, scenario)]),
+            (None, Some((one, other))) => Some([(agent, one), (agent, other)]),
+            _ => None,
+        }
+    }
+
+    /// The value of a parameter.
+    pub fn value_of(&self, parameter: Parameter) -> Option<f64> {
+        self.parameters.iter().find(|(known, _)| *known == parameter).map(|(_, value)| *value)
+    }
 }
 
 impl Published {
@@ -154,50 +134,124 @@ impl Published {
     /// Reads the text of the file called `path`.
     ///
     /// # Errors
-    /// Faults of the text, with positions.
+    /// The first fault of the text, with its line.
     pub fn parse(path: &Path, text: &str) -> Result<Published, Faults> {
-        let label = path.display().to_string();
-        let fault = |message: String| Faults::of_file(&label, Fault::whole(message));
-        let published: Published = toml::from_str(text).map_err(|error| {
-            let message = format!("published numbers cannot be read: {}", error.message());
-            match error.span() {
-                Some(span) => Faults::of_text(&label, text, Fault::at(span.into(), message)),
-                None => fault(message),
-            }
-        })?;
-        let Equivalence { steps, rate } = published.equivalence;
-        if [steps, rate].iter().flatten().any(|margin| !(*margin > 0.0 && margin.is_finite())) {
-            return Err(fault("a margin of [equivalence] is not above 0".to_owned()));
-        }
-        match published.uneven() {
-            None => Ok(published),
-            Some(table) => Err(fault(format!("the lists of a [{table}] differ in length"))),
-        }
-    }
-
-    /// The name of a table whose lists differ in length.
-    fn uneven(&self) -> Option<&'static str> {
-        let errors = self.sigma_to_error.iter();
-        if errors
-            .clone()
-            .any(|e| e.sigma.len() != e.reported.len() || e.sigma.len() != e.exact.len())
-        {
-            return Some("sigma_to_error");
-        }
-        let even =
-            |t: &PublishedTest| t.sigma.len() == t.effect.len() && t.sigma.len() == t.p_value.len();
-        if !self.t_tests.iter().all(even) {
-            return Some("[t_test]");
-        }
-        if self.curves.iter().any(|curve| curve.sigma.len() != curve.mean_return.len()) {
-            return Some("[curve]");
-        }
-        let uneven = |map: &PublishedHeatMap| {
-            let ragged = map.effect.iter().any(|row| row.len() != map.epsilon_d.len());
-            map.effect.len() != map.delta_d.len() || ragged
+        let fault = |(at, says): (usize, String)| {
+            let message = format!("published numbers cannot be read: {says}");
+            let span = Span { start: at, end: at };
+            Faults::of_text(&path.display().to_string(), text, Fault::at(span, message))
         };
-        self.heat_maps.iter().any(uneven).then_some("[heat_map]")
+        read(text).map(|rows| Published { rows }).map_err(fault)
     }
+}
+
+/// The rows of a text.
+///
+/// **Errors**: the first fault, with its place in the text.
+fn read(text: &str) -> Result<Vec<PublishedRow>, (usize, String)> {
+    let mut reader =
+        ReaderBuilder::new().comment(Some(b'#')).trim(Trim::All).from_reader(text.as_bytes());
+    let broken = |error: csv::Error| {
+        let at = error.position().map_or(0, |position| position.byte() as usize);
+        (at, error.to_string())
+    };
+    let header = reader.headers().map_err(broken)?.clone();
+    let at = header.position().map_or(0, |position| position.byte() as usize);
+    let mut parameters = Vec::new();
+    for (place, name) in header.iter().enumerate() {
+        // A file can be of any family.
+        let of_families = Family::all().iter().find_map(|family| named(family, name));
+        let parameter = of_families.filter(|one| !matches!(one, Parameter::Job(_)));
+        match parameter {
+            _ if COLUMNS.contains(&name) => {}
+            Some(parameter) => parameters.push((place, parameter)),
+            None => {
+                let meant = nearest(name, COLUMNS);
+                let help =
+                    meant.map_or_else(String::new, |meant| format!("; did you mean `{meant}`?"));
+                let says = format!("`{name}` is neither a column nor a parameter{help}");
+                return Err((at, says));
+            }
+        }
+    }
+    if !header.iter().any(|name| name == "value") {
+        return Err((at, "missing column `value`".to_owned()));
+    }
+    let mut rows = Vec::new();
+    for record in reader.records() {
+        let record = record.map_err(broken)?;
+        let at = record.position().map_or(0, |position| position.byte() as usize);
+        rows.push(row(&header, &parameters, &record).map_err(|says| (at, says))?);
+    }
+    Ok(rows)
+}
+
+/// The row of a record.
+///
+/// **Errors**: a description of the first fault.
+fn row(
+    header: &StringRecord,
+    parameters: &[(usize, Parameter)],
+    record: &StringRecord,
+) -> Result<PublishedRow, String> {
+    let cell = |name: &str| {
+        let place = header.iter().position(|known| known == name)?;
+        record.get(place).filter(|text| !text.is_empty())
+    };
+    let number = |name: &str, text: &str| {
+        let number = text.parse::<f64>().ok().filter(|number| number.is_finite());
+        number.ok_or_else(|| format!("`{name}`: expected a number, found {text:?}"))
+    };
+    let optional = |name: &str, is_valid: fn(f64) -> bool, expected: &str| match cell(name) {
+        None => Ok(None),
+        Some(text) => match number(name, text)? {
+            number if is_valid(number) => Ok(Some(number)),
+            _ => Err(format!("`{name}`: expected {expected}, found {text}")),
+        },
+    };
+    let value = cell("value").ok_or("missing `value`")?;
+    let metric = match cell("metric") {
+        Some(ERROR_AXIS) => None,
+        None => Some(MetricName::default()),
+        Some(name) => {
+            Some(MetricName::named(name).ok_or_else(|| format!("there is no metric {name:?}"))?)
+        }
+    };
+    let given = parameters.iter().filter_map(|(place, parameter)| {
+        let text = record.get(*place).filter(|text| !text.is_empty())?;
+        Some(number(&parameter.to_string(), text).map(|value| (*parameter, value)))
+    });
+    let n = optional("n", |n| n >= 1.0 && n.fract() == 0.0, "a whole number above 0")?;
+    let mut row = PublishedRow {
+        subject: cell("subject").unwrap_or_default().to_owned(),
+        agent: cell("agent").unwrap_or_default().to_owned(),
+        scenario: cell("scenario").unwrap_or_default().to_owned(),
+        parameters: given.collect::<Result<_, _>>()?,
+        metric,
+        value: number("value", value)?,
+        sd: optional("sd", |sd| sd >= 0.0, "a number from 0")?,
+        p: optional("p", |p| (0.0..=1.0).contains(&p), "a number from 0 to 1")?,
+        n: n.ok_or("missing `n`, the number of seeds of a mean, or of each side of a difference")?,
+        reading_error: optional("reading_error", |error| error >= 0.0, "a number from 0")?
+            .unwrap_or(0.0),
+        margin: optional("margin", |margin| margin > 0.0, "a number above 0")?,
+    };
+    let is_difference = row.sides().is_some();
+    if row.p.is_some() && !is_difference {
+        return Err(
+            "`p` is of a difference: name two agents or two scenarios, `first - second`".into()
+        );
+    }
+    if row.subject.is_empty() {
+        row.subject = match (row.metric, is_difference, row.p) {
+            (None, ..) => "error rate",
+            (_, true, Some(_)) => "effect",
+            (_, true, None) => "difference",
+            (_, false, _) => "mean",
+        }
+        .to_owned();
+    }
+    Ok(row)
 }
 
 /// The position of the key for published numbers in a manifest's text.
@@ -212,18 +266,40 @@ mod tests {
 
     #[test]
     fn the_paper_s_numbers_are_read_and_counted() {
-        let text = include_str!("../../experiments/paper/published.toml");
-        let published = Published::parse(Path::new("published.toml"), text).unwrap();
-        let effects: usize = published.t_tests.iter().map(|test| test.effect.len()).sum();
-        let points: usize = published.curves.iter().map(|curve| curve.sigma.len()).sum();
-        let tiles = published.heat_maps.iter().flat_map(|map| &map.effect).flatten().count();
-        assert_eq!((effects, points, tiles), (20, 48, 32));
+        let text = include_str!("../../experiments/paper/published.csv");
+        let published = Published::parse(Path::new("published.csv"), text).unwrap();
+        let count =
+            |subject: &str| published.rows.iter().filter(|row| row.subject == subject).count();
+        assert_eq!(
+            ["effect", "curve point", "heat-map tile", "error rate"].map(count),
+            [20, 48, 32, 6]
+        );
+        let first = &published.rows[0];
+        assert_eq!(first.sides(), Some([("dqn", "P-H-D"), ("dqn", "L-H-D")]));
+        assert_eq!(first.value_of(Parameter::Environment("sigma")), Some(0.4));
+        assert_eq!((first.value, first.p, first.n), (483.02, Some(0.0193), 3.0));
     }
 
     #[test]
-    fn lists_of_unequal_length_are_refused() {
-        let text = "[[curve]]\nagent = \"a\"\nscenario = \"C\"\nsigma = [0.1, 0.2]\nreturn = [1.0]";
-        let faults = Published::parse(Path::new("p.toml"), text).unwrap_err();
-        assert!(faults.to_string().contains("the lists of a [[curve]] differ in length"));
+    fn faults_of_the_file_say_where_they_are() {
+        for (text, expected) in [
+            ("agent,value,n\na,1\n", "p.csv:2:1: "),
+            (
+                "agent,valeu,n\na,1,3\n",
+                "`valeu` is neither a column nor a parameter; did you mean `value`?",
+            ),
+            ("agent,n\na,1\n", "missing column `value`"),
+            (
+                "# text\nvalue,n\n1,3\nx,3\n",
+                "p.csv:4:1: published numbers cannot be read: `value`: expected a number, found \"x\"",
+            ),
+            ("value\n1\n", "missing `n`"),
+            ("value,n,p\n1,3,0.5\n", "`p` is of a difference"),
+            ("value,n,metric\n1,3,speed\n", "there is no metric \"speed\""),
+            ("value,n,margin\n1,3,0\n", "`margin`: expected a number above 0, found 0"),
+        ] {
+            let faults = Published::parse(Path::new("p.csv"), text).unwrap_err().to_string();
+            assert!(faults.contains(expected), "{text}: {faults}");
+        }
     }
 }

@@ -72,7 +72,9 @@ pub fn assemble(
                 .iter()
                 .filter_map(|agent| Some((agent.name.clone(), agent.label.clone()?)))
                 .collect(),
-            reproduction: published.as_ref().map(|published| reproduce(published, &data.jobs)),
+            reproduction: published
+                .as_ref()
+                .map(|published| reproduce(published, &data.jobs, words.return_unit)),
             arms: summarise_arms(&data.jobs),
             unknown_optima,
             words,

@@ -15,7 +15,7 @@ use super::page::{self, Hosts};
 use super::scene::{Scene, pdf, png, svg};
 use super::section::{ArmTables, ReportedExperiment, Section, Shown};
 use super::tables;
-use crate::analyse::declared::{Finding, Reproduction, summarise_agents};
+use crate::analyse::declared::{Comparison, Finding, Reproduction, summarise_agents};
 
 /// A file of the report.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -123,10 +123,10 @@ fn merged(experiments: &[ReportedExperiment]) -> Reproduction {
     let mut merged = Reproduction::default();
     for one in experiments.iter().filter_map(|experiment| experiment.reproduction.as_ref()) {
         for comparison in &one.comparisons {
-            let is_same = |known: &crate::analyse::declared::Comparison| {
-                (known.subject, &known.agent, &known.scenario, &known.settings)
+            let is_same = |known: &Comparison| {
+                (&known.subject, &known.agent, &known.scenario, &known.settings)
                     == (
-                        comparison.subject,
+                        &comparison.subject,
                         &comparison.agent,
                         &comparison.scenario,
                         &comparison.settings,
@@ -137,7 +137,9 @@ fn merged(experiments: &[ReportedExperiment]) -> Reproduction {
             }
         }
     }
-    merged.comparisons.sort_by_key(|comparison| comparison.subject);
+    let subjects: Vec<String> = merged.subjects().into_iter().map(str::to_owned).collect();
+    let place = |one: &Comparison| subjects.iter().position(|subject| *subject == one.subject);
+    merged.comparisons.sort_by_key(place);
     merged
 }
 

@@ -1,26 +1,26 @@
 //! The comparison with published numbers, in sentences.
 
 use super::data_table::shown;
-use crate::analyse::declared::{Distance, Reproduction, Subject};
+use crate::analyse::declared::{Distance, Reproduction};
 use crate::job::counted;
 
 /// The results of a comparison with published numbers, in sentences.
 pub fn reproduction(reproduction: &Reproduction) -> Vec<String> {
-    let subjects = [Subject::Effect, Subject::CurvePoint, Subject::HeatTile, Subject::ErrorRate];
+    let subjects = reproduction.subjects();
     let counts = subjects.iter().filter_map(|subject| {
-        let (inside, outside, open) = reproduction.counts(*subject);
+        let (inside, outside, open) = reproduction.counts(subject);
         let total = inside + outside + open;
         let open = match open {
             0 => String::new(),
             open => format!(" ({open} not compared yet)"),
         };
-        (total > 0).then(|| format!("{inside} of {total} {}s{open}", subject.name()))
+        (total > 0).then(|| format!("{inside} of {total} {subject}s{open}"))
     });
     let counts: Vec<String> = counts.collect();
     if counts.is_empty() {
         return Vec::new();
     }
-    let distances = [Subject::CurvePoint, Subject::HeatTile].into_iter().flat_map(|subject| {
+    let distances = subjects.iter().flat_map(|subject| {
         reproduction.distances(subject).into_iter().map(move |by| distance(subject, &by))
     });
     let distances: Vec<String> = distances.collect();
@@ -39,12 +39,14 @@ pub fn reproduction(reproduction: &Reproduction) -> Vec<String> {
         counts.join(", ")
     ));
     let equivalent = subjects.iter().filter_map(|subject| {
-        let (margin, equivalent, compared) = reproduction.equivalent(*subject)?;
-        let margin = match subject {
-            Subject::ErrorRate => format!("± {} percentage points", shown(100.0 * margin, 1)),
-            _ => format!("± {} steps", shown(margin, 0)),
+        let (margin, equivalent, compared) = reproduction.equivalent(subject)?;
+        let mut all = reproduction.comparisons.iter();
+        let one = all.find(|one| one.subject == **subject)?;
+        let margin = match one.is_rate {
+            true => format!("± {} percentage points", shown(100.0 * margin, 1)),
+            false => format!("± {} {}", shown(margin, 0), one.return_unit),
         };
-        (compared > 0).then(|| format!("{equivalent} of {compared} {}s ({margin})", subject.name()))
+        (compared > 0).then(|| format!("{equivalent} of {compared} {subject}s ({margin})"))
     });
     let equivalent: Vec<String> = equivalent.collect();
     if !equivalent.is_empty() {
@@ -57,13 +59,13 @@ pub fn reproduction(reproduction: &Reproduction) -> Vec<String> {
 }
 
 /// The overall distance of an agent's numbers from the published numbers.
-fn distance(subject: Subject, by: &Distance) -> String {
-    let Distance { agent, mean, root_mean_square, numbers } = by;
+fn distance(subject: &str, by: &Distance) -> String {
+    let Distance { agent, return_unit, mean, root_mean_square, numbers } = by;
     let side = if *mean < 0.0 { "lower" } else { "higher" };
     format!(
-        "{agent} {} steps over {}, ours {} {side} on average",
+        "{agent} {} {return_unit} over {}, ours {} {side} on average",
         shown(*root_mean_square, 0),
-        counted(*numbers, subject.name()),
+        counted(*numbers, subject),
         shown(mean.abs(), 0)
     )
 }
@@ -78,7 +80,9 @@ mod tests {
     fn tile(difference: f64, verdict: Verdict) -> Comparison {
         let interval = Interval { low: difference - 30.0, high: difference + 30.0 };
         Comparison {
-            subject: Subject::HeatTile,
+            subject: "heat-map tile".into(),
+            is_rate: false,
+            return_unit: "steps",
             agent: "reinforce".into(),
             scenario: "P-H-D - L-H-D".into(),
             settings: vec![("delta_d", 0.1), ("epsilon_d", 0.2)],

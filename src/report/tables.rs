@@ -88,11 +88,11 @@ pub fn reproduction(reproduction: &Reproduction) -> DataTable {
 
 fn comparison(one: &Comparison) -> Vec<Entry> {
     let settings = one.settings.iter().map(|(name, value)| format!("{name}={value}"));
-    let is_rate = one.published.abs() < 1.0;
+    let is_rate = one.is_rate;
     let decimals = if is_rate { 4 } else { 1 };
     let interval = one.agreement.as_ref().map(|agreement| agreement.interval).map_err(|e| *e);
     vec![
-        Entry::text(one.subject.name()),
+        Entry::text(&one.subject),
         Entry::text(&one.agent),
         Entry::text(&one.scenario),
         Entry::text(settings.collect::<Vec<_>>().join(" ")),

@@ -7,8 +7,8 @@ use std::ops::ControlFlow;
 use std::path::Path;
 
 use jitai::env::{Feature, StepCount};
-use jitai::key::Keyed;
-use jitai::manifest;
+use jitai::key::{Keyed, Parameter};
+use jitai::manifest::{self, Published, PublishedRow};
 use jitai::store::{Answer, Reader};
 
 #[path = "../documents/examples.rs"]
@@ -220,6 +220,13 @@ fn the_query_of_the_readings_has_the_error_of_three_seeds() {
     assert_eq!(rows, [expected]);
 }
 
+const SIGMA: Parameter = Parameter::Environment("sigma");
+
+fn published_by_the_paper() -> Vec<PublishedRow> {
+    let name = "experiments/paper/published.csv";
+    Published::parse(Path::new(name), &read(name)).unwrap().rows
+}
+
 #[test]
 fn the_query_of_the_readings_has_the_published_means() {
     let sql = read("experiments/readings.sql");
@@ -228,18 +235,15 @@ fn the_query_of_the_readings_has_the_published_means() {
     let axes = "scenarios = [\"P-T\"]\nenvironment.sigma = 0.6";
     let reader = store_of_readings(folder.path(), "dqn", "never", axes);
     let rows = ask(&reader, &format!("{means}) SELECT * FROM published")).unwrap();
-    let published: toml::Table = read("experiments/paper/published.toml").parse().unwrap();
-    let curves = published["curve"].as_array().unwrap();
+    let published = published_by_the_paper();
     for row in &rows {
         let [agent, scenario, sigma, mean] = &row[..] else { panic!("{row:?}") };
-        let names = |curve: &&toml::Value| {
-            curve["agent"].as_str() == Some(agent) && curve["scenario"].as_str() == Some(scenario)
+        let at = Some(sigma.parse::<f64>().unwrap());
+        let is_meant = |one: &&PublishedRow| {
+            (&one.agent, &one.scenario) == (agent, scenario) && one.value_of(SIGMA) == at
         };
-        let curve = curves.iter().find(names).unwrap_or_else(|| panic!("no curve for {row:?}"));
-        let sigma: f64 = sigma.parse().unwrap();
-        let sigmas = curve["sigma"].as_array().unwrap();
-        let at = sigmas.iter().position(|value| value.as_float() == Some(sigma)).unwrap();
-        assert_eq!(curve["return"][at].as_integer(), Some(mean.parse().unwrap()), "{row:?}");
+        let point = published.iter().find(is_meant).unwrap_or_else(|| panic!("no {row:?}"));
+        assert_eq!(point.value, mean.parse::<f64>().unwrap(), "{row:?}");
     }
     assert_eq!(
         rows.len(),
@@ -321,12 +325,10 @@ rule = \"tailored\"
     fs::write(folder.path().join("maps.toml"), manifest).unwrap();
     run(folder.path(), &["run", "maps.toml"], 0);
     let reader = Reader::open(&folder.path().join("jitai.sqlite")).unwrap();
-    let published: toml::Table = read("experiments/paper/published.toml").parse().unwrap();
-    let maps = published["heat_map"].as_array().unwrap();
+    let published = published_by_the_paper();
     let tiles = |agent: &str| -> Vec<f64> {
-        let map = maps.iter().find(|map| map["agent"].as_str() == Some(agent)).unwrap();
-        let rows = map["effect"].as_array().unwrap().iter();
-        rows.flat_map(|row| row.as_array().unwrap()).map(|tile| tile.as_float().unwrap()).collect()
+        let of = |one: &&PublishedRow| one.agent == agent && one.subject == "heat-map tile";
+        published.iter().filter(of).map(|tile| tile.value).collect()
     };
     let sql = read("experiments/heat_maps.sql");
     let (table, _) = sql.split_once("), run AS (").unwrap();

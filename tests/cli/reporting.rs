@@ -15,7 +15,7 @@ name = "every <kind>"
 question = "Is </script><b>this</b> shown as it is written?"
 scenarios = ["P-H-D", "L-H-D"]
 seeds = [11, 12]
-published = "published.toml"
+published = "published.csv"
 environment.sigma = [0.4, 0.6]
 environment.delta_d = [0.1, 0.2]
 environment.horizon = 10
@@ -62,11 +62,7 @@ name = "error"
 kind = "inference_error"
 "#;
 
-const PUBLISHED: &str = "[sigma_to_error]
-sigma = [0.4]
-reported = [0.096]
-exact = [0.10565]
-";
+const PUBLISHED: &str = "sigma,metric,value,n\n0.4,context_inference_error,0.096,1000\n";
 
 fn files(folder: &Path) -> BTreeMap<String, Vec<u8>> {
     let mut found = BTreeMap::new();
@@ -85,7 +81,7 @@ fn files(folder: &Path) -> BTreeMap<String, Vec<u8>> {
 
 fn prepared() -> Folder {
     let folder = Folder::with(MANIFEST);
-    folder.write("published.toml", PUBLISHED);
+    folder.write("published.csv", PUBLISHED);
     folder
 }
 
@@ -379,12 +375,12 @@ fn a_partial_store_gives_a_report_that_says_what_is_missing() {
 fn a_report_needs_a_store_and_readable_published_numbers() {
     let folder = prepared();
     assert_eq!(folder.jitai(["report", "sweep.toml", "--out", "report"]).code, Some(3));
-    folder.write("published.toml", "[[curve]]\nagent = 1\n");
+    folder.write("published.csv", "agent,value,n\n1,none,3\n");
     let told = folder.jitai(["report", "sweep.toml", "--out", "report"]);
     assert_eq!(told.code, Some(2));
     assert!(told.stderr.contains("published numbers cannot be read"), "{}", told.stderr);
-    folder.jitai(["check", "sweep.toml"]).ended(2).says("published.toml:2:9: ");
-    std::fs::remove_file(folder.path("published.toml")).unwrap();
+    folder.jitai(["check", "sweep.toml"]).ended(2).says("published.csv:2:1: ");
+    std::fs::remove_file(folder.path("published.csv")).unwrap();
     for command in [&["check", "sweep.toml"][..], &["report", "sweep.toml", "--out", "report"]] {
         folder.jitai(command.iter().copied()).ended(2).says("sweep.toml:").says("`published`: ");
     }

@@ -1,15 +1,15 @@
 //! Differences of means between two sides, at every setting of the other parameters.
 
-use crate::job::metric::MEAN_RETURN;
 use std::collections::BTreeMap;
 use std::ops::Deref;
 
 use super::arm::{ArmId, varying};
 use super::curve::ALPHA;
 use super::pairs::{Pair, pairs};
+use super::published::rows;
 use crate::analyse::{self, Corrected, Design, Detectable, Sample, Undefined, correct, detectable};
 use crate::job::{MetricName, Scalar};
-use crate::manifest::{Contrast, Pairing, Published, Sides};
+use crate::manifest::{Contrast, Pairing, Published, PublishedRow, Sides};
 use crate::record::JobRecord;
 
 /// The differences between two sides.
@@ -59,7 +59,7 @@ pub struct ContrastRow {
     /// P values corrected over the family.
     pub corrected: Result<Corrected, Undefined>,
     /// Published difference and p value.
-    pub published: Option<(f64, f64)>,
+    pub published: Option<(f64, Option<f64>)>,
 }
 
 impl ContrastRow {
@@ -182,10 +182,9 @@ fn row(
 ) -> ContrastRow {
     let of = |jobs| super::Arm { name: name.clone(), jobs };
     let (first, second) = (of(first), of(second));
-    let sigma_of = |arm: &super::Arm<'_>| arm.jobs.first()?.number("environment.sigma");
-    let sigma = sigma_of(&first).filter(|sigma| sigma_of(&second) == Some(*sigma));
     let error_of = |arm: &super::Arm<'_>| arm.jobs.first()?.context_error;
     let error = error_of(&first).filter(|error| error_of(&second) == Some(*error));
+    let published = published_row(published, metric, (&name, &contrast.sides), (&first, &second));
     let (first, second) = (first.sample(metric), second.sample(metric));
     let sides = &contrast.sides;
     let design = match contrast.pairing {
@@ -193,10 +192,8 @@ fn row(
         Pairing::Unpaired => Design::Independent,
         Pairing::BySeed => Design::Matched,
     };
-    let words = words(sides);
-    let published = published.filter(|_| metric == MEAN_RETURN);
     ContrastRow {
-        published: published.and_then(|known| published_test(known, &words, &name, sigma?)),
+        published: published.map(|row| (row.value, row.p)),
         sides: labels(sides),
         error,
         contrast: analyse::Contrast::new(&first, &second, design),
@@ -208,20 +205,22 @@ fn row(
     }
 }
 
-fn published_test(
-    published: &Published,
-    sides: &(String, String),
-    name: &ArmId,
-    sigma: f64,
-) -> Option<(f64, f64)> {
-    let contrast = format!("{} - {}", sides.0, sides.1);
-    let test = published.t_tests.iter().find(|test| {
-        test.contrast == contrast
-            && test.agent.as_ref().is_none_or(|agent| *agent == name.agent)
-            && test.scenario.as_ref().is_none_or(|scenario| *scenario == name.scenario)
-    })?;
-    let at = test.sigma.iter().position(|one| *one == sigma)?;
-    Some((test.effect[at], test.p_value[at]))
+/// The published number of a difference between two arms.
+fn published_row<'p>(
+    published: Option<&'p Published>,
+    metric: MetricName,
+    (name, sides): (&ArmId, &Sides),
+    (first, second): (&super::Arm<'_>, &super::Arm<'_>),
+) -> Option<&'p PublishedRow> {
+    let words = words(sides);
+    let difference = format!("{} - {}", words.0, words.1);
+    let number = |parameter: &str| {
+        let of = |arm: &super::Arm<'_>| arm.jobs.first()?.number(parameter);
+        of(first).filter(|value| of(second) == Some(*value))
+    };
+    let ways = [(difference.as_str(), &*name.scenario), (&*name.agent, difference.as_str())];
+    let mut found = ways.into_iter().flat_map(|of| rows(published, metric, of, name, &[], &number));
+    found.next()
 }
 
 /// Corrects the p values of the rows of all contrasts, family by family.

@@ -1,11 +1,11 @@
 //! A metric along a parameter.
 
 use super::arm::{ArmId, arms, by_value, decided_by};
+use super::published;
 use crate::analyse::{Design, Sample, Undefined, t_test};
 use crate::env::inference_error;
 use crate::job::MetricName;
-use crate::job::metric::MEAN_RETURN;
-use crate::manifest::{CurveAxis, ERROR_AXIS, Published};
+use crate::manifest::{CurveAxis, ERROR_AXIS, Published, parameter as parameter_named};
 use crate::record::JobRecord;
 
 /// Lines along one axis.
@@ -225,20 +225,18 @@ pub fn figure(
             CurvePoint { x: place(value), parameter: value, sample: here.sample(metric) }
         });
         let points = points.collect();
-        let comparable = parameter == "environment.sigma" && metric == MEAN_RETURN;
-        let published = published.filter(|_| comparable && arm.name.settings.is_empty());
-        let line = published
-            .into_iter()
-            .flat_map(|published| &published.curves)
-            .find(|curve| curve.agent == arm.name.agent && curve.scenario == arm.name.scenario);
+        let number = |name: &str| arm.jobs.first()?.number(name);
+        let of = (&*arm.name.agent, &*arm.name.scenario);
+        let published = published::rows(published, metric, of, &arm.name, &[&parameter], &number);
+        let swept = parameter_named(&parameter);
         CurveLine {
             points,
             across,
             optimum,
-            published: line.map_or_else(Vec::new, |line| {
-                let points = line.sigma.iter().zip(&line.mean_return);
-                points.map(|(sigma, value)| (place(*sigma), *value)).collect()
-            }),
+            published: published
+                .into_iter()
+                .filter_map(|row| Some((place(row.value_of(swept?)?), row.value)))
+                .collect(),
             name: arm.name,
         }
     });

@@ -2,9 +2,9 @@
 
 use super::arm::{arms, by_value, decided_by};
 use super::pairs::{Pair, pairs};
+use super::published;
 use super::{Arm, ArmId};
 use crate::analyse::{Contrast, Design, Interval, Sample, Undefined};
-use crate::job::metric::MEAN_RETURN;
 use crate::job::{Condition, MetricName};
 use crate::manifest::{HeatMap, Published, Sides};
 use crate::record::JobRecord;
@@ -82,7 +82,6 @@ pub fn figures(
     let zipped = [&axes.0, &axes.1].map(|axis| decided_by(axis, jobs)).concat();
     let along: Vec<&str> =
         [&axes.0, &axes.1, &by].into_iter().chain(&zipped).map(String::as_str).collect();
-    let published = published.filter(|_| metric == MEAN_RETURN);
     let figure = |(name, ours): (ArmId, Vec<&JobRecord>)| {
         figure(name, &axes, (sides, metric), &ours, published)
     };
@@ -111,12 +110,6 @@ fn figure(
     };
     let rows = by_value(y, jobs);
     let columns: Vec<f64> = by_value(x, jobs).into_iter().map(|(column, _)| column).collect();
-    let is_of_paper = (x.as_str(), y.as_str()) == ("environment.epsilon_d", "environment.delta_d");
-    let map = published
-        .filter(|_| is_of_paper && name.settings.is_empty())
-        .into_iter()
-        .flat_map(|published| &published.heat_maps)
-        .find(|map| map.agent == name.agent && map.contrast == contrast);
     let mut tiles = Vec::new();
     for (row, jobs) in &rows {
         let row = *row;
@@ -124,11 +117,10 @@ fn figure(
         for &column in &columns {
             let here = filled.next_if(|(at, _)| *at == column).map(|(_, jobs)| jobs);
             let here = here.unwrap_or_default();
-            let published = map.and_then(|map| {
-                let row = map.delta_d.iter().position(|one| *one == row)?;
-                let column = map.epsilon_d.iter().position(|one| *one == column)?;
-                Some(map.effect[row][column])
-            });
+            let number = |name: &str| here.first()?.number(name);
+            let of = (&*name.agent, contrast.as_str());
+            let known = published::rows(published, metric, of, &name, &[], &number);
+            let published = known.first().map(|row| row.value);
             tiles.push(HeatTile { x: column, y: row, published, ..tile(&here, sides, metric) });
         }
     }

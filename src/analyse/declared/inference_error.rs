@@ -3,6 +3,7 @@
 use super::arm::by_value;
 use crate::env::{FirstContext, inference_error};
 use crate::job::Scalar;
+use crate::key::Parameter;
 use crate::manifest::Published;
 use crate::record::JobRecord;
 
@@ -72,11 +73,11 @@ pub fn figure(jobs: &[&JobRecord], published: Option<&Published>) -> ErrorFigure
         let seen = (steps > 0).then(|| wrong as f64 / steps as f64);
         ErrorPoint { sigma: at, exact: inference_error(at), seen, steps, runs: runs.len() }
     };
-    let errors = published.and_then(|published| published.sigma_to_error.as_ref());
+    let sigma = Parameter::Environment("sigma");
+    let rates = published.into_iter().flat_map(|published| &published.rows);
+    let rates = rates.filter(|row| row.metric.is_none());
     ErrorFigure {
         points: by_value("environment.sigma", jobs).into_iter().map(point).collect(),
-        published: errors.map_or_else(Vec::new, |errors| {
-            errors.sigma.iter().copied().zip(errors.reported.iter().copied()).collect()
-        }),
+        published: rates.filter_map(|row| Some((row.value_of(sigma)?, row.value))).collect(),
     }
 }

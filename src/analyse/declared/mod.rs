@@ -14,6 +14,7 @@ mod heat_map;
 mod inference_error;
 mod learning_curve;
 mod pairs;
+mod published;
 mod recovery;
 mod reproduction;
 mod selection;
@@ -27,7 +28,7 @@ pub use heat_map::{HeatFigure, HeatTile, Scale, heat_range};
 pub use inference_error::{ErrorFigure, ErrorPoint};
 pub use learning_curve::{HighestEnd, LearningFigure, LearningLine, LearningPanel};
 pub use recovery::{RecoveryRow, ScenarioOptimum};
-pub use reproduction::{Comparison, Distance, Reproduction, Subject, reproduce};
+pub use reproduction::{Comparison, Distance, Reproduction, reproduce};
 pub use selection::{Candidate, RangeEnd, Ranking};
 pub use summary::{AgentSummary, ArmSummary, share_of_optimum, summarise_agents, summarise_arms};
 

@@ -8,22 +8,13 @@ use crate::analyse::{
     Agreement, Design, Estimate, Likeness, Sample, Undefined, Verdict, agreement, t_test,
 };
 use crate::env::inference_error;
-use crate::job::metric::MEAN_RETURN;
-use crate::manifest::{Equivalence, Published};
+use crate::job::{MetricName, MetricUnit};
+use crate::key::Parameter;
+use crate::manifest::{Published, PublishedRow};
 use crate::record::JobRecord;
-
-/// Number of seeds behind every published mean.
-const PUBLISHED_SEEDS: f64 = 3.0;
-
-/// Half-width of the error of reading a published curve off its figure, in steps. The error is taken
-/// as uniform, so its standard deviation is this divided by the square root of 3.
-const READING_ERROR: f64 = 15.0;
 
 /// The smallest p that is not printed as 0.00000.
 const SMALLEST_P: f64 = 5e-6;
-
-/// Number of samples behind a published error rate.
-const ERROR_SAMPLES: f64 = 1000.0;
 
 /// The comparisons of all published numbers that the jobs cover.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -32,36 +23,15 @@ pub struct Reproduction {
     pub comparisons: Vec<Comparison>,
 }
 
-/// The kind of a published number.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
-pub enum Subject {
-    /// A difference in a table of t tests.
-    Effect,
-    /// A point of a curve.
-    CurvePoint,
-    /// A tile of a heat map.
-    HeatTile,
-    /// A rate of context inference error.
-    ErrorRate,
-}
-
-impl Subject {
-    /// The name in tables.
-    pub fn name(self) -> &'static str {
-        match self {
-            Subject::Effect => "effect",
-            Subject::CurvePoint => "curve point",
-            Subject::HeatTile => "heat-map tile",
-            Subject::ErrorRate => "error rate",
-        }
-    }
-}
-
 /// A published number and ours.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Comparison {
-    /// The kind of number.
-    pub subject: Subject,
+    /// The kind of number, as the published file calls it.
+    pub subject: String,
+    /// Whether the number is a share.
+    pub is_rate: bool,
+    /// The unit of returns.
+    pub return_unit: &'static str,
     /// The agent, or both as `first - second`; empty where there is none.
     pub agent: String,
     /// The scenario, or both as `first - second`; empty where there is none.
@@ -99,6 +69,8 @@ impl Comparison {
 pub struct Distance {
     /// The agent.
     pub agent: String,
+    /// The unit of returns.
+    pub return_unit: &'static str,
     /// Mean difference.
     pub mean: f64,
     /// Root of the mean squared difference.
@@ -108,8 +80,19 @@ pub struct Distance {
 }
 
 impl Reproduction {
+    /// The kinds of numbers, in the order of the published file.
+    pub fn subjects(&self) -> Vec<&str> {
+        let mut subjects: Vec<&str> = Vec::new();
+        for one in &self.comparisons {
+            if !subjects.contains(&one.subject.as_str()) {
+                subjects.push(&one.subject);
+            }
+        }
+        subjects
+    }
+
     /// Numbers of comparisons of a subject whose verdict is inside, outside and undefined.
-    pub fn counts(&self, subject: Subject) -> (usize, usize, usize) {
+    pub fn counts(&self, subject: &str) -> (usize, usize, usize) {
         let mut counts = (0, 0, 0);
         for comparison in self.comparisons.iter().filter(|one| one.subject == subject) {
             match &comparison.agreement {
@@ -123,28 +106,31 @@ impl Reproduction {
 
     /// Of the comparisons of a subject whose margin is declared: the margin, the number that is equivalent, and
     /// the number compared; `None` if no margin is declared.
-    pub fn equivalent(&self, subject: Subject) -> Option<(f64, usize, usize)> {
+    pub fn equivalent(&self, subject: &str) -> Option<(f64, usize, usize)> {
         let of_subject = || self.comparisons.iter().filter(|one| one.subject == subject);
         let margin = of_subject().find_map(|one| one.margin)?;
         let verdicts = || of_subject().filter_map(Comparison::is_equivalent);
         Some((margin, verdicts().filter(|is| *is).count(), verdicts().count()))
     }
 
-    /// The distance of our numbers from the published numbers of a subject, by agent. Numbers can
-    /// be too high on average although each of them agrees.
-    pub fn distances(&self, subject: Subject) -> Vec<Distance> {
-        let mut agents: BTreeMap<&str, Vec<f64>> = BTreeMap::new();
-        for one in self.comparisons.iter().filter(|one| one.subject == subject) {
+    /// The distance of our numbers from the published numbers of a subject that have no p value and are no shares, by
+    /// agent. Numbers can be too high on average although each of them agrees.
+    pub fn distances(&self, subject: &str) -> Vec<Distance> {
+        let mut agents: BTreeMap<(&str, &'static str), Vec<f64>> = BTreeMap::new();
+        let is_of =
+            |one: &&Comparison| one.subject == subject && !one.is_rate && one.published_p.is_none();
+        for one in self.comparisons.iter().filter(is_of) {
             if let Ok(ours) = one.ours {
-                agents.entry(&one.agent).or_default().push(ours - one.published);
+                agents.entry((&one.agent, one.return_unit)).or_default().push(ours - one.published);
             }
         }
-        let distance = |(agent, differences): (&str, Vec<f64>)| {
+        let distance = |((agent, return_unit), differences): ((&str, _), Vec<f64>)| {
             let mean = |of: fn(f64) -> f64| {
                 differences.iter().map(|x| of(*x)).sum::<f64>() / differences.len() as f64
             };
             Distance {
                 agent: agent.to_owned(),
+                return_unit,
                 mean: mean(|x| x),
                 root_mean_square: mean(|x| x * x).sqrt(),
                 numbers: differences.len(),
@@ -167,162 +153,116 @@ impl Reproduction {
 }
 
 /// Compares every published number with the jobs that measure it. Numbers without a declared job are
-/// left out.
-pub fn reproduce(published: &Published, jobs: &[JobRecord]) -> Reproduction {
+/// left out. `return_unit` is the unit of returns.
+pub fn reproduce(
+    published: &Published,
+    jobs: &[JobRecord],
+    return_unit: &'static str,
+) -> Reproduction {
     let jobs: Vec<&JobRecord> = jobs.iter().collect();
-    let mut comparisons = effects(published, &jobs);
-    comparisons.extend(curve_points(published, &jobs));
-    comparisons.extend(heat_tiles(published, &jobs));
-    comparisons.extend(error_rates(published, &jobs));
-    let Equivalence { steps, rate } = published.equivalence;
-    for one in &mut comparisons {
-        one.margin = if one.subject == Subject::ErrorRate { rate } else { steps };
-    }
-    Reproduction { comparisons }
+    let compared = |row: &PublishedRow| {
+        let comparison = match (row.metric, row.sides()) {
+            (None, _) => error_rate(row, &jobs)?,
+            (Some(metric), None) => {
+                mean(row, &arm(&jobs, row, (&row.agent, &row.scenario), metric)?)
+            }
+            (Some(metric), Some(sides)) => {
+                let [one, other] = sides.map(|side| arm(&jobs, row, side, metric));
+                difference(row, &one?, &other?)
+            }
+        };
+        let settings = row.parameters.iter();
+        Some(Comparison {
+            subject: row.subject.clone(),
+            is_rate: row.metric.is_none_or(|metric| metric.unit() == MetricUnit::Share),
+            return_unit,
+            agent: row.agent.clone(),
+            scenario: row.scenario.clone(),
+            settings: settings.map(|(parameter, value)| (parameter.key(), *value)).collect(),
+            published_p: row.p,
+            margin: row.margin,
+            ..comparison
+        })
+    };
+    Reproduction { comparisons: published.rows.iter().filter_map(compared).collect() }
 }
 
-/// The sample of the only arm with this agent, scenario and settings; `None` if no arm or several match.
+/// The sample of the only arm with this agent and scenario and the parameters of a row; `None` if no arm or
+/// several match.
 fn arm(
     jobs: &[&JobRecord],
-    agent: &str,
-    scenario: &str,
-    settings: &[(&'static str, f64)],
+    row: &PublishedRow,
+    (agent, scenario): (&str, &str),
+    metric: MetricName,
 ) -> Option<Sample> {
     let is = |job: &&&JobRecord| {
-        let set = |(name, value): &(&str, f64)| {
-            job.number(&format!("environment.{name}")) == Some(*value)
+        let set = |(parameter, value): &(Parameter, f64)| {
+            job.number(&parameter.to_string()) == Some(*value)
         };
-        *job.agent == *agent && job.scenario == scenario && settings.iter().all(set)
+        *job.agent == *agent && job.scenario == scenario && row.parameters.iter().all(set)
     };
     let here: Vec<&JobRecord> = jobs.iter().filter(is).copied().collect();
     match arms(&here, &[]).as_slice() {
-        [arm] => Some(arm.sample(MEAN_RETURN)),
+        [arm] => Some(arm.sample(metric)),
         _ => None,
     }
 }
 
-fn effects(published: &Published, jobs: &[&JobRecord]) -> Vec<Comparison> {
-    let mut comparisons = Vec::new();
-    for test in &published.t_tests {
-        let Some((first, second)) = test.contrast.split_once(" - ") else { continue };
-        for (at, &sigma) in test.sigma.iter().enumerate() {
-            let side = |word: &str| match (&test.agent, &test.scenario) {
-                (Some(agent), None) => arm(jobs, agent, word, &[("sigma", sigma)]),
-                (None, Some(scenario)) => arm(jobs, word, scenario, &[("sigma", sigma)]),
-                _ => None,
-            };
-            let (Some(one), Some(other)) = (side(first), side(second)) else { continue };
-            let (effect, p) = (test.effect[at], test.p_value[at]);
-            let df = 2.0 * PUBLISHED_SEEDS - 2.0;
-            let theirs = Estimate::of_published(effect, p.max(SMALLEST_P), df);
-            let contrast = test.contrast.clone();
-            let words = |word: &Option<String>| word.clone().unwrap_or_else(|| contrast.clone());
-            let mut comparison = difference(&one, &other, effect, theirs);
-            comparison.subject = Subject::Effect;
-            comparison.agent = words(&test.agent);
-            comparison.scenario = words(&test.scenario);
-            comparison.settings = vec![("sigma", sigma)];
-            comparison.published_p = Some(p);
-            comparisons.push(comparison);
-        }
-    }
-    comparisons
-}
-
-fn curve_points(published: &Published, jobs: &[&JobRecord]) -> Vec<Comparison> {
-    let mut comparisons = Vec::new();
-    for curve in &published.curves {
-        for (&sigma, &value) in curve.sigma.iter().zip(&curve.mean_return) {
-            let Some(sample) = arm(jobs, &curve.agent, &curve.scenario, &[("sigma", sigma)]) else {
-                continue;
-            };
-            comparisons.push(Comparison {
-                agent: curve.agent.clone(),
-                scenario: curve.scenario.clone(),
-                settings: vec![("sigma", sigma)],
-                ..curve_point(value, &sample)
-            });
-        }
-    }
-    comparisons
-}
-
-/// The comparison of a published point of a curve with our seeds at that point.
-fn curve_point(published: f64, sample: &Sample) -> Comparison {
-    let reading_sd = READING_ERROR / 3f64.sqrt();
-    let likeness = Likeness::new(&[sample.values()], PUBLISHED_SEEDS, reading_sd);
+/// The comparison of a published mean with our seeds. Without a published standard deviation, its seeds are assumed
+/// to vary as much as ours. The error of reading it off a figure is taken as uniform, so its standard deviation is
+/// half its width divided by the square root of 3.
+fn mean(row: &PublishedRow, sample: &Sample) -> Comparison {
+    let reading_sd = row.reading_error / 3f64.sqrt();
     let ours = Estimate::of_mean(sample.values());
-    Comparison {
-        subject: Subject::CurvePoint,
-        ours: sample.mean(),
-        ..alike(published, likeness, ours, sample.n())
-    }
-}
-
-fn heat_tiles(published: &Published, jobs: &[&JobRecord]) -> Vec<Comparison> {
-    let mut comparisons = Vec::new();
-    for map in &published.heat_maps {
-        let Some((first, second)) = map.contrast.split_once(" - ") else { continue };
-        for (&delta_d, row) in map.delta_d.iter().zip(&map.effect) {
-            for (&epsilon_d, &effect) in map.epsilon_d.iter().zip(row) {
-                let settings = vec![("delta_d", delta_d), ("epsilon_d", epsilon_d)];
-                let side = |scenario| arm(jobs, &map.agent, scenario, &settings);
-                let (Some(one), Some(other)) = (side(first), side(second)) else { continue };
-                comparisons.push(Comparison {
-                    agent: map.agent.clone(),
-                    scenario: map.contrast.clone(),
-                    settings,
-                    ..heat_tile(effect, &one, &other)
-                });
-            }
+    let comparison = match row.sd {
+        Some(sd) => {
+            let standard_error = (sd * sd / row.n + reading_sd * reading_sd).sqrt();
+            let theirs = Estimate { value: row.value, standard_error, df: row.n - 1.0 };
+            let is_known = if row.n > 1.0 {
+                Ok(theirs)
+            } else {
+                Err(Undefined::TooFewSeeds { have: 1, need: 2 })
+            };
+            compared(row.value, is_known, ours, sample.n())
         }
-    }
-    comparisons
-}
-
-/// The comparison of a published tile of a heat map of differences with our seeds of both sides.
-fn heat_tile(published: f64, first: &Sample, second: &Sample) -> Comparison {
-    let likeness = Likeness::new(&[first.values(), second.values()], PUBLISHED_SEEDS, 0.0);
-    let ours = estimate(first, second);
-    let seeds = first.n().min(second.n());
-    Comparison {
-        subject: Subject::HeatTile,
-        ours: gap(first, second),
-        ..alike(published, likeness, ours, seeds)
-    }
-}
-
-fn error_rates(published: &Published, jobs: &[&JobRecord]) -> Vec<Comparison> {
-    let Some(errors) = &published.sigma_to_error else { return Vec::new() };
-    let pairs = errors.sigma.iter().zip(&errors.reported);
-    let declared = pairs.filter(|(sigma, _)| {
-        jobs.iter().any(|job| job.number("environment.sigma") == Some(**sigma))
-    });
-    let comparison = |(&sigma, &rate): (&f64, &f64)| {
-        let ours = inference_error(sigma);
-        // The binomial standard error of a published rate whose true value is ours. Our rate is exact.
-        let standard_error = (ours * (1.0 - ours) / ERROR_SAMPLES).sqrt();
-        let exact = |value| Estimate { value, standard_error: 0.0, df: ERROR_SAMPLES - 1.0 };
-        let theirs = Ok(Estimate { standard_error, ..exact(rate) });
-        Comparison {
-            subject: Subject::ErrorRate,
-            settings: vec![("sigma", sigma)],
-            ..compared(rate, theirs, Ok(exact(ours)), 0)
+        None => {
+            let likeness = Likeness::new(&[sample.values()], row.n, reading_sd);
+            alike(row.value, likeness, ours, sample.n())
         }
     };
-    declared.map(comparison).collect()
+    Comparison { ours: sample.mean(), ..comparison }
 }
 
-/// The comparison of a published difference, which has its own uncertainty, with our seeds of both sides.
-fn difference(
-    first: &Sample,
-    second: &Sample,
-    published: f64,
-    theirs: Result<Estimate, Undefined>,
-) -> Comparison {
+/// The comparison of a published difference with our seeds of both sides. Its p value says how uncertain it is;
+/// without one, its seeds are assumed to vary as much as ours.
+fn difference(row: &PublishedRow, first: &Sample, second: &Sample) -> Comparison {
     let seeds = first.n().min(second.n());
     let ours = estimate(first, second);
-    Comparison { ours: gap(first, second), ..compared(published, theirs, ours, seeds) }
+    let comparison = match row.p {
+        Some(p) => {
+            let theirs = Estimate::of_published(row.value, p.max(SMALLEST_P), 2.0 * row.n - 2.0);
+            compared(row.value, theirs, ours, seeds)
+        }
+        None => {
+            let likeness = Likeness::new(&[first.values(), second.values()], row.n, 0.0);
+            alike(row.value, likeness, ours, seeds)
+        }
+    };
+    Comparison { ours: gap(first, second), ..comparison }
+}
+
+/// The comparison of a published rate at which the most likely context is wrong with the exact one; `None` unless
+/// jobs have its noise.
+fn error_rate(row: &PublishedRow, jobs: &[&JobRecord]) -> Option<Comparison> {
+    let sigma = row.value_of(Parameter::Environment("sigma"))?;
+    jobs.iter().any(|job| job.number("environment.sigma") == Some(sigma)).then(|| {
+        let ours = inference_error(sigma);
+        // The binomial standard error of a published rate whose true value is ours. Our rate is exact.
+        let standard_error = (ours * (1.0 - ours) / row.n).sqrt();
+        let exact = |value| Estimate { value, standard_error: 0.0, df: row.n - 1.0 };
+        let theirs = Ok(Estimate { standard_error, ..exact(row.value) });
+        compared(row.value, theirs, Ok(exact(ours)), 0)
+    })
 }
 
 /// The difference of two arms with its standard error.
@@ -382,7 +322,9 @@ fn unlabelled(
     agreement: Result<Agreement, Undefined>,
 ) -> Comparison {
     Comparison {
-        subject: Subject::Effect,
+        subject: String::new(),
+        is_rate: false,
+        return_unit: "",
         agent: String::new(),
         scenario: String::new(),
         settings: Vec::new(),
@@ -427,6 +369,14 @@ mod tests {
         Sample::new((1..).zip(values.iter().copied()), 0, 0).unwrap()
     }
 
+    /// Number of seeds behind a published mean, and half-width of the error of reading it.
+    const PUBLISHED_SEEDS: f64 = 3.0;
+    const READING_ERROR: f64 = 15.0;
+
+    fn row(value: f64, reading_error: f64) -> PublishedRow {
+        PublishedRow { value, n: PUBLISHED_SEEDS, reading_error, ..PublishedRow::default() }
+    }
+
     /// A mean of `PUBLISHED_SEEDS` values.
     fn published_mean(stream: &mut Stream, sd: f64) -> f64 {
         normal(stream, PUBLISHED_SEEDS as usize, sd).iter().sum::<f64>() / PUBLISHED_SEEDS
@@ -454,7 +404,7 @@ mod tests {
             let covered = coverage(|| {
                 let ours = sample(&normal(&mut stream, n, sd));
                 let reading = READING_ERROR * (2.0 * stream.unit() - 1.0);
-                curve_point(published_mean(&mut stream, sd) + reading, &ours)
+                mean(&row(published_mean(&mut stream, sd) + reading, READING_ERROR), &ours)
             });
             assert!((0.94..most).contains(&covered), "{n} seeds, deviation {sd}: {covered}");
         }
@@ -471,7 +421,7 @@ mod tests {
                 let second = sample(&normal(&mut stream, n, sds.1));
                 let published =
                     published_mean(&mut stream, sds.0) - published_mean(&mut stream, sds.1);
-                heat_tile(published, &first, &second)
+                difference(&row(published, 0.0), &first, &second)
             });
             assert!((0.94..0.97).contains(&covered), "{n} seeds, deviations {sds:?}: {covered}");
         }

@@ -333,7 +333,7 @@ fn contrast_entries(row: &ContrastRow, metric: Measure, is_mixed: bool) -> Vec<E
         low(of_detectable),
         high(of_detectable),
         Entry::published(row.published.map(|(effect, _)| Entry::number(effect, 1))),
-        Entry::published(row.published.map(|(_, p)| Entry::number(p, 5))),
+        Entry::published(row.published.and_then(|(_, p)| p).map(|p| Entry::number(p, 5))),
     ]
 }
 

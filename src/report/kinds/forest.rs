@@ -239,7 +239,8 @@ fn row_marks(
     // Above our point, whose rim remains visible if both coincide.
     if let Some((effect, p)) = row.published {
         let look = Look { color: PUBLISHED, dash: None, marker: Marker::Diamond };
-        let tip = format!("{label}: published {} (p = {p})", shown(effect, 0));
+        let p = p.map_or_else(String::new, |p| format!(" (p = {p})"));
+        let tip = format!("{label}: published {}{p}", shown(effect, 0));
         marks.push(Mark::from(marker((across.place(effect), middle), &look, 3.2)).saying(tip));
     }
     marks

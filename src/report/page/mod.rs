@@ -12,7 +12,7 @@ pub use parts::Hosts;
 use super::scene::web_font;
 use super::section::{ReportedExperiment, Section, all_jobs};
 use super::tables;
-use crate::analyse::declared::{JobCounts, Reproduction, Subject};
+use crate::analyse::declared::{JobCounts, Reproduction};
 use crate::job::counted;
 
 const STYLE: &str = include_str!("style.css");
@@ -79,14 +79,11 @@ fn header(
             counted(jobs.total(), "job")
         ),
     };
-    let (inside, outside) =
-        [Subject::Effect, Subject::CurvePoint, Subject::HeatTile, Subject::ErrorRate].iter().fold(
-            (0, 0),
-            |(inside, outside), subject| {
-                let (more_in, more_out, _) = reproduction.counts(*subject);
-                (inside + more_in, outside + more_out)
-            },
-        );
+    let subjects = reproduction.subjects();
+    let (inside, outside) = subjects.iter().fold((0, 0), |(inside, outside), subject| {
+        let (more_in, more_out, _) = reproduction.counts(subject);
+        (inside + more_in, outside + more_out)
+    });
     let number = experiments.len();
     html! {
         header {
@@ -159,10 +156,10 @@ fn reproduced(reproduction: &Reproduction) -> Markup {
             h2 { "Reproduction" }
             p.lead { (sentences.join(" ")) }
             p {
-                "The uncertainty of a published effect is derived from its p value for two groups of \
-                 three seeds, and that of an error rate from 1000 draws. Curve points and heat-map \
-                 tiles are published without uncertainty: they get that of our runs with three seeds, \
-                 plus ± 15 steps for reading points off the figure. By chance, 5 % of true \
+                "The uncertainty of a published number follows from its standard deviation, from its p \
+                 value, or, for a rate, from the number of draws. A number that is published without \
+                 uncertainty gets that of our runs with the published number of seeds, plus the error of \
+                 reading it off a figure. By chance, 5 % of true \
                  agreements fall outside the interval. An interval that includes 0 does not show that two \
                  numbers agree: the table has beside each the margin within which they are equivalent by \
                  two one-sided tests at 5 %."

@@ -1,0 +1,30 @@
+//! Published numbers of the arms of an analysis.
+
+use super::arm::ArmId;
+use crate::job::MetricName;
+use crate::manifest::{Published, PublishedRow};
+
+/// The published numbers of a metric about an agent and a scenario, or about their differences, at the settings of
+/// an arm. `number` is the value of a parameter in the jobs of the arm; along the parameters `along`, which every
+/// number states, all values are numbers of the arm.
+pub(super) fn rows<'p>(
+    published: Option<&'p Published>,
+    metric: MetricName,
+    (agent, scenario): (&str, &str),
+    arm: &ArmId,
+    along: &[&str],
+    number: &dyn Fn(&str) -> Option<f64>,
+) -> Vec<&'p PublishedRow> {
+    let is_meant = |row: &&PublishedRow| {
+        let names: Vec<String> = row.parameters.iter().map(|(name, _)| name.to_string()).collect();
+        let states = |name: &str| names.iter().any(|known| known == name);
+        let mut values = names.iter().zip(&row.parameters);
+        (row.metric, row.agent.as_str(), row.scenario.as_str()) == (Some(metric), agent, scenario)
+            && along.iter().all(|name| states(name))
+            && arm.settings.iter().all(|(name, _)| states(name))
+            && values.all(|(name, (_, value))| {
+                along.contains(&name.as_str()) || number(name) == Some(*value)
+            })
+    };
+    published.into_iter().flat_map(|published| &published.rows).filter(is_meant).collect()
+}
