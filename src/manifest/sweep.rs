@@ -3,6 +3,7 @@
 use std::collections::HashSet;
 use std::path::PathBuf;
 
+use serde_json::{Number, Value as Json};
 use toml::Spanned;
 use toml::de::{DeTable, DeValue};
 
@@ -360,69 +361,27 @@ fn real_of(value: Value) -> Option<f64> {
 
 /// The value of `node`, if it is of `kind`.
 fn read(kind: Kind, node: &Node) -> Option<Value> {
-    let real = |node: &Node, min: f64, max: f64| {
-        let number = number(node).filter(|x| (min..=max).contains(x))?;
-        Some(if number == 0.0 { 0.0 } else { number })
-    };
-    let integer = |node: &Node, min: u64, max: u64| whole(node).filter(|n| (min..=max).contains(n));
-    match kind {
-        Kind::Real { min, max } => real(node, min, max).map(Value::Real),
-        Kind::PositiveReal { max } => real(node, 0.0, max).filter(|x| *x > 0.0).map(Value::Real),
-        Kind::Integer { min, max } => integer(node, min, max).map(Value::Integer),
-        Kind::Flag => node.get_ref().as_bool().map(Value::Flag),
-        Kind::Choice(words) => {
-            let found = node.get_ref().as_str()?;
-            words.iter().find(|word| **word == found).map(|word| Value::Choice(word))
-        }
-        Kind::RealPair { min, max } => match &node.get_ref().as_array()?[..] {
-            [first, second] => {
-                Some(Value::RealPair([real(first, min, max)?, real(second, min, max)?]))
-            }
-            _ => None,
-        },
-        Kind::Reals { count, min, max } => {
-            let entries = node.get_ref().as_array().filter(|entries| entries.len() == count)?;
-            let reals = entries.iter().map(|entry| real(entry, min, max));
-            reals.collect::<Option<_>>().map(Value::Reals)
-        }
-        Kind::Counts { max, .. } => {
-            let count = |entry| u32::try_from(integer(entry, 1, max.into())?).ok();
-            let counts = node.get_ref().as_array()?.iter().map(count).collect::<Option<_>>();
-            counts.map(Value::Wholes).filter(|counts| kind.admits(counts))
-        }
-        Kind::Widths { most, max } => {
-            let entries = node.get_ref().as_array()?;
-            if !(1..=most).contains(&entries.len()) {
-                return None;
-            }
-            let width = |entry| u32::try_from(integer(entry, 1, max.into())?).ok();
-            entries.iter().map(width).collect::<Option<_>>().map(Value::Wholes)
-        }
-        Kind::Text { .. } => text(node).filter(|value| kind.admits(value)),
-        Kind::Words { .. } => {
-            let items = node.get_ref().as_array()?;
-            let word = |item: &Node| item.get_ref().as_str().map(str::to_owned);
-            let words = items.iter().map(word).collect::<Option<_>>().map(Value::Words);
-            words.filter(|words| kind.admits(words))
-        }
-        Kind::Scalar => match node.get_ref() {
-            DeValue::Boolean(flag) => Some(Value::Flag(*flag)),
-            DeValue::String(_) => text(node),
-            DeValue::Integer(_) => {
-                let below = || signed(node).filter(|n| *n < 0).map(Value::Negative);
-                whole(node).map(Value::Integer).or_else(below)
-            }
-            DeValue::Float(_) => real(node, f64::MIN, f64::MAX).map(Value::Real),
-            DeValue::Array(_) | DeValue::Table(_) | DeValue::Datetime(_) => None,
-        }
-        .filter(|value| kind.admits(value)),
-        // These kinds have readers of their own, with more precise messages.
-        Kind::Distribution(_) | Kind::Rows(_) => None,
-    }
+    // Distributions and rows have readers of their own, with more precise messages.
+    let has_own = matches!(kind, Kind::Distribution(_) | Kind::Rows(_));
+    let value = kind.value(&json(node).filter(|_| !has_own)?)?;
+    Some(value).filter(|value| kind.admits(value))
 }
 
-fn text(node: &Node) -> Option<Value> {
-    node.get_ref().as_str().map(|text| Value::Text(text.to_owned()))
+/// The value of a text, as a manifest writes it; `None` for a text that is no value.
+pub(crate) fn written_value(text: &str) -> Option<Json> {
+    json(&DeValue::parse(text).ok()?)
+}
+
+/// The value of `node` as JSON; `None` for tables and dates.
+fn json(node: &Node) -> Option<Json> {
+    match node.get_ref() {
+        DeValue::Boolean(flag) => Some(Json::Bool(*flag)),
+        DeValue::String(text) => Some(Json::String(text.clone().into_owned())),
+        DeValue::Integer(_) => signed(node).map(Json::from),
+        DeValue::Float(_) => Number::from_f64(number(node)?).map(Json::Number),
+        DeValue::Array(items) => items.iter().map(json).collect::<Option<_>>().map(Json::Array),
+        DeValue::Table(_) | DeValue::Datetime(_) => None,
+    }
 }
 
 /// The number in `node`; whole numbers are converted.

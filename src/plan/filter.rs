@@ -1,5 +1,6 @@
 //! `--filter agent=dqn,sigma=0.6`: restricts a command to some jobs of a manifest.
 
+use serde_json::Value as Json;
 use std::collections::HashSet;
 use std::fmt;
 use std::str::FromStr;
@@ -8,7 +9,9 @@ use crate::agent::Algorithm;
 use crate::job::{Condition, PlannedJob, short_name, shown, value_of};
 use crate::key::printable;
 use crate::key::{Kind, Parameter, Value, free_key};
-use crate::manifest::{Section, free_parameters, nearest, nearest_value, parameters};
+use crate::manifest::{
+    Section, free_parameters, nearest, nearest_value, parameters, written_value,
+};
 
 /// Maximum number of values that a message lists.
 const VALUES_SHOWN: usize = 10;
@@ -324,39 +327,21 @@ fn conditions(name: &str, written: &[String]) -> Vec<Condition> {
     named.chain(free_parameters(name)).map(of_parameter).collect()
 }
 
-/// The value of a kind for a word, in range or not. Quotes make a scalar a text; of other kinds, they are no
-/// part of the value.
+/// The value of a kind for a word, in range or not, read as a manifest reads it. Quotes make a scalar a text; of
+/// other kinds, they are no part of the value. Flags and whole numbers may also be written as the store shows them.
 fn value(kind: Kind, written: &str) -> Option<Value> {
-    let word: &str = &match kind {
-        Kind::Scalar => written.to_owned(),
-        _ => unquoted(written),
-    };
-    let numbers = || serde_json::from_str::<Vec<f64>>(word).ok();
+    let word = unquoted(written);
+    let text = || kind.value(&Json::String(word.clone()));
     match kind {
-        Kind::Real { .. } | Kind::PositiveReal { .. } => word.parse().ok().map(Value::Real),
-        Kind::Integer { .. } => whole(word).map(Value::Integer),
-        Kind::Flag => match word {
-            "true" | "1" => Some(Value::Flag(true)),
-            "false" | "0" => Some(Value::Flag(false)),
-            _ => None,
-        },
-        Kind::Choice(words) => {
-            words.iter().find(|known| **known == word).map(|known| Value::Choice(known))
-        }
-        Kind::RealPair { .. } => numbers()?.try_into().ok().map(Value::RealPair),
-        Kind::Reals { .. } => numbers().map(Value::Reals),
-        Kind::Counts { .. } | Kind::Widths { .. } => {
-            let width = |number: f64| whole(&number.to_string())?.try_into().ok();
-            numbers()?.into_iter().map(width).collect::<Option<_>>().map(Value::Wholes)
-        }
-        Kind::Text { .. } => Some(Value::Text(word.to_owned())),
-        Kind::Words { .. } => kind.value(&serde_json::from_str(word).ok()?),
+        Kind::Choice(_) | Kind::Text { .. } | Kind::Distribution(_) | Kind::Rows(_) => text(),
+        Kind::Integer { .. } => whole(&word).map(Value::Integer),
+        Kind::Flag if word == "1" => Some(Value::Flag(true)),
+        Kind::Flag if word == "0" => Some(Value::Flag(false)),
         Kind::Scalar => {
-            let written = serde_json::from_str(word).ok();
-            let value = written.and_then(|json: serde_json::Value| kind.value(&json));
-            value.or_else(|| Some(Value::Text(unquoted(word))))
+            let value = written_value(written).and_then(|value| kind.value(&value));
+            value.or_else(text)
         }
-        Kind::Distribution(_) | Kind::Rows(_) => kind.value(&serde_json::json!(word)),
+        _ => kind.value(&written_value(&word)?),
     }
 }
 
