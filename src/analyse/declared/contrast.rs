@@ -219,8 +219,10 @@ fn published_row<'p>(
         of(first).filter(|value| of(second) == Some(*value))
     };
     let ways = [(difference.as_str(), &*name.scenario), (&*name.agent, difference.as_str())];
-    let mut found = ways.into_iter().flat_map(|of| rows(published, metric, of, name, &[], &number));
-    found.next()
+    let found: Vec<&PublishedRow> =
+        ways.into_iter().flat_map(|of| rows(published, metric, of, name, &[], &number)).collect();
+    // A number with a p value is that of a test; others may be tiles of a map.
+    found.iter().find(|row| row.p.is_some()).or(found.first()).copied()
 }
 
 /// Corrects the p values of the rows of all contrasts, family by family.

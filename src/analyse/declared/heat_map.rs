@@ -6,7 +6,7 @@ use super::published;
 use super::{Arm, ArmId};
 use crate::analyse::{Contrast, Design, Interval, Sample, Undefined};
 use crate::job::{Condition, MetricName};
-use crate::manifest::{HeatMap, Published, Sides};
+use crate::manifest::{HeatMap, Published, PublishedRow, Sides};
 use crate::record::JobRecord;
 
 /// A map of one arm.
@@ -119,8 +119,15 @@ fn figure(
             let here = here.unwrap_or_default();
             let number = |name: &str| here.first()?.number(name);
             let of = (&*name.agent, contrast.as_str());
-            let known = published::rows(published, metric, of, &name, &[], &number);
-            let published = known.first().map(|row| row.value);
+            // Numbers that state one axis only are not about a tile.
+            let known = published::rows(published, metric, of, &name, &[x, y], &number);
+            let is_here = |published: &&&PublishedRow| {
+                [(x, column), (y, row)].iter().all(|(axis, value)| {
+                    let mut stated = published.parameters.iter();
+                    stated.any(|(name, number)| name.to_string() == **axis && number == value)
+                })
+            };
+            let published = known.iter().find(is_here).map(|row| row.value);
             tiles.push(HeatTile { x: column, y: row, published, ..tile(&here, sides, metric) });
         }
     }
