@@ -43,6 +43,14 @@ const NOT_OF_AN_ENVIRONMENT: [&str; 14] = [
 pub(crate) struct Declaration(Job);
 
 impl Declaration {
+    /// The declaration of a job's environment, unless that is a program.
+    fn of(job: Job) -> PyResult<Declaration> {
+        match job.task().step_count() {
+            Some(_) => Ok(Declaration(job)),
+            None => Err(a_program()),
+        }
+    }
+
     /// The simulation with this number of lanes, none of which has an episode yet.
     pub(crate) fn simulation(&self, lanes: usize) -> PhysicalActivity {
         // The participants of the test, whichever participants an agent is trained on.
@@ -79,6 +87,10 @@ impl Declaration {
     /// The environment with these keywords: keys of `[environment]`, and tables of a manifest as dicts.
     #[staticmethod]
     fn of_keys(scenario: &str, extends: Option<&str>, keys: &Bound<'_, PyDict>) -> PyResult<Self> {
+        let family = keys.get_item("family")?.and_then(|family| family.extract::<String>().ok());
+        if family.as_deref() == Some(jitai::environment::outside::FAMILY.name) {
+            return Err(a_program());
+        }
         let manifest = manifest_of(scenario, extends, keys)?;
         let mut jobs = experiment::jobs(&manifest);
         let first = jobs.next().ok_or_else(|| PyValueError::new_err("no environment"))?.job;
@@ -87,7 +99,7 @@ impl Declaration {
             let message = format!("`{swept}`: expected one value, not a sweep");
             return Err(PyValueError::new_err(message));
         }
-        Ok(Declaration(first))
+        Declaration::of(first)
     }
 
     /// The environment of a manifest: its only environment, or the only one that meets a filter.
@@ -104,7 +116,7 @@ impl Declaration {
             || stop.store(true, Ordering::Relaxed),
             || {
                 let manifest = experiment::load(&path).map_err(refused)?;
-                of_manifest(&manifest, &filter, &stop).map(Declaration)
+                of_manifest(&manifest, &filter, &stop).and_then(Declaration::of)
             },
         )?
     }
@@ -112,7 +124,7 @@ impl Declaration {
     /// The declaration in a text of [`Declaration::text`].
     #[staticmethod]
     fn of_text(text: &str) -> PyResult<Self> {
-        Job::from_canonical(text).map(Declaration).map_err(refused)
+        Job::from_canonical(text).map_err(refused).and_then(Declaration::of)
     }
 
     /// The declaration as one line of text.
@@ -129,6 +141,18 @@ impl Declaration {
     #[getter]
     fn scenario(&self) -> String {
         self.0.scenario.to_string()
+    }
+
+    /// The name of the environment's family.
+    #[getter]
+    fn family(&self) -> &'static str {
+        self.0.environment.family().name
+    }
+
+    /// The meaning of every action, by number.
+    #[getter]
+    fn actions(&self) -> Vec<String> {
+        self.0.environment.actions()
     }
 
     /// Every key of the environment with its value.
@@ -163,6 +187,14 @@ impl Declaration {
 /// A JSON value as a Python object.
 pub(crate) fn json<'py>(py: Python<'py>, value: &serde_json::Value) -> PyResult<Bound<'py, PyAny>> {
     py.import("json")?.call_method1("loads", (value.to_string(),))
+}
+
+/// The refusal of an environment that jitai does not simulate.
+fn a_program() -> PyErr {
+    refused(
+        "family = \"external\": the environment is a program, which `jitai run` starts for a job; \
+         make the Gymnasium environment that the program serves",
+    )
 }
 
 fn refused(error: impl std::fmt::Display) -> PyErr {

@@ -273,6 +273,8 @@ def test_a_seed_is_chosen_where_none_is_given():
         ({"sigma": float("nan")}, "`sigma`"),
         ({"sigma": 0.6, "agent": {"name": "a"}}, "unknown key `agent` in [environment]"),
         ({"sigma": {"from": 0.1, "to": 0.3, "step": 0.1}}, "one value, not a sweep"),
+        ({"sigma": 0.6, "family": "step_cuont"}, "did you mean `step_count`?"),
+        ({"family": "external", "command": ["python"]}, "the environment is a program"),
     ],
 )
 def test_keywords_get_the_messages_of_a_manifest(keywords, message):
@@ -293,6 +295,15 @@ def test_values_of_numpy_are_values():
         nested = []
         nested.append(nested)
         jitai.StepCountEnv(sigma=nested)
+
+
+def test_the_family_is_a_keyword_and_says_which_actions_there_are():
+    env = jitai.make(family="step_count")
+    declaration = env.unwrapped.declaration
+    assert (declaration.family, declaration.keys["sigma"]) == ("step_count", 0.4)
+    assert env.action_space.n == len(declaration.actions) == 4
+    envs = jitai.make_vec(3, family="step_count", sigma=0.6)
+    assert envs.single_action_space == env.action_space
 
 
 def test_environments_of_a_manifest(tmp_path):

@@ -48,7 +48,7 @@ class StepCountEnv(gymnasium.Env[npt.NDArray[np.float32], np.int64]):
         #: The declaration of the environment: scenario, keys and entries of an observation.
         self.declaration: Declaration = declare(scenario, extends, manifest, environment, keys)
         self.observation_space = observation_space(self.declaration)  # type: ignore[assignment]
-        self.action_space = spaces.Discrete(4)
+        self.action_space = spaces.Discrete(len(self.declaration.actions))
         self.render_mode = known_render_mode(render_mode, self.metadata["render_modes"])
         self._lane = Lane(self.declaration, bool(state_in_info))
 

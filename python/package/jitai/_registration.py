@@ -53,8 +53,8 @@ def vector(max_episode_steps: int | None = None, **keywords: Any) -> StepCountVe
 
 def _declared(keywords: dict[str, Any]) -> dict[str, Any]:
     """The keywords; with a sigma if none of them declares an environment."""
-    of_gymnasium = ("render_mode", "num_envs", "autoreset_mode", "state_in_info")
-    is_bare = all(name in of_gymnasium for name in keywords)
+    without_effect = ("family", "render_mode", "num_envs", "autoreset_mode", "state_in_info")
+    is_bare = all(name in without_effect for name in keywords)
     return {"sigma": SIGMA, **keywords} if is_bare else keywords
 
 

@@ -71,7 +71,7 @@ class StepCountVectorEnv(gymnasium.vector.VectorEnv[Observations, Any, npt.NDArr
         self._lanes = Lanes(self.declaration, num_envs, mode.value, bool(state_in_info))
         self.metadata = {**type(self).metadata, "autoreset_mode": mode}
         self.single_observation_space = observation_space(self.declaration)
-        self.single_action_space = spaces.Discrete(4)
+        self.single_action_space = spaces.Discrete(len(self.declaration.actions))
         self.observation_space = batch_space(self.single_observation_space, num_envs)
         self.action_space = batch_space(self.single_action_space, num_envs)
 
