@@ -49,11 +49,11 @@ pub enum Companion {
     Context = 1,
     /// Whether a message can be sent.
     Availability = 2,
-    /// Noise of habituation and disengagement risk.
+    /// Noise of the state.
     StateNoise = 3,
-    /// Noise of the steps walked.
+    /// Noise of the outcome.
     StepNoise = 4,
-    /// Noise of the parameters of habituation and disengagement risk.
+    /// Noise of the parameters of the state.
     ParameterNoise = 5,
 }
 

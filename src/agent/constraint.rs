@@ -154,7 +154,7 @@ pub fn replay_size(transitions: u64, features: u64) -> Size {
     Size { what, unit, size, most: MOST_BUFFER_NUMBERS }
 }
 
-/// Number of steps of an episode that does not end in disengagement.
+/// Number of steps of an episode that does not end early.
 pub fn longest_episode(assignment: &Assignment) -> u64 {
     let unpaid = u64::from(assignment.is_set(UNPAID_LAST_STEP));
     assignment.whole(HORIZON).saturating_add(unpaid)

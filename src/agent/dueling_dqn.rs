@@ -59,7 +59,7 @@ keys! {
         buffer: u32 = 1_000_000, in Kind::Integer { min: 1, max: 100_000_000 };
         /// steps of an episode between two updates
         update_interval: u32 = 1, before 1, in Kind::Integer { min: 1, max: 10_000_000 };
-        /// divisor of rewards for learning; metrics stay in steps walked
+        /// divisor of rewards for learning; metrics stay as they are
         reward_scale: f64 = 1.0, before 1.0, in Kind::POSITIVE;
         /// exploration rate at the start
         epsilon_start: f64 = 1.0, in Kind::PROBABILITY;

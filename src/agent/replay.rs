@@ -26,7 +26,7 @@ choices! {
     pub enum TerminalTarget {
         /// 0 on any end, time-outs included: the last reward is dropped, as in the published code.
         Zero = "zero",
-        /// The reward when the episode terminated (disengagement); bootstrapped when it was
+        /// The reward when the episode terminated; bootstrapped when it was
         /// truncated (horizon reached).
         Standard = "standard",
     }

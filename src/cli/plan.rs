@@ -28,7 +28,7 @@ pub(super) struct Arguments {
     /// Print the resolved manifests instead, with presets merged and every default written out
     #[arg(long, conflicts_with_all = ["jobs", "filter", "format"])]
     resolved: bool,
-    /// Show only the jobs with these parameters, such as agent=dqn,sigma=0.4|0.6
+    /// Show only the jobs with these parameters, such as agent=dqn,gamma=0.9|0.99
     ///
     /// Commas separate conditions, and bars separate alternatives. A value that contains one of them stands in
     /// double quotes, which the shell must not remove: --filter 'agent="a,b"'. In quotes, \" and \\

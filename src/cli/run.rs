@@ -38,7 +38,7 @@ pub(super) struct Arguments {
     /// Number of jobs trained at the same time, at most 1024 [default: one per core]
     #[arg(long, value_name = "N", value_parser = workers)]
     workers: Option<NonZeroUsize>,
-    /// Run only the jobs with these parameters, such as agent=dqn,sigma=0.4|0.6
+    /// Run only the jobs with these parameters, such as agent=dqn,gamma=0.9|0.99
     ///
     /// Commas separate conditions, and bars separate alternatives. A value that contains one of them stands in
     /// double quotes, which the shell must not remove: --filter 'agent="a,b"'. In quotes, \" and \\

@@ -45,7 +45,7 @@ pub(super) struct Arguments {
     /// Wait for the submission to end, merge its results, and resubmit the jobs of tasks that died
     #[arg(long, conflicts_with = "dry_run")]
     wait: bool,
-    /// Submit only the jobs with these parameters, such as agent=dqn,sigma=0.4|0.6, as for `run`
+    /// Submit only the jobs with these parameters, such as agent=dqn,gamma=0.9|0.99, as for `run`
     #[arg(long, value_name = "NAME=VALUE,...")]
     filter: Option<Filter>,
     /// Submit failed jobs again; the failed runs stay in the store

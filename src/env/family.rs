@@ -28,6 +28,8 @@ pub struct Family {
     pub return_unit: &'static str,
     /// The metric that is the share of episodes that were terminated.
     pub termination_metric: &'static str,
+    /// The key that names and tables of jobs show even where it does not vary; `None` if there is none.
+    pub headline: Option<&'static str>,
     /// Whether an optimum of its environments can be computed, at least of some.
     pub has_optimum: bool,
     /// Whether choices of action are counted by an inferred context.

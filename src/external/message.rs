@@ -34,7 +34,7 @@ pub enum ToProgram<'a> {
         observations: Rows<'a>,
         /// \[lanes\]: 0 in lanes that had ended before the step.
         rewards: &'a [f64],
-        /// \[lanes\]: whether the episode has ended in disengagement.
+        /// \[lanes\]: whether the episode was terminated.
         terminated: &'a [bool],
         /// \[lanes\]: whether the episode has ended at the horizon.
         truncated: &'a [bool],
@@ -133,11 +133,11 @@ pub struct Step {
 #[derive(Debug, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Episodes {
-    /// Undiscounted returns, in steps walked.
+    /// Undiscounted returns.
     pub returns: Vec<f64>,
     /// Number of steps of each episode.
     pub lengths: Vec<u32>,
-    /// Whether each episode ended in disengagement.
+    /// Whether each episode was terminated.
     pub terminated: Vec<bool>,
 }
 

@@ -59,7 +59,7 @@ impl Condition {
     }
 }
 
-/// The last part of a dotted name: `sigma` of `environment.sigma`. Keys of a population keep their full
+/// The last part of a dotted name: `horizon` of `environment.horizon`. Keys of a population keep their full
 /// names, because the environment has keys of the same name.
 pub fn short_name(dotted: &str) -> &str {
     if dotted.starts_with("population.") {

@@ -126,7 +126,7 @@ kinds! {
         without: Vec<Condition>;
     }
 
-    /// The rate at which the most likely context is wrong, along sigma.
+    /// The rate at which the most likely context is wrong.
     InferenceError = "inference_error", [], ["width", "height", "font_size", "theme"], {}
 }
 

@@ -49,13 +49,13 @@ impl Factors {
     }
 }
 
-/// `scenario`, `seed`, or the names of keys, such as `sigma` or `sigma+delta_d`.
+/// `scenario`, `seed`, or the names of keys, such as `gamma` or `gamma+batch`.
 fn name(parameters: &[Parameter]) -> String {
     let one = |parameter: &Parameter| parameter.key();
     parameters.iter().map(one).collect::<Vec<_>>().join("+")
 }
 
-/// Writes `2 agents × 3 scenarios × 2 sigma × 5 seeds = 60 jobs`.
+/// Writes `2 agents × 3 scenarios × 2 gamma × 5 seeds = 60 jobs`.
 impl fmt::Display for Factors {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let plural = |count: u64| if count == 1 { "" } else { "s" };

@@ -1,4 +1,4 @@
-//! `--filter agent=dqn,sigma=0.6`: restricts a command to some jobs of a manifest.
+//! `--filter agent=dqn,gamma=0.9`: restricts a command to some jobs of a manifest.
 
 use serde_json::Value as Json;
 use std::collections::HashSet;
@@ -41,7 +41,7 @@ struct Term {
 pub enum FilterError {
     /// A part without a name, an equals sign or a value.
     #[error(
-        "`{}`: expected `name=value`, as in agent=dqn,sigma=0.4|0.6,scenario=P-H-D; a value with a comma \
+        "`{}`: expected `name=value`, as in agent=dqn,gamma=0.9|0.99,scenario=P-H-D; a value with a comma \
          or a bar has double quotes, as in 'agent=\"a,b\"'",
         printable(.0)
     )]

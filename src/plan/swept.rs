@@ -1,4 +1,4 @@
-//! Short names of jobs: agent, scenario, sigma, seed, and the parameters that vary.
+//! Short names of jobs: agent, scenario, headline key of the environment, seed, and the parameters that vary.
 
 use serde_json::Value;
 
@@ -16,7 +16,9 @@ impl Swept {
     /// The parameters that vary among the jobs of these manifests, because a manifest sweeps them or
     /// manifests set them differently.
     pub fn of(manifests: &[Manifest]) -> Swept {
-        Swept(Varying::of(manifests).without("environment.sigma"))
+        let headlines = manifests.iter().filter_map(|manifest| manifest.family().headline);
+        let headlines = headlines.map(|key| Parameter::Environment(key).to_string());
+        Swept(headlines.fold(Varying::of(manifests), |varying, name| varying.without(&name)))
     }
 
     /// The distinct dotted names.
@@ -47,14 +49,17 @@ impl Swept {
         self.values(agent, job).collect()
     }
 
-    /// The short name of a job, such as `dqn P-H-D sigma=0.4 seed=1 batch=32`.
+    /// The short name of a job: agent, scenario, headline key, seed, and what is swept besides.
     pub fn name(&self, agent: &str, job: &Job) -> String {
         let (scenario, seed) = (&job.scenario, job.seed);
-        let sigma = job.number(Parameter::Environment("sigma"));
-        let sigma = sigma.map_or_else(String::new, |sigma| format!(" sigma={sigma}"));
+        let headline =
+            job.environment.family().headline.and_then(|key| {
+                Some(format!(" {key}={}", job.number(Parameter::Environment(key))?))
+            });
+        let headline = headline.unwrap_or_default();
         let words = self.words(agent, job);
         let agent = printable(agent);
-        format!("{agent} {scenario}{sigma} seed={seed} {words}").trim_end().to_owned()
+        format!("{agent} {scenario}{headline} seed={seed} {words}").trim_end().to_owned()
     }
 }
 

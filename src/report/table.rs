@@ -8,7 +8,7 @@ use crate::plan::Swept;
 /// One line of the summary: the words that identify the arm, then its numbers.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Line {
-    /// Agent, scenario, sigma where there is one, and the swept parameters, in the order of the columns.
+    /// Agent, scenario, the headline key of the environment where there is one, and the swept parameters, in the order of the columns.
     pub arm: Vec<String>,
     /// The number of completed seeds, and of all seeds if some are missing: `6`, `1 of 6`.
     pub seeds: String,

@@ -139,7 +139,6 @@ pub fn failures<'j>(experiments: impl Iterator<Item = (&'j str, &'j [JobRecord])
         ("experiment", "Experiment"),
         ("agent", "Agent"),
         ("scenario", "Scenario"),
-        ("sigma", "σ"),
         ("settings", "Settings"),
         ("seed", "Seed"),
         ("kind", "Failure"),
@@ -149,9 +148,7 @@ pub fn failures<'j>(experiments: impl Iterator<Item = (&'j str, &'j [JobRecord])
     ];
     let mut table = DataTable::new("Failed jobs", &columns);
     for (experiment, jobs) in experiments {
-        // Sigma has its own column.
-        let mut told_by = varying(&jobs.iter().collect::<Vec<_>>());
-        told_by.retain(|name| name != "environment.sigma");
+        let told_by = varying(&jobs.iter().collect::<Vec<_>>());
         for job in jobs {
             table.rows.extend(failed(experiment, job, &told_by));
         }
@@ -163,12 +160,10 @@ fn failed(experiment: &str, job: &JobRecord, told_by: &[String]) -> Option<Vec<E
     let JobStatus::Failed(failure) = &job.status else { return None };
     let setting = |name: &String| Some((name.clone(), job.setting(name)?.clone()));
     let settings: Vec<(String, Scalar)> = told_by.iter().filter_map(setting).collect();
-    let sigma = job.number("environment.sigma").map_or_else(String::new, |s| s.to_string());
     Some(vec![
         Entry::text(experiment),
         Entry::text(&*job.agent),
         Entry::text(&job.scenario),
-        Entry::text(sigma),
         Entry::text(settings_key(&settings)),
         Entry::number(job.seed as f64, 0),
         Entry::text(failure.kind.name()),

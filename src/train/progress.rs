@@ -7,6 +7,6 @@ pub struct TrainingProgress {
     pub episode: u32,
     /// Total number of training episodes.
     pub episodes: u32,
-    /// Mean return of the last 100 episodes, or fewer at the start, in steps walked.
+    /// Mean return of the last 100 episodes, or fewer at the start, in the unit of the environment.
     pub recent_return: f64,
 }

@@ -60,6 +60,50 @@ const TABLE: &[(&str, &[&str])] = &[
     ),
 ];
 
+/// The files outside `env` and `optimum` that name what only the family `step_count` has, except in their tests.
+const OF_STEP_COUNT: &[&str] = &[
+    // Its rules, and the kind of analysis that only an inferred context has.
+    "agent/registry/rule.rs",
+    "agent/rule.rs",
+    "analyse/declared/curve.rs",
+    "analyse/declared/inference_error.rs",
+    "analyse/declared/reproduction.rs",
+    "manifest/analyses.rs",
+    "manifest/axis.rs",
+    "manifest/hints.rs",
+    "report/kinds/inference_error.rs",
+    // The commands that simulate it without a job.
+    "cli/optimum.rs",
+    "cli/replay.rs",
+    "cli/setting.rs",
+    "cli/simulate.rs",
+    "cli/steps.rs",
+    // Names that other programs read: a metric, columns of the store, keys of JSON and CSV.
+    "analyse/declared/summary.rs",
+    "cli/plan.rs",
+    "cli/progress.rs",
+    "cli/status.rs",
+    "cli/summary.rs",
+    "job/metric.rs",
+    "record/job.rs",
+    "report/environment_words.rs",
+    "report/table.rs",
+    "store/copy/results.rs",
+    "store/data_query.rs",
+    "store/decision.rs",
+    "store/digest.rs",
+    "store/doctor.rs",
+    "store/participant.rs",
+    "store/sample.rs",
+    // A Greek letter, the crate's example and its facade.
+    "lib.rs",
+    "report/escape.rs",
+];
+
+/// Words of the family `step_count`, in lower case.
+const WORDS_OF_STEP_COUNT: [&str; 6] =
+    ["sigma", "habituation", "disengage", "physicalactivity", "steps walked", "steps_walked"];
+
 /// The path of a module below the crate: `["manifest", "read"]`.
 type ModulePath = Vec<String>;
 
@@ -306,6 +350,27 @@ fn sources(folder: &Path, out: &mut Vec<PathBuf>) {
             out.push(path);
         }
     }
+}
+
+#[test]
+fn what_only_one_family_has_is_named_in_few_places() {
+    let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("src");
+    let mut files = Vec::new();
+    sources(&root, &mut files);
+    let names_it = |file: &&PathBuf| {
+        let text = fs::read_to_string(file).unwrap().to_lowercase();
+        let code = text.split("#[cfg(test)]").next().unwrap_or_default();
+        WORDS_OF_STEP_COUNT.iter().any(|word| code.contains(word))
+    };
+    let found: BTreeSet<String> = files
+        .iter()
+        .filter(names_it)
+        .map(|file| file.strip_prefix(&root).unwrap().display().to_string())
+        .filter(|name| !name.starts_with("env/") && !name.starts_with("optimum/"))
+        .filter(|name| !name.ends_with("tests.rs"))
+        .collect();
+    let listed: BTreeSet<String> = OF_STEP_COUNT.iter().map(|name| (*name).to_owned()).collect();
+    assert_eq!(found, listed, "only what belongs to a family may name its words");
 }
 
 #[test]

@@ -79,7 +79,7 @@ keys! {
         /// approximate KL divergence from the old policy above which the remaining epochs are
         /// skipped; 0 for no limit
         target_kl: f64 = 0.0, in Kind::NON_NEGATIVE;
-        /// divisor of rewards for learning; metrics stay in steps walked
+        /// divisor of rewards for learning; metrics stay as they are
         reward_scale: f64 = 200.0, in Kind::POSITIVE;
         /// how the horizon ends an episode: as a "termination", with value 0 afterwards, or as a
         /// "truncation", with the value of the last observation

@@ -72,7 +72,7 @@ pub enum Content {
     Selection(Vec<Ranking>),
     /// Recovered shares of a loss.
     Recovery(Vec<RecoveryRow>),
-    /// Context inference error along sigma.
+    /// The rate at which the most likely context is wrong.
     InferenceError(ErrorFigure),
 }
 

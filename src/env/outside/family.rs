@@ -38,6 +38,7 @@ pub static FAMILY: Family = Family {
     termination_metric: "termination_rate",
     has_optimum: false,
     has_contexts: false,
+    headline: None,
     check_scenario: |_| Ok(()),
     expected_scenario: || {
         "\"all\", or a list of names of features, as in [\"position\", \"velocity\"]".to_owned()

@@ -27,6 +27,7 @@ pub static FAMILY: Family = Family {
     termination_metric: "disengagement_rate",
     has_optimum: true,
     has_contexts: true,
+    headline: Some("sigma"),
     check_scenario: scenario::check,
     expected_scenario: scenario::expected,
     example_scenarios: &["P-H-D", "L-H-D"],

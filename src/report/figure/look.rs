@@ -214,7 +214,7 @@ pub fn arm_label(name: &ArmId) -> String {
     joined([&name.agent, &name.scenario, &settings_label(&name.settings)])
 }
 
-/// The name of an arm in files: `dqn P-H-D sigma=0.6`.
+/// The name of an arm in files: `dqn P-H-D horizon=50`.
 pub fn arm_key(name: &ArmId) -> String {
     joined([&name.agent, &name.scenario, &settings_key(&name.settings)])
 }
@@ -229,7 +229,7 @@ pub fn settings_label(settings: &[(String, Scalar)]) -> String {
     settings.iter().map(word).collect::<Vec<_>>().join(" ")
 }
 
-/// Settings on one line with the names of keys: `learning_rate=0.001 sigma=0.6`.
+/// Settings on one line with the names of keys: `learning_rate=0.001 horizon=50`.
 pub fn settings_key(settings: &[(String, Scalar)]) -> String {
     let word = |(key, value): &(String, Scalar)| format!("{}={value}", last(key));
     settings.iter().map(word).collect::<Vec<_>>().join(" ")
