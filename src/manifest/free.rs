@@ -53,7 +53,9 @@ impl Reader<'_> {
         let names: Vec<&str> = Family::all().iter().map(|family| family.name).collect();
         let Some(family) = self.word("environment.family", &names, node).and_then(Family::named)
         else {
-            return (Family::first(), Free::new());
+            // Of a misspelt family: what the other keys are about, so that they are no faults as well.
+            let meant = if environment.contains_key("command") { "external" } else { "" };
+            return (Family::named(meant).unwrap_or(Family::first()), Free::new());
         };
         let free = environment.get(PARAMETERS).filter(|_| family.is_external());
         let free = free.and_then(|node| self.free_parameters(node)).unwrap_or_default();

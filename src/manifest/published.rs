@@ -127,6 +127,18 @@ impl Published {
         if file.len() > MOST_BYTES {
             return Err(unreadable(format!("it is larger than {MOST_BYTES} bytes")));
         }
+        if path.extension().is_some_and(|extension| extension == "toml") {
+            let message = format!(
+                "`published`: `{}` is a TOML file; published numbers are rows of a CSV file",
+                path.display()
+            );
+            let fault = match span_of_name(source) {
+                Some(span) => Fault::at(span, message),
+                None => Fault::whole(message),
+            };
+            let fault = fault.help("docs/report.md lists the columns; write one row per number");
+            return Err(Faults::of_text(manifest, source, fault));
+        }
         let text = fs::read_to_string(&path).map_err(|error| unreadable(error.to_string()))?;
         Published::parse(&path, &text)
     }
@@ -241,6 +253,14 @@ fn row(
         return Err(
             "`p` is of a difference: name two agents or two scenarios, `first - second`".into()
         );
+    }
+    if row.sd.is_some() && is_difference {
+        return Err("`sd` is of a mean; how uncertain a difference is, `p` says".into());
+    }
+    if !is_difference && [&row.agent, &row.scenario].iter().any(|sides| sides.contains(" - ")) {
+        return Err("a difference is between two agents or between two scenarios: write ` - ` once, in one of \
+                    the columns `agent` and `scenario`"
+            .into());
     }
     if row.subject.is_empty() {
         row.subject = match (row.metric, is_difference, row.p) {

@@ -198,7 +198,7 @@ mod tests {
             messages: returns.clone(),
             returns,
             optimum: None,
-            sigma: None,
+            headline: None,
             context_error: None,
             interquartile: std::sync::OnceLock::new(),
         }

@@ -8,7 +8,8 @@ use crate::plan::Swept;
 /// One line of the summary: the words that identify the arm, then its numbers.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Line {
-    /// Agent, scenario, the headline key of the environment where there is one, and the swept parameters, in the order of the columns.
+    /// Agent, scenario, the headline key of the environment where there is one, and the swept parameters, in the
+    /// order of the columns.
     pub arm: Vec<String>,
     /// The number of completed seeds, and of all seeds if some are missing: `6`, `1 of 6`.
     pub seeds: String,
@@ -23,15 +24,17 @@ pub struct Line {
 pub fn summary_table(arms: &[ArmSummary], swept: &Swept) -> (Vec<String>, Vec<Line>) {
     let names = swept.names();
     let mut columns: Vec<String> = ["agent", "scenario"].map(str::to_owned).to_vec();
-    // Environments of other families have no such key.
-    let has_sigma = arms.iter().any(|arm| arm.sigma.is_some());
-    columns.extend(has_sigma.then(|| "sigma".to_owned()));
+    let headline = arms.iter().find_map(|arm| arm.headline).map(|(key, _)| key);
+    columns.extend(headline.map(str::to_owned));
     columns.extend(names.iter().map(|name| short_name(name).to_owned()));
     let line = |summary: &ArmSummary| {
         let arm = &summary.name;
-        let sigma = summary.sigma.map_or_else(String::new, |sigma| sigma.to_string());
+        let headline = headline.map(|key| {
+            let value = summary.headline.filter(|(known, _)| *known == key);
+            value.map_or_else(String::new, |(_, value)| value.to_string())
+        });
         let mut words = vec![arm.agent.clone(), arm.scenario.clone()];
-        words.extend(has_sigma.then_some(sigma));
+        words.extend(headline);
         words.extend(names.iter().map(|name| {
             let value = arm.settings.iter().find(|(known, _)| known == name);
             let value = value.filter(|_| swept.is_of(&arm.agent, name));
@@ -74,7 +77,7 @@ mod tests {
             messages: Sample::default(),
             returns,
             optimum: None,
-            sigma: Some(0.6),
+            headline: Some(("sigma", 0.6)),
             context_error: None,
             interquartile: std::sync::OnceLock::new(),
         }

@@ -12,7 +12,7 @@ use std::time::Duration;
 use serde::{Deserialize, Serialize};
 use sha2::{Digest, Sha256};
 
-use crate::agent::{self, OutOfMemory};
+use crate::agent::{self, OutOfMemory, StartError};
 use crate::job::{Job, Versions};
 use crate::state::{Resumable, StateError, StateReader, StateWriter};
 use crate::train::training::Training;
@@ -193,9 +193,18 @@ pub(super) fn read<'j>(
         return Err(CheckpointError::OtherJob(header.job_key));
     }
     let worked = Duration::try_from_secs_f64(header.seconds).unwrap_or_default();
-    let mut training = Training::new(job)?.after(worked);
+    let mut training = Training::new(job).map_err(unstartable)?.after(worked);
     training.restore(&mut StateReader::new(&mut from))?;
     if from.fill_buf()?.is_empty() { Ok(training) } else { Err(CheckpointError::OtherFormat) }
+}
+
+/// Why a job cannot go on whose agent cannot start.
+fn unstartable(error: StartError) -> CheckpointError {
+    match error {
+        StartError::OutOfMemory(error) => error.into(),
+        // An agent that has trained suits its environment.
+        _ => CheckpointError::Damaged,
+    }
 }
 
 /// Fails unless the first `sealed` bytes match the hash that follows them.

@@ -30,9 +30,15 @@ pub(super) fn run(
     let program = started.program().expect("it has been started").clone();
     if let Some(fault) = fault(job, &started) {
         program.stop();
-        return failed(fault, 0);
+        return refused(fault);
     }
     let described = Job { environment: Environment::of(started), ..job.clone() };
+    if let Some(size) =
+        described.agent.sizes(&described.task()).iter().find(|size| size.is_too_large())
+    {
+        program.stop();
+        return refused(too_large(size));
+    }
     let watched = Watched { control, program: &program, episode: Cell::new(0) };
     let outcome = train(&described, &watched);
     match program.failure() {
@@ -60,9 +66,17 @@ fn fault(job: &Job, started: &OutsideModel) -> Option<String> {
     ];
     let recorded = episodes.into_iter().filter(|(is_recorded, _)| *is_recorded);
     let episodes = recorded.map(|(_, episodes)| u64::from(episodes)).sum();
-    let Size { what, unit, size, most } =
-        recorded_decisions(episodes, u64::from(started.longest_episode()));
-    (size > most).then(|| format!("{what} {size} {unit}; the maximum is {most}"))
+    let size = recorded_decisions(episodes, u64::from(started.longest_episode()));
+    size.is_too_large().then(|| too_large(&size))
+}
+
+fn too_large(Size { what, unit, size, most }: &Size) -> String {
+    format!("{what} {size} {unit}; the maximum is {most}")
+}
+
+/// The outcome of a job that does not suit what the program of its environment has described.
+pub(super) fn refused(message: String) -> Outcome {
+    failed(message, 0)
 }
 
 fn failed(message: String, episode: u32) -> Outcome {

@@ -137,6 +137,7 @@ fn assignment(job: &Job, external: &External) -> Json {
     let parameters = job.agent.free_parameters();
     let parameters: Map<String, Json> =
         parameters.map(|(name, value)| (name.to_owned(), json!(value))).collect();
+    let horizon = job.value(Parameter::Environment("horizon")).map(|horizon| json!(horizon));
     json!({
         "type": "job",
         "protocol": PROTOCOL,
@@ -150,7 +151,7 @@ fn assignment(job: &Job, external: &External) -> Json {
         "history": job.agent.history(),
         "observation": features.chain(moments).collect::<Vec<_>>(),
         "actions": job.task().interface().actions,
-        "horizon": job.value(Parameter::Environment("horizon")),
+        "horizon": horizon.unwrap_or_else(|| job.environment.longest_episode().into()),
         "longest_episode": job.environment.longest_episode(),
         "environment": json_object(job.environment.family().keys, &job.environment.values()),
         "population": population(&job.environment),

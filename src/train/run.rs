@@ -1,6 +1,6 @@
 //! A job from its start, or from a checkpoint, to its outcome.
 
-use crate::agent::{External, OutOfMemory};
+use crate::agent::{External, StartError};
 use crate::env::outside::OutsideModel;
 use crate::job::{Job, Outcome};
 use crate::train::checkpoint::{self, Checkpoints, Resumed};
@@ -26,7 +26,11 @@ fn train(job: &Job, control: &dyn TrainingControl) -> Outcome {
     let checkpoints = control.checkpoints();
     let mut training = match start_or_resume(job, checkpoints) {
         Ok(training) => training,
-        Err(error) => return Outcome::Failed(out_of_memory(&error, 0)),
+        Err(StartError::OutOfMemory(error)) => return Outcome::Failed(out_of_memory(&error, 0)),
+        // Only the program of an environment knows what agents must suit; other manifests are rejected.
+        Err(error) => {
+            return environment_program::refused(format!("the agent cannot start: {error}"));
+        }
     };
     let pause = || control.stop_requested() || checkpoints.are_due();
     loop {
@@ -50,11 +54,11 @@ fn train(job: &Job, control: &dyn TrainingControl) -> Outcome {
 
 /// A job at its start, or at a checkpoint.
 ///
-/// **Errors**: there is not enough memory for the learner.
+/// **Errors**: there is not enough memory for the learner, or the agent does not suit the environment.
 fn start_or_resume<'j>(
     job: &'j Job,
     checkpoints: &dyn Checkpoints,
-) -> Result<Training<'j>, OutOfMemory> {
+) -> Result<Training<'j>, StartError> {
     let mut found = None;
     checkpoints.resume(&mut |file| {
         let training = checkpoint::read(job, file)?;

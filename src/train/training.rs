@@ -47,18 +47,9 @@ pub(super) enum Stage {
 impl<'j> Training<'j> {
     /// A job at its start.
     ///
-    /// **Errors**: there is not enough memory for the learner.
-    ///
-    /// # Panics
-    /// If the agent cannot start for another reason.
-    pub(super) fn new(job: &'j Job) -> Result<Self, OutOfMemory> {
-        let start = match job.agent.start(&job.task()) {
-            Ok(start) => start,
-            Err(StartError::OutOfMemory(error)) => return Err(error),
-            // Manifests with such an agent are rejected, so the algorithm is at fault.
-            Err(error) => panic!("the agent cannot start: {error}"),
-        };
-        let (learner, actor) = match start {
+    /// **Errors**: there is not enough memory for the learner, or the agent does not suit the environment.
+    pub(super) fn new(job: &'j Job) -> Result<Self, StartError> {
+        let (learner, actor) = match job.agent.start(&job.task())? {
             Start::Learner(learner) => (Some(learner), None),
             Start::Actor(actor) => (None, Some(actor)),
         };

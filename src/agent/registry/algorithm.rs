@@ -518,7 +518,7 @@ impl Agent {
     }
 
     /// The sizes of training that have limits; see [`AlgorithmParameters::sizes`].
-    pub(super) fn sizes(&self, task: &Task) -> Vec<Size> {
+    pub fn sizes(&self, task: &Task) -> Vec<Size> {
         (self.algorithm.sizes)(&self.values, &self.seen(task))
     }
 

@@ -55,6 +55,10 @@ impl Algorithm {
     }
 
     fn sizes(&'static self, family: &'static Family, assignment: &Assignment) -> Vec<Size> {
+        // What a program shows is known once it has started; its jobs fail then.
+        if family.is_external() {
+            return Vec::new();
+        }
         let own = assignment.values_of(|parameter| matches!(parameter, Parameter::Agent(_)));
         let of_environment = |parameter: &Parameter| matches!(parameter, Parameter::Environment(_));
         let environment = assignment.values_of(of_environment);

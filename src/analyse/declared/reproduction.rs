@@ -208,11 +208,16 @@ fn arm(
     }
 }
 
+/// The standard deviation of the error of reading a number off a figure. The error is taken as uniform, so it is half
+/// its width divided by the square root of 3.
+fn reading_sd(row: &PublishedRow) -> f64 {
+    row.reading_error / 3f64.sqrt()
+}
+
 /// The comparison of a published mean with our seeds. Without a published standard deviation, its seeds are assumed
-/// to vary as much as ours. The error of reading it off a figure is taken as uniform, so its standard deviation is
-/// half its width divided by the square root of 3.
+/// to vary as much as ours.
 fn mean(row: &PublishedRow, sample: &Sample) -> Comparison {
-    let reading_sd = row.reading_error / 3f64.sqrt();
+    let reading_sd = reading_sd(row);
     let ours = Estimate::of_mean(sample.values());
     let comparison = match row.sd {
         Some(sd) => {
@@ -244,7 +249,8 @@ fn difference(row: &PublishedRow, first: &Sample, second: &Sample) -> Comparison
             compared(row.value, theirs, ours, seeds)
         }
         None => {
-            let likeness = Likeness::new(&[first.values(), second.values()], row.n, 0.0);
+            let sides = [first.values(), second.values()];
+            let likeness = Likeness::new(&sides, row.n, reading_sd(row));
             alike(row.value, likeness, ours, seeds)
         }
     };

@@ -7,10 +7,12 @@ use std::thread;
 
 use super::arm::{ArmId, arms};
 use crate::analyse::{Aggregate, Sample, Undefined, interquartile_mean};
+use crate::env::Family;
 use crate::job::MetricName;
 use crate::job::metric::{
     DISENGAGEMENT_RATE, LOWER_QUARTILE_RETURN, MEAN_RETURN, MESSAGES, NET_RETURN, TERMINATION_RATE,
 };
+use crate::key::Parameter;
 use crate::record::JobRecord;
 
 /// Maximum number of statistics that are computed at a time.
@@ -33,8 +35,8 @@ pub struct ArmSummary {
     pub messages: Sample,
     /// The best mean net return that any policy can reach; `None` if it was not computed.
     pub optimum: Option<f64>,
-    /// Feature noise of its jobs, if they have one.
-    pub sigma: Option<f64>,
+    /// The headline key of its environment with its value, if there is one.
+    pub headline: Option<(&'static str, f64)>,
     /// Context inference error; `None` if it differs between participants.
     pub context_error: Option<f64>,
     /// Inter-quartile mean of the mean returns, once it is known.
@@ -88,12 +90,18 @@ pub fn summarise_arms(jobs: &[JobRecord]) -> Vec<ArmSummary> {
         terminated: arm.sample(termination_metric(&arm)),
         messages: arm.sample(MESSAGES),
         optimum: arm.optimum(),
-        sigma: arm.jobs[0].number("environment.sigma"),
+        headline: headline(arm.jobs[0]),
         context_error: arm.jobs[0].context_error,
         interquartile: OnceLock::new(),
         name: arm.name,
     };
     arms(&jobs, &[]).into_iter().map(summary).collect()
+}
+
+/// The headline key of a job's environment, with its value.
+fn headline(job: &JobRecord) -> Option<(&'static str, f64)> {
+    let mut keys = Family::all().iter().filter_map(|family| family.headline);
+    keys.find_map(|key| Some((key, job.number(&Parameter::Environment(key).to_string())?)))
 }
 
 /// The metric of an arm's jobs that is the share of terminated episodes.
@@ -239,7 +247,7 @@ mod tests {
             terminated: Sample::default(),
             messages: Sample::default(),
             optimum,
-            sigma: None,
+            headline: None,
             context_error: None,
             interquartile: OnceLock::new(),
         }

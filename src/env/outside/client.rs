@@ -198,10 +198,17 @@ impl OutsideEnvironment {
     }
 
     fn read_available(&mut self, found: Option<&Numbers>) -> Result<(), String> {
-        if found.is_some() && !self.program.description().availability {
-            return Err("expected `available` only with \"availability\": true".to_owned());
+        match (found, self.program.description().availability) {
+            (Some(_), false) => {
+                return Err("expected `available` only with \"availability\": true".to_owned());
+            }
+            (None, true) => {
+                return Err("expected `available`, because of \"availability\": true; found none"
+                    .to_owned());
+            }
+            (Some(_), true) | (None, false) => {}
         }
-        let all = found.map(|found| self.flat("available", found)).transpose()?;
+        let all = found.map(|found| self.truths("available", found)).transpose()?;
         for (number, lane) in self.lanes.iter().enumerate() {
             self.available[*lane] = all.is_none_or(|all| all[number] != 0.0);
         }
@@ -232,8 +239,8 @@ impl OutsideEnvironment {
         truncated: Option<&Numbers>,
         message: Observation,
     ) -> Result<(), String> {
-        let terminated = terminated.map(|found| self.flat("terminated", found)).transpose()?;
-        let truncated = truncated.map(|found| self.flat("truncated", found)).transpose()?;
+        let terminated = terminated.map(|found| self.truths("terminated", found)).transpose()?;
+        let truncated = truncated.map(|found| self.truths("truncated", found)).transpose()?;
         let horizon = self.program.description().horizon;
         for (number, lane) in self.lanes.iter().copied().enumerate() {
             let has_ended = |ends: Option<&[f64]>| ends.is_some_and(|ends| ends[number] != 0.0);
@@ -269,6 +276,15 @@ impl OutsideEnvironment {
                 "expected {lanes} numbers as `{name}`, one for each lane of the message, found {}",
                 shape(found)
             )),
+        }
+    }
+
+    /// 0 or 1 for each lane of the message.
+    fn truths<'n>(&self, name: &str, found: &'n Numbers) -> Result<&'n [f64], String> {
+        let all = self.flat(name, found)?;
+        match all.iter().find(|value| ![0.0, 1.0].contains(*value)) {
+            Some(value) => Err(format!("expected true or false as `{name}`, found {value}")),
+            None => Ok(all),
         }
     }
 

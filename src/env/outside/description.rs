@@ -78,7 +78,13 @@ impl Description {
         counted("state", state.len(), 0..=MOST_STATE)?;
         names("state", state.iter())?;
         let nothing = nothing.map(|name| numbered(&actions, &name)).transpose()?;
-        if declared.availability && nothing != Some(0) {
+        if let Some(place) = nothing.filter(|place| *place != 0) {
+            return Err(format!(
+                "`nothing`: expected the first action, `{}`, found `{}`; list the action that does nothing first",
+                actions[0], actions[place],
+            ));
+        }
+        if declared.availability && nothing.is_none() {
             return Err("`availability` needs `nothing`, the name of the first action".to_owned());
         }
         if !(1..=LONGEST_EPISODE).contains(&horizon) {

@@ -2,6 +2,7 @@
 
 use std::path::PathBuf;
 use std::sync::{Arc, Mutex, OnceLock, PoisonError};
+use std::time::{Duration, Instant};
 
 use serde_json::{Map, Value as Json};
 
@@ -53,6 +54,8 @@ pub struct EnvironmentProgram(Arc<Shared>);
 struct Shared {
     description: Description,
     stop: StopRequested,
+    /// The longest time for an answer; `None` for any.
+    patience: Option<Duration>,
     running: Mutex<Running>,
     failure: OnceLock<ProgramError>,
 }
@@ -69,6 +72,15 @@ impl EnvironmentProgram {
     ///
     /// **Errors**: the program cannot be started, ends, breaks the protocol, or `stop` returns true.
     pub fn start(launch: &Launch, stop: StopRequested) -> Result<Self, ProgramError> {
+        EnvironmentProgram::start_within(launch, stop, None)
+    }
+
+    /// Starts a program that may take at most `patience` for an answer; see [`EnvironmentProgram::start`].
+    pub(super) fn start_within(
+        launch: &Launch,
+        stop: StopRequested,
+        patience: Option<Duration>,
+    ) -> Result<Self, ProgramError> {
         let Launch { command, folder, version, parameters } = launch;
         let mut program = Program::start(command, folder, LONGEST_ENVIRONMENT_LINE)?;
         program.send(&ToEnvironment::Describe {
@@ -78,7 +90,8 @@ impl EnvironmentProgram {
             parameters,
         });
         let expected = "\"description\"";
-        let declared: Declared = match program.receive(expected, "at its start", &*stop) {
+        let received = answer(&mut program, (expected, "at its start"), &*stop, patience);
+        let declared: Declared = match received {
             Ok(declared) => declared,
             Err(ProgramError::Stopped) => {
                 program.stop();
@@ -89,7 +102,7 @@ impl EnvironmentProgram {
         let description = Description::of(declared).map_err(|fault| program.broke(fault))?;
         let running = Mutex::new(Running { program: Some(program), instances: 0 });
         let failure = OnceLock::new();
-        Ok(EnvironmentProgram(Arc::new(Shared { description, stop, running, failure })))
+        Ok(EnvironmentProgram(Arc::new(Shared { description, stop, patience, running, failure })))
     }
 
     /// The description of the environment.
@@ -152,7 +165,7 @@ impl EnvironmentProgram {
         let answer = self.with(|running| {
             let program = running.program.as_mut()?;
             program.send(message);
-            Some(program.receive(expected, when, &*self.0.stop))
+            Some(answer(program, (expected, when), &*self.0.stop, self.0.patience))
         });
         match answer? {
             Ok(answer) => Some(answer),
@@ -172,6 +185,26 @@ impl EnvironmentProgram {
 
     fn with<T>(&self, work: impl FnOnce(&mut Running) -> T) -> T {
         work(&mut self.0.running.lock().unwrap_or_else(PoisonError::into_inner))
+    }
+}
+
+/// Waits for an answer, at most as long as `patience`.
+///
+/// **Errors**: the program ends, breaks the protocol, takes longer, or `stop` returns true.
+fn answer<M: Message>(
+    program: &mut Program,
+    (expected, when): (&str, &str),
+    stop: &dyn Fn() -> bool,
+    patience: Option<Duration>,
+) -> Result<M, ProgramError> {
+    let begun = Instant::now();
+    let is_late = || patience.is_some_and(|patience| begun.elapsed() > patience);
+    match program.receive(expected, when, &|| stop() || is_late()) {
+        Err(ProgramError::Stopped) if is_late() && !stop() => Err(program.broke(format!(
+            "expected {expected} within {} s {when}, found nothing; flush standard output after every message",
+            patience.unwrap_or_default().as_secs(),
+        ))),
+        received => received,
     }
 }
 
