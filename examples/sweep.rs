@@ -44,7 +44,7 @@ pub fn main() -> Result<(), Box<dyn Error>> {
     let jobs = experiment::jobs(&manifests[0]);
     let data = Reader::open(&path)?.data_set(&manifests[0].name, jobs, Parts::default())?;
     for arm in summarise_arms(&data.jobs) {
-        let (agent, sigma) = (&arm.name.agent, arm.sigma.unwrap_or_default());
+        let (agent, sigma) = (&arm.name.agent, arm.headline.unwrap_or_default().1);
         println!("{agent} at sigma = {sigma}: {:.0} steps walked", arm.returns.mean()?);
     }
     Ok(())

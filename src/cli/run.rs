@@ -18,7 +18,7 @@ use crate::cli::{Error, Exit, StoreArgument, failures, signals, summary};
 use crate::job::JobKey;
 use crate::key::printable;
 use crate::manifest::Manifest;
-use crate::plan::{Filter, Shard, Swept};
+use crate::plan::{Filter, Shard, Swept, headlines};
 use crate::schedule::{self, OnFailure, Options, Queued, Remaining, Selection, Speeds, Tally};
 use crate::store::{FailedJob, Reader, RetryFailed, Store, mean_returns};
 
@@ -350,7 +350,9 @@ fn suggest_next(
     let mut out = io::stdout().lock();
     let store = arguments.store.as_option();
     let experiments: Vec<&str> = manifests.iter().map(|manifest| manifest.name.as_str()).collect();
-    let query = mean_returns(&experiments, &Swept::of(manifests).names());
+    let mut shown = headlines(manifests);
+    shown.extend(Swept::of(manifests).names());
+    let query = mean_returns(&experiments, &shown);
     writeln!(out, "\nnext:")?;
     writeln!(out, "  jitai status{store}")?;
     writeln!(out, "  jitai query{store} {}", shell_word(&query))?;

@@ -66,7 +66,8 @@ pub(super) fn show(manifest: &Manifest, trials: &[Tried]) -> Result<(), Error> {
             Err(fault) => faults.push(format!("{}: environment{of}: {fault}", manifest.path)),
         }
     }
-    if faults.is_empty() { Ok(()) } else { Err(Error::Usage(printable(&faults.join("\n")))) }
+    let faults: Vec<String> = faults.iter().map(|fault| printable(fault)).collect();
+    if faults.is_empty() { Ok(()) } else { Err(Error::Usage(faults.join("\n"))) }
 }
 
 /// The trials as JSON.

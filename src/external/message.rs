@@ -201,6 +201,12 @@ pub trait Message: DeserializeOwned {
         }
         let stdout = "standard output is reserved for messages; write to standard error instead";
         let shown = || shown(line);
+        // A line of JSON apart from a number that JSON does not have.
+        let is_meant = line.trim_ascii_start().starts_with(b"{");
+        let stdout = match is_meant {
+            true => "JSON has no NaN and no infinity",
+            false => stdout,
+        };
         let json: serde_json::Value = serde_json::from_slice(line).map_err(|error| {
             format!("expected {expected}, found the line {} ({error}); {stdout}", shown())
         })?;
@@ -256,7 +262,7 @@ mod tests {
             (r#"{"type":"ready"}"#, "missing field `protocol`"),
             (r#"{"type":"step","actions":"up"}"#, "invalid type: string \"up\""),
             (r#"{"type":"reset","lane":[1]}"#, "unknown field `lane`"),
-            (r#"{"type":"update","loss":NaN}"#, "standard output is reserved for messages"),
+            (r#"{"type":"update","loss":NaN}"#, "JSON has no NaN and no infinity"),
         ] {
             let fault = read(line).unwrap_err();
             assert!(fault.contains(expected), "{line}: {fault}");

@@ -51,12 +51,13 @@ impl Reader<'_> {
     pub fn family<'n>(&mut self, environment: &'n DeTable<'n>) -> (&'static Family, Free<'n>) {
         let Some(node) = environment.get(FAMILY) else { return (Family::first(), Free::new()) };
         let names: Vec<&str> = Family::all().iter().map(|family| family.name).collect();
-        let Some(family) = self.word("environment.family", &names, node).and_then(Family::named)
-        else {
-            // Of a misspelt family: what the other keys are about, so that they are no faults as well.
-            let meant = if environment.contains_key("command") { "external" } else { "" };
-            return (Family::named(meant).unwrap_or(Family::first()), Free::new());
+        let named = self.word("environment.family", &names, node).and_then(Family::named);
+        // A misspelt family is the one that the other keys are of, so that they are not reported as well.
+        let meant = || {
+            let mut families = Family::all().iter().rev().copied();
+            families.find(|family| family.keys.iter().any(|key| environment.contains_key(key.name)))
         };
+        let family = named.or_else(meant).unwrap_or(Family::first());
         let free = environment.get(PARAMETERS).filter(|_| family.is_external());
         let free = free.and_then(|node| self.free_parameters(node)).unwrap_or_default();
         match free.is_empty() {

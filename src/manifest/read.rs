@@ -124,6 +124,14 @@ impl Reader<'_> {
                 let read = self.section(Section::Environment(self.family), others, node);
                 draft.environment.override_with(read);
             }
+            "population" if self.family.people.is_empty() => {
+                let says = format!(
+                    "`population`: the people in environments of the family {} do not differ",
+                    self.family.name
+                );
+                let fault = Fault::at(node.span().into(), says);
+                self.faults.add(fault.help("remove the table; a program may draw its own people"));
+            }
             "population" => {
                 draft.population = self.section(Section::Population(self.family), &[], node);
             }
@@ -603,13 +611,16 @@ fn belonging(fault: Fault, here: Option<Section>, found: &str, names: &[&str]) -
         .filter(|section| Some(*section) != here && section.find(found).is_some())
         .collect();
     let agent_here = here.and_then(algorithm_of);
-    match elsewhere.first().map(|section| (section, algorithm_of(*section), agent_here)) {
-        Some((_, Some(_), Some(_))) => {
+    match elsewhere.first().map(|section| (*section, algorithm_of(*section), here)) {
+        Some((_, Some(_), Some(Section::Agent(_)))) => {
             let others = elsewhere.iter().filter_map(|section| algorithm_of(*section));
             let others: Vec<String> = others.map(|other| format!("{:?}", other.name())).collect();
             fault.help(format!("`{found}` is a key of {}", others.join(", ")))
         }
-        Some((_, Some(_), None)) => fault.help(format!("`{found}` belongs in [[agent]]")),
+        Some((_, Some(_), _)) => fault.help(format!("`{found}` belongs in [[agent]]")),
+        Some((Section::Environment(family), None, Some(Section::Environment(_)))) => {
+            fault.help(format!("`{found}` is a key of the family {}", family.name))
+        }
         Some((section, None, _)) => {
             fault.help(format!("`{found}` belongs in [{}]", section.name()))
         }

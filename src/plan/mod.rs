@@ -15,4 +15,4 @@ pub use expand::{count, expand, jobs};
 pub use factors::Factors;
 pub use filter::{Filter, FilterError};
 pub use shard::{Shard, ShardError};
-pub use swept::Swept;
+pub use swept::{Swept, headlines};

@@ -16,9 +16,8 @@ impl Swept {
     /// The parameters that vary among the jobs of these manifests, because a manifest sweeps them or
     /// manifests set them differently.
     pub fn of(manifests: &[Manifest]) -> Swept {
-        let headlines = manifests.iter().filter_map(|manifest| manifest.family().headline);
-        let headlines = headlines.map(|key| Parameter::Environment(key).to_string());
-        Swept(headlines.fold(Varying::of(manifests), |varying, name| varying.without(&name)))
+        let headlines = headlines(manifests);
+        Swept(headlines.iter().fold(Varying::of(manifests), |varying, name| varying.without(name)))
     }
 
     /// The distinct dotted names.
@@ -61,6 +60,18 @@ impl Swept {
         let agent = printable(agent);
         format!("{agent} {scenario}{headline} seed={seed} {words}").trim_end().to_owned()
     }
+}
+
+/// The distinct dotted names of the headline keys of these manifests' families.
+pub fn headlines(manifests: &[Manifest]) -> Vec<String> {
+    let mut names: Vec<String> = Vec::new();
+    for key in manifests.iter().filter_map(|manifest| manifest.family().headline) {
+        let name = Parameter::Environment(key).to_string();
+        if !names.contains(&name) {
+            names.push(name);
+        }
+    }
+    names
 }
 
 #[cfg(test)]

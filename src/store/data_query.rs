@@ -87,16 +87,21 @@ impl DataQuery {
     }
 }
 
-/// The SELECT statement of the mean return of every arm of these experiments; the parameters `swept` get a
-/// column each.
-pub fn mean_returns(experiments: &[&str], swept: &[String]) -> String {
+/// The SELECT statement of the mean return of every arm of these experiments; the parameters `shown`, by their dotted
+/// names, get a column each.
+pub fn mean_returns(experiments: &[&str], shown: &[String]) -> String {
     let names: Vec<String> = experiments.iter().map(|name| text(name)).collect();
     let (mut columns, condition) = match names.as_slice() {
         [name] => (Vec::new(), format!("= {name}")),
         names => (vec!["experiment".to_owned()], format!("IN ({})", names.join(", "))),
     };
-    columns.extend(["agent", "scenario", "sigma"].map(str::to_owned));
-    for name in swept {
+    columns.extend(["agent", "scenario"].map(str::to_owned));
+    for name in shown {
+        // The view has a column of its own for this one.
+        if name == "environment.sigma" {
+            columns.push(short_name(name).to_owned());
+            continue;
+        }
         columns.push(format!(
             "(SELECT value FROM parameter AS p WHERE p.job_key = run_summary.job_key AND name = {}) AS {}",
             text(name),

@@ -263,10 +263,14 @@ fn every_fault_of_a_description_is_named() {
         (failure(&[("type=\"description\"", "type=\"ready\"")]), "unknown variant `ready`"),
         (
             failure(&[
-                ("state=[\"twice\"])", "state=[], availability=True, nothing=\"pay\")"),
+                ("state=[\"twice\"])", "state=[], availability=True)"),
                 ("nothing=\"wait\", ", ""),
             ]),
             "`availability` needs `nothing`, the name of the first action",
+        ),
+        (
+            failure(&[("nothing=\"wait\"", "nothing=\"pay\"")]),
+            "`nothing`: expected the first action, `wait`, found `pay`",
         ),
     ] {
         assert!(fault.contains(expected), "{expected}\n{fault}");
@@ -286,10 +290,7 @@ fn every_fault_in_an_episode_is_named() {
         ([("rewards=rewards, ", "")], "expected `rewards`, found none"),
         ([("rewards=rewards", "reward=rewards")], "unknown field `reward`"),
         ([("rewards=rewards", "rewards=[None, None]")], "expected a number"),
-        (
-            [("rewards=rewards", "rewards=[float('nan'), 0]")],
-            "standard output is reserved for messages",
-        ),
+        ([("rewards=rewards", "rewards=[float('nan'), 0]")], "JSON has no NaN and no infinity"),
         (
             [("lanes[lane][0] / 10", "lanes[lane][0] / 4")],
             "expected `count` from 0 to 1 in lane 0, found 1.25 (observations lie inside their bounds) \
@@ -308,6 +309,10 @@ fn every_fault_in_an_episode_is_named() {
         ),
         ([("observations=rows, rew", "observations='AAA', rew")], "expected stepped"),
         ([("truncated=ends", "truncated=[True]")], "expected 2 numbers as `truncated`"),
+        (
+            [("truncated=ends", "truncated=[0.5, 0]")],
+            "expected true or false as `truncated`, found 0.5",
+        ),
         ([(">= 6", ">= 7")], "expected the episode of lane 0 to end within the horizon, 6 steps"),
         ([("type=\"began\",", "type=\"began\", truncated=[True, True],")], "after its reset"),
         ([("type=\"began\"", "type=\"stepped\"")], "expected began, found stepped"),

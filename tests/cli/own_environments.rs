@@ -247,6 +247,7 @@ for line in sys.stdin:
     message = json.loads(line)
     if message["type"] == "job":
         assert message["actions"] == 2 and message["observation"][0]["name"] == "count", message
+        assert message["horizon"] == message["longest_episode"] == 6, message
         left = message["episodes"]
         say(type="ready", protocol=1)
         say(type="reset")
@@ -303,6 +304,53 @@ fn faults_of_programs_are_failures_of_their_jobs() {
 }
 
 #[test]
+fn terminated_episodes_are_counted() {
+    let folder = Folder::with(MANIFEST);
+    let program = counter()
+        .replace("[0, random.Random(seed)]", "[0, random.Random(seed), seed % 2]")
+        .replace(
+            "truncated=ends,",
+            "truncated=ends, terminated=[lanes[lane][2] == 1 and lanes[lane][0] == 3 for lane in \
+             message[\"lanes\"]],",
+        );
+    folder.write("counter.py", program);
+    folder.jitai(["run", "sweep.toml", "--filter", "agent=random|dqn,pay=2"]).succeeded();
+    let rates =
+        "SELECT count(*) FROM metric WHERE name = 'termination_rate' AND value BETWEEN 0.1 AND 0.9";
+    assert_eq!(folder.number(rates), 8);
+    let ends = "SELECT count(*) FROM evaluation_episode WHERE terminated <> (length = 3)";
+    assert_eq!(folder.number(ends), 0);
+    let alike = "SELECT count(*) FROM metric AS rate JOIN (SELECT job_key, avg(terminated) AS share \
+                 FROM evaluation_episode GROUP BY 1) USING (job_key) \
+                 WHERE name = 'termination_rate' AND abs(value - share) < 1e-12";
+    assert_eq!(folder.number(alike), 8);
+}
+
+#[test]
+fn what_an_agent_must_suit_is_known_once_the_program_runs() {
+    let biased = MANIFEST.replace("noise_sd = 1", "noise_sd = 1\naction_bias = [0, 1, 0, 0]");
+    let ending = counter().replace(
+        "kind == \"begin\":\n",
+        "kind == \"begin\":\n        message[\"phase\"] == \"test\" and sys.exit(\"no test\")\n",
+    );
+    assert_ne!(ending, counter());
+    for (manifest, program, agent, expected) in [
+        (biased.as_str(), counter(), "thompson", "it needs one number per action"),
+        (MANIFEST, ending, "ppo", "no test"),
+    ] {
+        let folder = Folder::with(manifest);
+        folder.write("counter.py", program);
+        let filter = format!("agent={agent},scenario=all,pay=2,seed=1");
+        let run = folder.jitai(["run", "sweep.toml", "--filter", &filter]).ended(1);
+        run.prints("external (").prints(expected);
+        assert_eq!(
+            folder.number("SELECT count(*) FROM run_summary WHERE mean_return IS NOT NULL"),
+            0
+        );
+    }
+}
+
+#[test]
 fn a_trial_names_the_broken_clause() {
     let folder = folder();
     let tried = folder.jitai(["check", "sweep.toml", "--try"]).succeeded();
@@ -317,6 +365,9 @@ fn a_trial_names_the_broken_clause() {
         .jitai(["check", "sweep.toml", "--try"])
         .ended(2)
         .says("the same stream gives the same episodes");
+    folder.write("counter.py", counter().replace("nothing=\"wait\"", "nothing=\"pay\""));
+    let misplaced = folder.jitai(["check", "sweep.toml", "--try"]).ended(2);
+    misplaced.says("`nothing`: expected the first action, `wait`, found `pay`");
     folder.write("counter.py", counter().replace("\"chance\"", "\"change\""));
     folder.write("sweep.toml", MANIFEST.replace("[\"count\"]", "[\"chance\"]"));
     folder.jitai(["check", "sweep.toml", "--try"]).ended(2).says("has no feature `chance`");
@@ -343,14 +394,11 @@ fn what_the_family_lacks_is_refused_with_a_sentence() {
             MANIFEST.replace("format = 1", "format = 1\nextends = \"paper\""),
             "is of the family step_count",
         ),
-        (
-            MANIFEST.replace("\"external\"", "\"exernal\""),
-            "expected \"step_count\" or \"external\"",
-        ),
+        (MANIFEST.replace("\"external\"", "\"exernal\""), "1 fault in sweep.toml"),
         (MANIFEST.replace("version = \"1\"", ""), "missing key `version` in [environment]"),
         (
             MANIFEST.replace("version = \"1\"", "version = \"1\"\nsigma = 0.4"),
-            "unknown key `sigma` in [environment]",
+            "`sigma` is a key of the family step_count",
         ),
         (MANIFEST.replace("pay = ", "p-y = "), "`p-y` is not a name of a parameter"),
         (
@@ -359,7 +407,7 @@ fn what_the_family_lacks_is_refused_with_a_sentence() {
         ),
         (
             MANIFEST.replace("[evaluation]", "[population]\ndelta_d = 0.1\n[evaluation]"),
-            "unknown key `delta_d` in [population]",
+            "the people in environments of the family external do not differ",
         ),
         (
             MANIFEST.replace("family = \"external\"", "family = \"step_count\""),

@@ -60,8 +60,8 @@ def serve(
 
     ``make`` is a function that takes the parameters of the manifest as keywords and returns an environment,
     the id of an environment, or an environment, which is copied. Observations are flattened, as
-    :func:`gymnasium.spaces.flatten` does it; actions must be ``Discrete``. ``features`` and ``actions`` name
-    their entries. ``horizon`` is the maximum number of steps, if the environment has no limit of its own.
+    :func:`gymnasium.spaces.flatten` does it, which sorts the keys of a ``Dict`` and gives a ``Discrete`` one
+    entry per value; actions must be ``Discrete``. ``features`` and ``actions`` name their entries. ``horizon`` is the maximum number of steps, if the environment has no limit of its own.
     ``description`` are ``nothing``, ``reward``, ``unit``, ``state`` and ``availability``, as in the
     protocol; names of the state, and ``available``, are those of infos.
     """
@@ -203,9 +203,16 @@ def _features(space: Any, names: Sequence[Feature] | None) -> list[dict[str, Any
     from gymnasium.spaces.utils import flatten_space
 
     flat = flatten_space(space)
-    given = _declared(names) if names is not None else [{"name": name} for name in _names(space, "")]
+    default = _names(space, "")
+    given = _declared(default if names is None else names)
     if len(given) != flat.shape[0]:
-        raise ValueError(f"expected {flat.shape[0]} features, found {len(given)}")
+        raise ValueError(f"expected {flat.shape[0]} features, {', '.join(default)}; found {len(given)}")
+    by_name = {feature["name"]: feature for feature in given}
+    if by_name.keys() == set(default):
+        # The entries have names of their own, such as the keys of a Dict, which Gymnasium sorts.
+        given = [by_name[name] for name in default]
+    elif any(feature["name"] in default and feature["name"] != own for feature, own in zip(given, default)):
+        raise ValueError(f"the entries of observations are, in this order, {', '.join(default)}")
     bounds = zip(flat.low.tolist(), flat.high.tolist())
     return [
         {"low": low if np.isfinite(low) else None, "high": high if np.isfinite(high) else None} | feature
@@ -270,6 +277,8 @@ class _Set:
                 raise KeyError(f"the state has {error}, but infos have only {sorted(infos)}") from None
             more += f',"state":"{_packed(np.stack(columns, axis=1))}"'
         if self._availability:
+            if "available" not in infos:
+                raise KeyError(f"infos need `available`, but have only {sorted(infos)}")
             more += f',"available":"{_packed(infos["available"])}"'
         return more
 
