@@ -182,7 +182,12 @@ def test_spaces_are_flattened_and_infos_become_the_state(tmp_path):
         ("environment.serve(Study)", {}, "the environment has no max_episode_steps; pass horizon="),
         ("environment.serve(Study, horizon=3)", {"dos": 1}, "unexpected keyword argument 'dos'"),
         ("environment.serve(Study(), horizon=3)", {"dose": 1}, "from the parameters dose"),
-        ('environment.serve(Study, horizon=3, features=["x"])', {}, "expected 4 features, found 1"),
+        ('environment.serve(Study, horizon=3, features=["x"])', {}, "expected 4 features, place_0, place_1, place_2, mood; found 1"),
+        (
+            'environment.serve(Study, horizon=3, features=["mood", "a", "b", "c"])',
+            {},
+            "the entries of observations are, in this order, place_0, place_1, place_2, mood",
+        ),
         ('environment.serve(Study, horizon=3, actions=["x"])', {}, "expected 3 names of actions, found 1"),
         ('environment.serve("Pendulum-v1")', {}, "expected a Discrete action space"),
         ('environment.serve("NoSuch-v1")', {}, "NoSuch"),
@@ -190,6 +195,18 @@ def test_spaces_are_flattened_and_infos_become_the_state(tmp_path):
 )
 def test_what_cannot_be_served_is_named(tmp_path, serve, parameters, expected):
     assert expected in failure(tmp_path, SPACES + serve, parameters)
+
+
+def test_features_with_the_names_of_entries_are_matched_by_name(tmp_path):
+    mood = '{"name": "mood", "unit": "points"}'
+    serve = f'environment.serve(Study, horizon=3, features=[{mood}, "place_1", "place_0"])'
+    served = program(tmp_path, SPACES + serve, {"places": 2})
+    features = served.description["features"]
+    assert [feature["name"] for feature in features] == ["place_0", "place_1", "mood"]
+    assert features[2]["unit"] == "points"
+    served.begin(1, 1)
+    assert served.reset(1, [0], [1])["observations"] == [0.0, 1.0, 0.5]
+    served.end()
 
 
 def test_a_missing_state_is_named(tmp_path):

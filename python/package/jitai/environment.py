@@ -60,8 +60,8 @@ def serve(
 
     ``make`` is a function that takes the parameters of the manifest as keywords and returns an environment,
     the id of an environment, or an environment, which is copied. Observations are flattened, as
-    :func:`gymnasium.spaces.flatten` does it, which sorts the keys of a ``Dict`` and gives a ``Discrete`` one
-    entry per value; actions must be ``Discrete``. ``features`` and ``actions`` name their entries. ``horizon`` is the maximum number of steps, if the environment has no limit of its own.
+    :func:`gymnasium.spaces.flatten` does it, which gives a ``Discrete`` one entry per value; entries of a
+    ``Dict`` are matched by name where ``features`` has their names; actions must be ``Discrete``. ``features`` and ``actions`` name their entries. ``horizon`` is the maximum number of steps, if the environment has no limit of its own.
     ``description`` are ``nothing``, ``reward``, ``unit``, ``state`` and ``availability``, as in the
     protocol; names of the state, and ``available``, are those of infos.
     """
@@ -209,7 +209,7 @@ def _features(space: Any, names: Sequence[Feature] | None) -> list[dict[str, Any
         raise ValueError(f"expected {flat.shape[0]} features, {', '.join(default)}; found {len(given)}")
     by_name = {feature["name"]: feature for feature in given}
     if by_name.keys() == set(default):
-        # The entries have names of their own, such as the keys of a Dict, which Gymnasium sorts.
+        # The entries have names of their own, such as the keys of a Dict, which may have been sorted.
         given = [by_name[name] for name in default]
     elif any(feature["name"] in default and feature["name"] != own for feature, own in zip(given, default)):
         raise ValueError(f"the entries of observations are, in this order, {', '.join(default)}")
