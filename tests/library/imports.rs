@@ -87,7 +87,6 @@ const OF_STEP_COUNT: &[&str] = &[
     "job/metric.rs",
     "record/job.rs",
     "report/environment_words.rs",
-    "report/table.rs",
     "store/copy/results.rs",
     "store/data_query.rs",
     "store/decision.rs",
