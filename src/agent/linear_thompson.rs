@@ -64,7 +64,7 @@ keys! {
         draw: BanditDraw = BanditDraw::Step;
         /// bias added to the drawn reward of each action before the maximum is taken
         action_bias: Vec<f64> = vec![0.0; 4], in Kind::Reals { count: 4, min: -1e6, max: 1e6 };
-        /// minimum probability of an action: p becomes pi_min + (1 - 4 pi_min) p
+        /// minimum probability of an action: p of n becomes pi_min + (1 - n pi_min) p
         pi_min: f64 = 0.0, in Kind::Real { min: 0.0, max: 0.25 };
         /// slope of a softmax over the drawn rewards, in 1/steps, which replaces the maximum; 0 for
         /// the maximum

@@ -81,8 +81,12 @@ pub(super) fn run(arguments: &Arguments) -> Result<Exit, Error> {
             }
             shown?;
             if arguments.tries {
-                for (_, Overridden { manifest, .. }) in &valid {
-                    trial::show(manifest, &trial::of_manifest(manifest))?;
+                let tried = valid.iter().map(|(_, Overridden { manifest, .. })| {
+                    trial::show(manifest, &trial::of_manifest(manifest))
+                });
+                let faults = tried.collect::<io::Result<Vec<_>>>()?.concat();
+                if !faults.is_empty() {
+                    return Err(Error::Usage(faults.join("\n")));
                 }
             }
             Ok(Exit::Done)

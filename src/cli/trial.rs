@@ -6,7 +6,6 @@ use std::sync::Arc;
 
 use serde_json::{Value as Json, json};
 
-use crate::cli::Error;
 use crate::cli::output::counted;
 use crate::env::outside::{OutsideModel, Trial, try_program};
 use crate::job::environment_text;
@@ -44,10 +43,8 @@ pub(super) fn of_manifest(manifest: &Manifest) -> Vec<Tried> {
     all
 }
 
-/// Prints the trials of a manifest.
-///
-/// **Errors**: a program failed its trial.
-pub(super) fn show(manifest: &Manifest, trials: &[Tried]) -> Result<(), Error> {
+/// Prints the trials of a manifest that programs passed; returns the faults of the others.
+pub(super) fn show(manifest: &Manifest, trials: &[Tried]) -> io::Result<Vec<String>> {
     let mut out = io::stdout().lock();
     let mut faults = Vec::new();
     for Tried { parameters, result } in trials {
@@ -63,11 +60,12 @@ pub(super) fn show(manifest: &Manifest, trials: &[Tried]) -> Result<(), Error> {
                 rounded(*one),
                 rounded(*many),
             )?,
-            Err(fault) => faults.push(format!("{}: environment{of}: {fault}", manifest.path)),
+            Err(fault) => {
+                faults.push(printable(&format!("{}: environment{of}: {fault}", manifest.path)));
+            }
         }
     }
-    let faults: Vec<String> = faults.iter().map(|fault| printable(fault)).collect();
-    if faults.is_empty() { Ok(()) } else { Err(Error::Usage(faults.join("\n"))) }
+    Ok(faults)
 }
 
 /// The trials as JSON.
