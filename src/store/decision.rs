@@ -46,7 +46,7 @@ pub(super) fn are_known(connection: &Connection) -> rusqlite::Result<bool> {
 }
 
 /// The names of the states that rows can hold. Decisions with other states are rows of
-/// [`step`](super::step).
+/// [`family`](super::family).
 const STATE: [&str; 5] =
     ["context", "probability", "likely_context", "habituation", "disengagement"];
 
