@@ -140,6 +140,7 @@ impl fmt::Debug for Seen {
         let features: Vec<f32> = self.features.iter().map(|bits| f32::from_bits(*bits)).collect();
         write!(f, "{:?} {features:?} ", self.status)?;
         self.moment.map_or(Ok(()), |moment| write!(f, "at {moment} "))?;
+        self.can_send.filter(|can| !can).map_or(Ok(()), |_| write!(f, "without a message "))?;
         write!(f, "with reward {:?}", f64::from_bits(self.reward))
     }
 }

@@ -28,7 +28,7 @@ pub struct Family {
     pub return_unit: &'static str,
     /// The metric that is the share of episodes that were terminated.
     pub termination_metric: &'static str,
-    /// The key that names and tables of jobs show even where it does not vary; `None` if there is none.
+    /// The key that names and tables of jobs show whether it varies or not; `None` for no key.
     pub headline: Option<&'static str>,
     /// Whether an optimum of its environments can be computed, at least of some.
     pub has_optimum: bool,
@@ -172,7 +172,7 @@ pub trait Model: Any + fmt::Debug + Send + Sync {
 pub struct Meaning {
     /// What it is.
     pub meaning: String,
-    /// Its unit before scaling; empty if there is none.
+    /// Its unit before scaling; may be empty.
     pub unit: String,
     /// The factor that turns a number in this unit into the entry.
     pub scale: f64,

@@ -201,8 +201,10 @@ pub trait Message: DeserializeOwned {
         }
         let stdout = "standard output is reserved for messages; write to standard error instead";
         let shown = || shown(line);
-        // A line of JSON apart from a number that JSON does not have.
-        let is_meant = line.trim_ascii_start().starts_with(b"{");
+        // Some writers of JSON permit numbers that JSON lacks.
+        let has = |word: &str| line.windows(word.len()).any(|part| part == word.as_bytes());
+        let is_meant =
+            line.trim_ascii_start().starts_with(b"{\"") && (has("NaN") || has("Infinity"));
         let stdout = match is_meant {
             true => "JSON has no NaN and no infinity",
             false => stdout,
@@ -263,6 +265,7 @@ mod tests {
             (r#"{"type":"step","actions":"up"}"#, "invalid type: string \"up\""),
             (r#"{"type":"reset","lane":[1]}"#, "unknown field `lane`"),
             (r#"{"type":"update","loss":NaN}"#, "JSON has no NaN and no infinity"),
+            ("{'loss': 1}", "standard output is reserved for messages"),
         ] {
             let fault = read(line).unwrap_err();
             assert!(fault.contains(expected), "{line}: {fault}");

@@ -45,9 +45,9 @@ pub struct Published {
 pub struct PublishedRow {
     /// The kind of number, as tables name it.
     pub subject: String,
-    /// The agent, or `first - second` for a difference of two agents; empty where there is none.
+    /// The agent, or `first - second` for a difference of two agents; empty for a rate of errors.
     pub agent: String,
-    /// The scenario, or `first - second` for a difference of two scenarios; empty where there is none.
+    /// The scenario, or `first - second` for a difference of two scenarios; empty for a rate of errors.
     pub scenario: String,
     /// The values of parameters.
     pub parameters: Vec<(Parameter, f64)>,
@@ -111,14 +111,17 @@ impl Published {
     fn named(name: &str, manifest: &str, source: &str) -> Result<Published, Faults> {
         let folder = Path::new(manifest).parent().unwrap_or(Path::new(""));
         let path = folder.join(name);
-        let unreadable = |reason: String| {
-            let message = format!("`published`: `{}` cannot be read: {reason}", path.display());
+        let refused = |says: String, help: &str| {
+            let message = format!("`published`: `{}` {says}", path.display());
             let fault = match span_of_name(source) {
                 Some(span) => Fault::at(span, message),
                 None => Fault::whole(message),
             };
-            let fault = fault.help("the path is relative to the folder of the manifest");
-            Faults::of_text(manifest, source, fault)
+            Faults::of_text(manifest, source, fault.help(help))
+        };
+        let unreadable = |reason: String| {
+            let help = "the path is relative to the folder of the manifest";
+            refused(format!("cannot be read: {reason}"), help)
         };
         let file = fs::metadata(&path).map_err(|error| unreadable(error.to_string()))?;
         if !file.is_file() {
@@ -128,16 +131,11 @@ impl Published {
             return Err(unreadable(format!("it is larger than {MOST_BYTES} bytes")));
         }
         if path.extension().is_some_and(|extension| extension == "toml") {
-            let message = format!(
-                "`published`: `{}` is a TOML file; published numbers are rows of a CSV file",
-                path.display()
-            );
-            let fault = match span_of_name(source) {
-                Some(span) => Fault::at(span, message),
-                None => Fault::whole(message),
-            };
-            let fault = fault.help("docs/report.md lists the columns; write one row per number");
-            return Err(Faults::of_text(manifest, source, fault));
+            let says = "is a TOML file; published numbers are rows of a CSV file".to_owned();
+            return Err(refused(
+                says,
+                "docs/report.md lists the columns; write one row per number",
+            ));
         }
         let text = fs::read_to_string(&path).map_err(|error| unreadable(error.to_string()))?;
         Published::parse(&path, &text)
@@ -301,6 +299,18 @@ mod tests {
     }
 
     #[test]
+    fn a_file_of_the_earlier_form_is_named() {
+        let folder = tempfile::tempdir().unwrap();
+        std::fs::write(folder.path().join("p.toml"), "format = 1\n").unwrap();
+        let manifest = folder.path().join("m.toml").display().to_string();
+        let faults = Published::named("p.toml", &manifest, "published = \"p.toml\"").unwrap_err();
+        assert!(
+            faults.to_string().contains("published numbers are rows of a CSV file"),
+            "{faults}"
+        );
+    }
+
+    #[test]
     fn faults_of_the_file_say_where_they_are() {
         for (text, expected) in [
             ("agent,value,n\na,1\n", "p.csv:2:1: "),
@@ -315,6 +325,8 @@ mod tests {
             ),
             ("value\n1\n", "missing `n`"),
             ("value,n,p\n1,3,0.5\n", "`p` is of a difference"),
+            ("agent,value,n,sd\na - b,1,3,2\n", "`sd` is of a mean"),
+            ("agent,scenario,value,n\na - b,P - L,1,3\n", "write ` - ` once"),
             ("value,n,metric\n1,3,speed\n", "there is no metric \"speed\""),
             ("value,n,margin\n1,3,0\n", "`margin`: expected a number above 0, found 0"),
         ] {

@@ -27,10 +27,12 @@ fn train(job: &Job, control: &dyn TrainingControl) -> Outcome {
     let mut training = match start_or_resume(job, checkpoints) {
         Ok(training) => training,
         Err(StartError::OutOfMemory(error)) => return Outcome::Failed(out_of_memory(&error, 0)),
-        // Only the program of an environment knows what agents must suit; other manifests are rejected.
-        Err(error) => {
+        // What agents must suit in the environment of a program is known once it runs.
+        Err(error) if job.environment.family().is_external() => {
             return environment_program::refused(format!("the agent cannot start: {error}"));
         }
+        // Other manifests with such an agent are rejected, so the algorithm is at fault.
+        Err(error) => panic!("the agent cannot start: {error}"),
     };
     let pause = || control.stop_requested() || checkpoints.are_due();
     loop {

@@ -197,12 +197,12 @@ fn answer<M: Message>(
     stop: &dyn Fn() -> bool,
     patience: Option<Duration>,
 ) -> Result<M, ProgramError> {
-    let begun = Instant::now();
-    let is_late = || patience.is_some_and(|patience| begun.elapsed() > patience);
+    let until = patience.map(|patience| Instant::now() + patience);
+    let is_late = || until.is_some_and(|until| Instant::now() > until);
     match program.receive(expected, when, &|| stop() || is_late()) {
         Err(ProgramError::Stopped) if is_late() && !stop() => Err(program.broke(format!(
             "expected {expected} within {} s {when}, found nothing; flush standard output after every message",
-            patience.unwrap_or_default().as_secs(),
+            patience.unwrap_or_default().as_secs_f64(),
         ))),
         received => received,
     }
@@ -211,5 +211,27 @@ fn answer<M: Message>(
 impl std::fmt::Debug for EnvironmentProgram {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         f.debug_struct("EnvironmentProgram").field("description", &self.0.description).finish()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_silent_program_is_a_fault_where_patience_ends() {
+        let launch = Launch {
+            command: ["sleep", "600"].map(str::to_owned).into(),
+            folder: std::env::temp_dir(),
+            version: "1".to_owned(),
+            parameters: Map::new(),
+        };
+        let patience = Some(Duration::from_millis(50));
+        let error = EnvironmentProgram::start_within(&launch, Arc::new(|| false), patience);
+        let error = error.unwrap_err().to_string();
+        assert!(
+            error.contains("\"description\" within 0.05 s at its start, found nothing"),
+            "{error}"
+        );
     }
 }
