@@ -22,6 +22,7 @@ mod sampler;
 mod tests;
 
 use crate::agent::unavailable::Unavailable;
+use crate::env::Action;
 use crate::key::{Keyed, Kind, choices, keys};
 
 pub use learner::LinearThompsonLearner;
@@ -30,6 +31,14 @@ pub use policy::LinearThompsonPolicy;
 pub(super) use features::Design;
 pub(super) use posterior::Posterior;
 pub(super) use sampler::Sampler;
+
+/// One number per action.
+const PER_ACTION: Kind = Kind::Reals {
+    least: *Action::COUNTS.start(),
+    most: *Action::COUNTS.end(),
+    min: -1e6,
+    max: 1e6,
+};
 
 keys! {
     /// Hyper-parameters of linear Thompson sampling, with the defaults of BOTS.
@@ -62,10 +71,11 @@ keys! {
         posterior: BanditPosterior = BanditPosterior::Carried;
         /// whether coefficients are drawn for each "step" or for a whole "episode"
         draw: BanditDraw = BanditDraw::Step;
-        /// bias added to the drawn reward of each action before the maximum is taken
-        action_bias: Vec<f64> = vec![0.0; 4], in Kind::Reals { count: 4, min: -1e6, max: 1e6 };
-        /// minimum probability of an action: p of n becomes pi_min + (1 - n pi_min) p
-        pi_min: f64 = 0.0, in Kind::Real { min: 0.0, max: 0.25 };
+        /// bias added to the drawn reward of each action before the maximum is taken: one number per
+        /// action, or zeros for no bias
+        action_bias: Vec<f64> = vec![0.0; 4], in PER_ACTION;
+        /// minimum probability of an action: p of n becomes pi_min + (1 - n pi_min) p; at most 1 / n
+        pi_min: f64 = 0.0, in Kind::Real { min: 0.0, max: 0.5 };
         /// slope of a softmax over the drawn rewards, in 1/steps, which replaces the maximum; 0 for
         /// the maximum
         smoothing: f64 = 0.0, in Kind::NON_NEGATIVE;

@@ -1,6 +1,6 @@
 //! `jitai check --try`: starts the programs of environments and checks the contract.
 
-use std::collections::HashSet;
+use std::collections::HashMap;
 use std::io::{self, Write};
 use std::sync::Arc;
 
@@ -8,10 +8,11 @@ use serde_json::{Value as Json, json};
 
 use crate::cli::output::counted;
 use crate::env::outside::{OutsideModel, Trial, try_program};
-use crate::job::environment_text;
+use crate::job::{Job, environment_text};
 use crate::key::printable;
 use crate::manifest::Manifest;
 use crate::plan;
+use crate::train::misfit;
 
 /// A trial of an environment: its parameters as a user would write them, and the result or the fault.
 pub(super) struct Tried {
@@ -21,24 +22,32 @@ pub(super) struct Tried {
 
 /// Tries every environment of a manifest that is an outside program.
 pub(super) fn of_manifest(manifest: &Manifest) -> Vec<Tried> {
-    let mut seen = HashSet::new();
-    let mut all = Vec::new();
+    let mut environments: Vec<Vec<Job>> = Vec::new();
+    let mut places = HashMap::new();
     for planned in plan::jobs(manifest) {
-        let Some(model) = planned.job.environment.model::<OutsideModel>() else { continue };
-        if !seen.insert(environment_text(&planned.job.environment)) {
-            continue;
-        }
+        let place = places.entry(environment_text(&planned.job.environment));
+        let place = *place.or_insert(environments.len());
+        environments.resize_with(environments.len().max(place + 1), Vec::new);
+        environments[place].push(planned.job);
+    }
+    let mut all = Vec::new();
+    for jobs in environments {
+        let Some(model) = jobs[0].environment.model::<OutsideModel>() else { continue };
         let launch = model.launch(manifest.folder());
         let parameters: Vec<String> =
             launch.parameters.iter().map(|(name, value)| format!("{name} = {value}")).collect();
         let result = try_program(&launch, Arc::new(|| false)).map_err(|error| error.to_string());
-        let shown = result.and_then(|trial| {
-            let scenarios = manifest.scenarios();
-            let faults: Vec<String> =
-                scenarios.filter_map(|one| trial.description.shown(&one).err()).collect();
+        let suited = result.and_then(|trial| {
+            let misfits = jobs.iter().filter_map(|job| misfit(job, &trial.description));
+            let mut faults: Vec<String> = Vec::new();
+            misfits.for_each(|fault| {
+                if !faults.contains(&fault) {
+                    faults.push(fault)
+                }
+            });
             if faults.is_empty() { Ok(trial) } else { Err(faults.join("; ")) }
         });
-        all.push(Tried { parameters: parameters.join(", "), result: shown });
+        all.push(Tried { parameters: parameters.join(", "), result: suited });
     }
     all
 }

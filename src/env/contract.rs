@@ -306,7 +306,14 @@ fn require_equal(
     if seen == expected {
         return Ok(());
     }
-    let detail = format!("lanes are {seen:?}, expected {expected:?}");
+    let lane = seen.iter().zip(expected).position(|(seen, expected)| seen != expected);
+    let detail = match lane {
+        Some(lane) => {
+            let number = if seen.len() == 1 { String::new() } else { format!(" {lane}") };
+            format!("lane{number} is {:?}, expected {:?}", seen[lane], expected[lane])
+        }
+        None => format!("{} lanes, expected {}", seen.len(), expected.len()),
+    };
     Err(Violation { clause, step, detail })
 }
 

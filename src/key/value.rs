@@ -144,10 +144,12 @@ pub enum Kind {
         /// The largest of each.
         max: f64,
     },
-    /// A list of `count` finite numbers.
+    /// A list of finite numbers.
     Reals {
-        /// Length of the list.
-        count: usize,
+        /// The shortest list.
+        least: usize,
+        /// The longest list.
+        most: usize,
         /// The smallest of each.
         min: f64,
         /// The largest of each.
@@ -230,8 +232,9 @@ impl Kind {
                 let inside = widths.iter().all(|width| (1..=max).contains(width));
                 inside && (1..=most).contains(&widths.len())
             }
-            (Kind::Reals { count, min, max }, Value::Reals(reals)) => {
-                reals.len() == count && reals.iter().all(|x| (min..=max).contains(x))
+            (Kind::Reals { least, most, min, max }, Value::Reals(reals)) => {
+                let inside = reals.iter().all(|x| (min..=max).contains(x));
+                inside && (least..=most).contains(&reals.len())
             }
             (Kind::Counts { most, max }, Value::Wholes(counts)) => {
                 let inside = counts.iter().all(|count| (1..=max).contains(count));
@@ -283,8 +286,8 @@ impl Kind {
             Kind::RealPair { min, max } => {
                 format!("two numbers from {min} to {max}, as in [0.1, 0.1]")
             }
-            Kind::Reals { count, min, max } => {
-                format!("a list of {count} numbers, each from {min} to {max}")
+            Kind::Reals { least, most, min, max } => {
+                format!("a list of {least} to {most} numbers, each from {min} to {max}")
             }
             Kind::Counts { most, max } => {
                 format!("a list of at most {most} whole numbers from 1 to {max}, smallest first")

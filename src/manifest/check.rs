@@ -56,7 +56,7 @@ pub(super) fn check(
                 hold(draft, Concerned::Agent(place), grid, constraint, faults);
             }
         }
-        for (keys, violation) in grid.too_large() {
+        for (keys, violation) in grid.too_large().into_iter().chain(grid.unsuited()) {
             let parameters: Vec<Parameter> = keys.parameters().collect();
             if is_certain(draft, place, grid, &parameters, &broken) {
                 report(draft, Concerned::Agent(place), &keys, violation, faults);
@@ -298,6 +298,36 @@ mod tests {
                     environment.sigma = 0\n[[agent]]\nname = \"dqn\"\nbuffer = 32\n";
         let faults = parse("t", text.as_bytes()).unwrap_err();
         assert_eq!(faults.position(&faults.list()[0]).map(|position| position.line), Some(8));
+    }
+
+    #[test]
+    fn a_key_that_does_not_suit_the_actions_is_refused_once_per_agent() {
+        let text = |keys: &str, exclusion: &str| {
+            format!(
+                "format = 1\nname = \"t\"\nextends = \"paper\"\nscenarios = [\"C\", \"P\"]\n\
+                 environment.sigma = 0\n{exclusion}[[agent]]\nname = \"bandit\"\n\
+                 algorithm = \"linear_thompson\"\nepisodes = [1, 2]\n{keys}\n"
+            )
+        };
+        let said = |keys, exclusion| {
+            let faults = parse("t", text(keys, exclusion).as_bytes()).err();
+            let faults = faults.iter().flat_map(|faults| faults.list());
+            faults.map(|fault| fault.message().to_string()).collect::<Vec<_>>()
+        };
+        for (keys, expected) in [
+            (
+                "pi_min = [0.1, 0.3]",
+                "agent `bandit`: `pi_min` does not suit an environment with 4 actions",
+            ),
+            ("action_bias = [0, 1]", "agent `bandit`: `action_bias` does not suit"),
+        ] {
+            let messages = said(keys, "");
+            assert!(messages.len() == 1 && messages[0].contains(expected), "{messages:?}");
+        }
+        assert_eq!(said("action_bias = [0, 0]", ""), Vec::<String>::new());
+        assert_eq!(said("pi_min = 0.25\naction_bias = [0, 1, 2, 3]", ""), Vec::<String>::new());
+        let excluded = "[[exclude]]\nagent.pi_min = 0.3\n";
+        assert_eq!(said("pi_min = [0.1, 0.3]", excluded), Vec::<String>::new());
     }
 
     #[test]

@@ -125,7 +125,7 @@ fn harmless(kind: Kind) -> Value {
         Kind::Flag => Value::Flag(false),
         Kind::Choice(words) => Value::Choice(words[0]),
         Kind::RealPair { min, .. } => Value::RealPair([min, min]),
-        Kind::Reals { count, min, .. } => Value::Reals(vec![min; count]),
+        Kind::Reals { least, min, .. } => Value::Reals(vec![min; least]),
         Kind::Counts { .. } => Value::Wholes(Vec::new()),
         Kind::Widths { .. } => Value::Wholes(vec![1]),
         Kind::Text { .. } => Value::Text("x".to_owned()),

@@ -104,6 +104,19 @@ impl<'m> Grid<'m> {
         sizes.into_iter().map(|(size, keys)| (keys, Violation::TooLarge(size))).collect()
     }
 
+    /// The first key of a cell that is not excluded that does not suit the environment.
+    pub(super) fn unsuited(&self) -> Option<(Assignment<'m>, Violation)> {
+        let (algorithm, family) = (self.agent.algorithm, self.manifest.family());
+        if algorithm.suited().is_empty() {
+            return None;
+        }
+        let unsuited = |assignment: &Assignment<'m>| algorithm.unsuited(family, assignment);
+        let varies = |parameter| algorithm.is_suited_by(family, parameter);
+        let (mut cell, found) = self.find(&algorithm.parameters(family), varies, unsuited)?;
+        cell.0.retain(|(parameter, _)| *parameter == found.key);
+        Some((cell, Violation::Contradiction(found.to_string())))
+    }
+
     /// The first result of `judge` in a cell that is not excluded, with the cell's values of `parameters`.
     /// Parameters that do not vary have their first values.
     fn find<T>(

@@ -113,8 +113,8 @@ mod tests {
             Kind::Flag => vec![Value::Flag(false), Value::Flag(true)],
             Kind::Choice(words) => words.iter().map(|word| Value::Choice(word)).collect(),
             Kind::RealPair { min, max } => vec![Value::RealPair([min, max])],
-            Kind::Reals { count, min, max } => {
-                vec![Value::Reals(vec![min; count]), Value::Reals(vec![max; count])]
+            Kind::Reals { least, most, min, max } => {
+                vec![Value::Reals(vec![min; least]), Value::Reals(vec![max; most])]
             }
             Kind::Counts { most, max } => {
                 vec![

@@ -17,10 +17,10 @@ pub(crate) fn value(kind: Kind) -> Json {
             "maxItems": 2,
             "items": value(Kind::Real { min, max }),
         }),
-        Kind::Reals { count, min, max } => json!({
+        Kind::Reals { least, most, min, max } => json!({
             "type": "array",
-            "minItems": count,
-            "maxItems": count,
+            "minItems": least,
+            "maxItems": most,
             "items": value(Kind::Real { min, max }),
         }),
         Kind::Counts { most, max } => json!({

@@ -7,8 +7,8 @@ use std::path::Path;
 use std::time::Duration;
 
 use crate::agent::recorded_decisions;
-use crate::env::outside::{EnvironmentProgram, OutsideModel};
-use crate::env::{Environment, Model};
+use crate::env::Environment;
+use crate::env::outside::{Description, EnvironmentProgram, OutsideModel};
 use crate::external::ProgramError;
 use crate::job::{Failure, FailureKind, Job, Outcome};
 use crate::key::Size;
@@ -28,17 +28,11 @@ pub(super) fn run(
         Err(error) => return failed(error.to_string(), 0),
     };
     let program = started.program().expect("it has been started").clone();
-    if let Some(fault) = fault(job, &started) {
+    if let Some(fault) = misfit(job, program.description()) {
         program.stop();
         return refused(fault);
     }
     let described = Job { environment: Environment::of(started), ..job.clone() };
-    if let Some(size) =
-        described.agent.sizes(&described.task()).iter().find(|size| size.is_too_large())
-    {
-        program.stop();
-        return refused(too_large(size));
-    }
     let watched = Watched { control, program: &program, episode: Cell::new(0) };
     let outcome = train(&described, &watched);
     match program.failure() {
@@ -53,11 +47,20 @@ pub(super) fn run(
     Outcome::Interrupted
 }
 
-/// Why a job cannot run in an environment that has described itself.
-fn fault(job: &Job, started: &OutsideModel) -> Option<String> {
-    let description = started.program()?.description();
+/// Why a job cannot run in its environment, which has described itself.
+pub fn misfit(job: &Job, description: &Description) -> Option<String> {
+    let model: &OutsideModel = job.environment.model()?;
     if let Err(fault) = description.shown(&job.scenario) {
         return Some(fault);
+    }
+    let environment = Environment::of(model.with(description.clone()));
+    let job = Job { environment, ..job.clone() };
+    if let Some(unsuited) = job.agent.unsuited(&job.task()) {
+        return Some(format!("the agent cannot start: {unsuited}"));
+    }
+    let sizes = job.agent.sizes(&job.task());
+    if let Some(size) = sizes.iter().find(|size| size.is_too_large()) {
+        return Some(too_large(size));
     }
     let evaluation = &job.evaluation;
     let episodes = [
@@ -66,7 +69,7 @@ fn fault(job: &Job, started: &OutsideModel) -> Option<String> {
     ];
     let recorded = episodes.into_iter().filter(|(is_recorded, _)| *is_recorded);
     let episodes = recorded.map(|(_, episodes)| u64::from(episodes)).sum();
-    let size = recorded_decisions(episodes, u64::from(started.longest_episode()));
+    let size = recorded_decisions(episodes, u64::from(job.environment.longest_episode()));
     size.is_too_large().then(|| too_large(&size))
 }
 

@@ -23,6 +23,7 @@ pub use checkpoint::{
     WriteCheckpoint,
 };
 pub use control::{StopHandle, TrainingControl, Uncontrolled};
+pub use environment_program::misfit;
 pub use progress::TrainingProgress;
 pub use roll::{RollStreams, Rollout, begin, play, roll};
 pub use run::run;

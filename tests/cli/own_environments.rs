@@ -374,6 +374,25 @@ fn a_trial_names_the_broken_clause() {
 }
 
 #[test]
+fn a_trial_names_agents_and_scenarios_that_do_not_suit_the_program() {
+    let biased = MANIFEST.replace("noise_sd = 1", "noise_sd = 1\naction_bias = [0, 1, 0, 0]");
+    let folder = folder();
+    folder.write("sweep.toml", &biased);
+    let expected =
+        "`action_bias` does not suit an environment with 2 actions: it needs one number per action";
+    folder.jitai(["check", "sweep.toml", "--try"]).ended(2).says(expected);
+    folder.write("sweep.toml", biased.replace("[0, 1, 0, 0]", "[0, 1]"));
+    folder.jitai(["check", "sweep.toml", "--try"]).succeeded();
+    // A scenario that exclusions remove is not tried.
+    let other = MANIFEST.replace("[\"count\"]", "[\"change\"]");
+    assert_ne!(other, MANIFEST);
+    folder.write("sweep.toml", &other);
+    folder.jitai(["check", "sweep.toml", "--try"]).ended(2).says("has no feature `change`");
+    folder.write("sweep.toml", format!("{other}\n[[exclude]]\nscenario = \"change\"\n"));
+    folder.jitai(["check", "sweep.toml", "--try"]).succeeded();
+}
+
+#[test]
 fn what_the_family_lacks_is_refused_with_a_sentence() {
     let folder = Folder::with(MANIFEST);
     let analysis =

@@ -18,7 +18,7 @@ use crate::env::{
     Action, Environment, Interface, ObservationSpec, Scenario, Simulated, StepCountModel,
     VectorEnvironment,
 };
-use crate::key::{Constraint, Key, Keyed, Kind, Size, Value};
+use crate::key::{Constraint, Key, Keyed, Kind, Parameter, Size, Value};
 use crate::optimum::NoOptimum;
 
 /// The task of an agent: an environment, the scenario that it observes, and a seed.
@@ -107,16 +107,9 @@ pub enum StartError {
         /// Number of actions.
         actions: usize,
     },
-    /// A hyper-parameter does not suit the number of actions of the environment.
-    #[error("`{key}` does not suit an environment with {actions} actions: {says}")]
-    PerAction {
-        /// The hyper-parameter.
-        key: &'static str,
-        /// Number of actions.
-        actions: usize,
-        /// What it must be.
-        says: &'static str,
-    },
+    /// A hyper-parameter does not suit the environment.
+    #[error(transparent)]
+    Unsuited(#[from] Unsuited),
     /// The environment has a different number of lanes.
     #[error("the environment has {lanes} lanes, but this agent trains on {expected}")]
     Lanes {
@@ -144,6 +137,18 @@ pub enum StartError {
         /// The declared value of [`AlgorithmParameters::LEARNS`].
         learns: bool,
     },
+}
+
+/// A hyper-parameter that does not suit the environment of a job.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[error("`{}` does not suit an environment with {actions} actions: {says}", key.key())]
+pub struct Unsuited {
+    /// The hyper-parameter.
+    pub key: Parameter,
+    /// Number of actions.
+    pub actions: usize,
+    /// What the hyper-parameter must be.
+    pub says: &'static str,
 }
 
 /// Fails unless an environment has the expected number of lanes, and actions to choose among.
@@ -218,6 +223,15 @@ pub trait AlgorithmParameters: Keyed + 'static {
     /// Constraints on jobs beyond the ranges of single keys; none by default.
     const CONSTRAINTS: &'static [Constraint] = &[];
 
+    /// The keys that [`AlgorithmParameters::unsuited`] judges; none by default.
+    const SUITED: &'static [Parameter] = &[];
+
+    /// The first of these keys that does not suit what the agent sees and chooses among, although its value is
+    /// in range.
+    fn unsuited(&self, _: &Interface) -> Option<Unsuited> {
+        None
+    }
+
     /// The sizes of training that have limits, such as those of networks, batches and buffers; none
     /// by default. They must not depend on real-valued keys.
     fn sizes(&self, _: &Task) -> Vec<Size> {
@@ -285,6 +299,8 @@ pub struct Algorithm {
     work: fn(&[Value], &Task) -> Work,
     speed: fn(&[Value]) -> f64,
     sizes: fn(&[Value], &Task) -> Vec<Size>,
+    suited: &'static [Parameter],
+    unsuited: fn(&[Value], &Interface) -> Option<Unsuited>,
     start: fn(&[Value], &Task) -> Result<Start, StartError>,
     network: NetworkOf,
     trained: TrainedBy,
@@ -318,12 +334,19 @@ impl Algorithm {
             work: |values, task| typed::<P>(values).work(task),
             speed: |values| typed::<P>(values).speed(),
             sizes: |values, task| typed::<P>(values).sizes(task),
+            suited: P::SUITED,
+            unsuited: |values, interface| typed::<P>(values).unsuited(interface),
             start: |values, task| typed::<P>(values).start(task),
             network: |values, shape, weights| typed::<P>(values).network(shape, weights),
             trained: |values, task, weights, actions| {
                 typed::<P>(values).trained(task, weights, actions)
             },
         }
+    }
+
+    /// The keys whose values must suit the environment; see [`AlgorithmParameters::SUITED`].
+    pub fn suited(&self) -> &'static [Parameter] {
+        self.suited
     }
 
     /// The name in manifests, jobs and the store.
@@ -520,6 +543,11 @@ impl Agent {
     /// The sizes of training that have limits; see [`AlgorithmParameters::sizes`].
     pub fn sizes(&self, task: &Task) -> Vec<Size> {
         (self.algorithm.sizes)(&self.values, &self.seen(task))
+    }
+
+    /// The first key that does not suit the task; see [`AlgorithmParameters::unsuited`].
+    pub fn unsuited(&self, task: &Task) -> Option<Unsuited> {
+        (self.algorithm.unsuited)(&self.values, &self.seen(task).interface())
     }
 
     /// Multiply-adds of training per second; see [`AlgorithmParameters::speed`].

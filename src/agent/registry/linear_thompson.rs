@@ -12,9 +12,10 @@ use crate::agent::weights::{Weights, WeightsError};
 use crate::env::{Interface, VectorEnvironment};
 use crate::key::{Constraint, Parameter, Size, Violation};
 
-use super::algorithm::{AlgorithmParameters, Start, StartError, Task, Work, unless_fit};
+use super::algorithm::{AlgorithmParameters, Start, StartError, Task, Unsuited, Work, unless_fit};
 
 const CENTRING: Parameter = Parameter::Agent("action_centring");
+const ACTION_BIAS: Parameter = Parameter::Agent("action_bias");
 const PI_MIN: Parameter = Parameter::Agent("pi_min");
 const WARM_UP: Parameter = Parameter::Agent("warm_up");
 const UPDATE: Parameter = Parameter::Agent("update");
@@ -85,6 +86,20 @@ impl AlgorithmParameters for LinearThompson {
         vec![Size { what, unit, size: self.regressors(task), most }]
     }
 
+    const SUITED: &'static [Parameter] = &[ACTION_BIAS, PI_MIN];
+
+    fn unsuited(&self, Interface { actions, .. }: &Interface) -> Option<Unsuited> {
+        let is_biased = self.action_bias.iter().any(|bias| *bias != 0.0);
+        let unsuited = |key, says| Some(Unsuited { key, actions: *actions, says });
+        if is_biased && self.action_bias.len() != *actions {
+            return unsuited(ACTION_BIAS, "it needs one number per action");
+        }
+        if self.pi_min * *actions as f64 > 1.0 {
+            return unsuited(PI_MIN, "it must not exceed 1 divided by the number of actions");
+        }
+        None
+    }
+
     fn episodes(&self) -> u32 {
         self.episodes
     }
@@ -129,19 +144,6 @@ impl LinearThompson {
         let blocks = 2 * task.interface().actions as u64 - 1;
         if self.action_centring { blocks * width } else { width }
     }
-
-    /// Fails unless the keys that concern every action suit this number of actions.
-    fn unless_suited(&self, actions: usize) -> Result<(), StartError> {
-        let unsuited = |key, says| Err(StartError::PerAction { key, actions, says });
-        let is_biased = self.action_bias.iter().any(|bias| *bias != 0.0);
-        if is_biased && self.action_bias.len() != actions {
-            return unsuited("action_bias", "it needs one number per action");
-        }
-        if self.pi_min * actions as f64 > 1.0 {
-            return unsuited("pi_min", "it must not exceed 1 divided by the number of actions");
-        }
-        Ok(())
-    }
 }
 
 /// Linear Thompson sampling before its first episode in any environment of one lane.
@@ -154,7 +156,11 @@ pub fn learner_in<Env: VectorEnvironment + 'static>(
     seed: u64,
 ) -> Result<Box<dyn Learner<Env>>, StartError> {
     unless_fit(&environment, LANES)?;
-    parameters.unless_suited(environment.action_spec().count)?;
+    let (observations, actions) =
+        (environment.observation_spec().clone(), environment.action_spec().count);
+    if let Some(unsuited) = parameters.unsuited(&Interface { observations, actions }) {
+        return Err(unsuited.into());
+    }
     Ok(Box::new(LinearThompsonLearner::new(parameters, environment, seed)))
 }
 

@@ -1,6 +1,6 @@
 //! The sizes of an agent's training, from the values of a cell, and the keys that make them.
 
-use super::algorithm::{Agent, Algorithm, Task};
+use super::algorithm::{Agent, Algorithm, Task, Unsuited};
 use crate::env::{Family, Scenario};
 use crate::key::{Assignment, Key, Kind, Parameter, Size, Value};
 
@@ -55,9 +55,33 @@ impl Algorithm {
     }
 
     fn sizes(&'static self, family: &'static Family, assignment: &Assignment) -> Vec<Size> {
+        self.judged(family, assignment, Agent::sizes).unwrap_or_default()
+    }
+
+    /// Whether the suitability of keys can depend on a parameter.
+    pub fn is_suited_by(&self, family: &'static Family, parameter: Parameter) -> bool {
+        self.suited().contains(&parameter) || self.is_sized_by(family, parameter)
+    }
+
+    /// The first key that does not suit the environment, given the values of [`Algorithm::parameters`].
+    pub fn unsuited(
+        &'static self,
+        family: &'static Family,
+        assignment: &Assignment,
+    ) -> Option<Unsuited> {
+        self.judged(family, assignment, Agent::unsuited).flatten()
+    }
+
+    /// What `judge` says of the agent in its task; `None` where the task is not known in advance.
+    fn judged<T>(
+        &'static self,
+        family: &'static Family,
+        assignment: &Assignment,
+        judge: fn(&Agent, &Task) -> T,
+    ) -> Option<T> {
         // What a program shows is known once it has started; its jobs fail then.
         if family.is_external() {
-            return Vec::new();
+            return None;
         }
         let own = assignment.values_of(|parameter| matches!(parameter, Parameter::Agent(_)));
         let of_environment = |parameter: &Parameter| matches!(parameter, Parameter::Environment(_));
@@ -66,8 +90,9 @@ impl Algorithm {
         let people: Vec<Value> = family.people.iter().filter_map(Key::default).collect();
         let environment = (family.read)(family, &environment, &people);
         let scenario = assignment.text(Parameter::SCENARIO).parse::<Scenario>();
-        let made = (Agent::with_values(self, own), environment, scenario.ok());
-        let (Some(agent), Some(environment), Some(scenario)) = made else { return Vec::new() };
-        agent.sizes(&Task { environment: &environment, scenario: &scenario, seed: 0, history: 1 })
+        let (agent, environment, scenario) =
+            (Agent::with_values(self, own)?, environment?, scenario.ok()?);
+        let task = Task { environment: &environment, scenario: &scenario, seed: 0, history: 1 };
+        Some(judge(&agent, &task))
     }
 }

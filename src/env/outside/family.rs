@@ -109,8 +109,13 @@ impl OutsideModel {
         stop: StopRequested,
     ) -> Result<OutsideModel, ProgramError> {
         let program = EnvironmentProgram::start(&self.launch(folder), stop)?;
-        let description = Some(program.description().clone());
-        Ok(OutsideModel { description, program: Some(program), ..self.clone() })
+        let described = self.with(program.description().clone());
+        Ok(OutsideModel { program: Some(program), ..described })
+    }
+
+    /// This environment as its program has described it, without the program.
+    pub fn with(&self, description: Description) -> OutsideModel {
+        OutsideModel { description: Some(description), program: None, ..self.clone() }
     }
 
     /// The program, if it has been started.
@@ -204,8 +209,7 @@ impl Model for OutsideModel {
     }
 
     fn described(&self, text: &str) -> Option<Environment> {
-        let description = Some(serde_json::from_str(text).ok()?);
-        Some(Environment::of(OutsideModel { description, ..self.clone() }))
+        Some(Environment::of(self.with(serde_json::from_str(text).ok()?)))
     }
 
     fn longest_episode(&self) -> u32 {
