@@ -1,10 +1,10 @@
 //! The registry of families: every family that a manifest can name, in one list.
 
 use crate::env::family::Family;
-use crate::env::{outside, step_count};
+use crate::env::{oralytics, outside, step_count};
 
 /// The families that come with the library, in the order of the documentation.
-static BUILT_IN: [&Family; 2] = [&step_count::FAMILY, &outside::FAMILY];
+static BUILT_IN: [&Family; 3] = [&step_count::FAMILY, &oralytics::FAMILY, &outside::FAMILY];
 
 impl Family {
     /// Every family.

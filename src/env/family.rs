@@ -34,6 +34,8 @@ pub struct Family {
     pub has_optimum: bool,
     /// Whether choices of action are counted by an inferred context.
     pub has_contexts: bool,
+    /// Whether scenarios are letters joined by hyphens; names of features otherwise.
+    pub has_letters: bool,
     /// Checks that an environment can have a scenario, as far as the family knows.
     pub check_scenario: fn(&Scenario) -> Result<(), ScenarioError>,
     /// What a scenario consists of, for messages: "expected …".

@@ -13,10 +13,12 @@ mod families;
 mod family;
 mod history;
 mod observation;
+pub mod oralytics;
 pub mod outside;
 mod scenario;
 mod simulation;
 mod step_count;
+mod variates;
 mod vector;
 
 pub use family::{Environment, Family, Meaning, Model};

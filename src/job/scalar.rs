@@ -52,6 +52,7 @@ impl From<&Value> for Scalar {
             }
             Value::Distribution(distribution) => Scalar::Text(distribution.text()),
             Value::Rows(rows) => Scalar::Text(rows.text()),
+            Value::Content(content) => Scalar::Text(content.name()),
         }
     }
 }

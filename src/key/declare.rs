@@ -2,6 +2,7 @@
 
 use serde_json::{Map, Value as Json};
 
+use super::content::Content;
 use super::distribution::Distribution;
 use super::rows::Rows;
 use super::value::{Kind, Value};
@@ -217,6 +218,16 @@ impl KeyType for Distribution {
 
     fn from_value(value: &Value) -> Option<Self> {
         if let Value::Distribution(of) = value { Some(of.clone()) } else { None }
+    }
+}
+
+impl KeyType for Content {
+    fn to_value(&self) -> Value {
+        Value::Content(self.clone())
+    }
+
+    fn from_value(value: &Value) -> Option<Self> {
+        if let Value::Content(content) = value { Some(content.clone()) } else { None }
     }
 }
 

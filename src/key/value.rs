@@ -5,8 +5,10 @@ use std::hash::{Hash, Hasher};
 
 use serde::{Serialize, Serializer};
 
+use super::content::{Content, ContentForm};
 use super::distribution::Distribution;
 use super::number_range::NumberRange;
+use super::printable::quoted;
 use super::rows::{Column, Rows};
 
 /// A single value of a key.
@@ -39,6 +41,9 @@ pub enum Value {
     /// Rows from which participants are drawn, serialised as the text of a CSV file.
     #[serde(serialize_with = "rows_text")]
     Rows(Rows),
+    /// The text of a file, serialised as its digest.
+    #[serde(serialize_with = "content_name")]
+    Content(Content),
 }
 
 fn distribution_text<S: Serializer>(of: &Distribution, serializer: S) -> Result<S::Ok, S::Error> {
@@ -47,6 +52,10 @@ fn distribution_text<S: Serializer>(of: &Distribution, serializer: S) -> Result<
 
 fn rows_text<S: Serializer>(rows: &Rows, serializer: S) -> Result<S::Ok, S::Error> {
     serializer.serialize_str(&rows.text())
+}
+
+fn content_name<S: Serializer>(content: &Content, serializer: S) -> Result<S::Ok, S::Error> {
+    serializer.serialize_str(&content.name())
 }
 
 // Values are finite and never -0, so equality is reflexive and agrees with the bits.
@@ -67,6 +76,7 @@ impl Hash for Value {
             Value::Words(words) => words.hash(state),
             Value::Distribution(distribution) => distribution.text().hash(state),
             Value::Rows(rows) => rows.text().hash(state),
+            Value::Content(content) => content.name().hash(state),
         }
     }
 }
@@ -94,13 +104,9 @@ impl fmt::Display for Value {
             Value::Distribution(distribution) => f.write_str(&distribution.text()),
             // The text has only names, numbers, commas and line breaks.
             Value::Rows(rows) => write!(f, "\"{}\"", rows.text().replace('\n', "\\n")),
+            Value::Content(content) => content.fmt(f),
         }
     }
-}
-
-/// A text in quotes. TOML and JSON escape alike, except DEL, which only TOML requires to be escaped.
-fn quoted(text: &str) -> String {
-    serde_json::Value::from(text).to_string().replace('\u{7f}', "\\u007f")
 }
 
 /// Whether a text has at most `most` characters and no control characters.
@@ -187,6 +193,8 @@ pub enum Kind {
     Distribution(NumberRange),
     /// Rows from which participants are drawn, with a subset of these columns.
     Rows(&'static [Column]),
+    /// The text of a file of this form, or none.
+    Content(&'static ContentForm),
 }
 
 impl Kind {
@@ -257,6 +265,8 @@ impl Kind {
             (Kind::Rows(known), Value::Rows(rows)) => known.iter().all(|column| {
                 rows.range(column.name).into_iter().flatten().all(|end| column.of.admits(end))
             }),
+            // The text was parsed when it was read.
+            (Kind::Content(_), Value::Content(_)) => true,
             _ => false,
         }
     }
@@ -308,6 +318,7 @@ impl Kind {
             }
             Kind::Distribution(of) => Distribution::expectation(of),
             Kind::Rows(_) => "\"none\", a list of tables, or the name of a CSV file".to_owned(),
+            Kind::Content(form) => format!("\"none\", or the name of {}", form.what),
         }
     }
 
@@ -352,6 +363,7 @@ impl Kind {
                 Distribution::from_text(of, json.as_str()?).map(Value::Distribution)
             }
             Kind::Rows(known) => Rows::from_text(known, json.as_str()?).map(Value::Rows),
+            Kind::Content(_) => Content::named(json.as_str()?).map(Value::Content),
         }
     }
 }

@@ -79,8 +79,12 @@ impl<T: KeyType> Field for T {
     }
 
     fn read(table: &mut AnalysisTable<'_, '_>, key: &str, kind: Option<Kind>) -> Option<T> {
-        let value = table.reader.value(key, kind?, table.table.get(key)?)?;
-        T::from_value(&value)
+        let kind = kind?;
+        let Some(node) = table.node(key) else {
+            table.missing(key, &format!("it is {}", kind.expectation()));
+            return None;
+        };
+        T::from_value(&table.reader.value(key, kind, node)?)
     }
 
     fn written(&self, key: &'static str) -> Vec<(&'static str, String)> {

@@ -8,7 +8,7 @@ use super::section::Section;
 use super::source::Span;
 use super::written;
 use crate::env::Family;
-use crate::key::{Distribution, Key, Kind, Rows, Value};
+use crate::key::{Content, Distribution, Key, Kind, Rows, Value};
 
 /// The manifest that `draft` declares; reports missing keys.
 ///
@@ -133,5 +133,6 @@ fn harmless(kind: Kind) -> Value {
         Kind::Scalar => Value::Flag(false),
         Kind::Distribution(_) => Value::Distribution(Distribution::Fixed),
         Kind::Rows(_) => Value::Rows(Rows::default()),
+        Kind::Content(_) => Value::Content(Content::default()),
     }
 }

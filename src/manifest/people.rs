@@ -1,4 +1,4 @@
-//! Reads distributions and rows of participants.
+//! Reads distributions and rows of participants, and files.
 
 use std::fs::{self, File};
 use std::io::Read;
@@ -8,7 +8,7 @@ use toml::de::DeValue;
 use super::fault::Fault;
 use super::source::Span;
 use super::sweep::{Node, Reader};
-use crate::key::{Column, Distribution, Kind, NumberRange, Rows, Value};
+use crate::key::{Column, Content, ContentForm, Distribution, Kind, NumberRange, Rows, Value};
 
 /// Maximum size of a file of rows in bytes.
 const MOST_BYTES: u64 = 10_000_000;
@@ -72,6 +72,35 @@ impl Reader<'_> {
             Ok(_) => None,
             Err(fault) => {
                 self.faults.add(fault);
+                None
+            }
+        }
+    }
+
+    /// The content of a file, or of a text with a line break.
+    pub(super) fn content(
+        &mut self,
+        name: &str,
+        form: &'static ContentForm,
+        node: &Node,
+    ) -> Option<Value> {
+        let DeValue::String(written) = node.get_ref() else {
+            self.expected(name, &Kind::Content(form).expectation(), node);
+            return None;
+        };
+        if Content::is_word_for_none(written) {
+            return Some(Value::Content(Content::default()));
+        }
+        let (text, of) = match written.contains('\n') {
+            true => (Ok(written.clone().into_owned()), String::new()),
+            false => (self.file(written), format!("`{written}`, ")),
+        };
+        let content =
+            text.and_then(|text| Content::read(form, &text).map_err(|says| format!("{of}{says}")));
+        match content {
+            Ok(content) => Some(Value::Content(content)),
+            Err(says) => {
+                self.faults.add(Fault::at(node.span().into(), format!("`{name}`: {says}")));
                 None
             }
         }

@@ -247,7 +247,7 @@ impl Reader<'_> {
         let read = match node.get_ref() {
             DeValue::String(text) => text.parse().and_then(checked),
             // A list of features is one scenario, where scenarios are names.
-            DeValue::Array(names) if family.is_external() => {
+            DeValue::Array(names) if !family.has_letters => {
                 let names: Option<Vec<&str>> =
                     names.iter().map(|name| name.get_ref().as_str()).collect();
                 names.map_or(Err(ScenarioError::Empty), Scenario::of_names)
@@ -267,7 +267,7 @@ impl Reader<'_> {
                 let respelt: Vec<String> =
                     letters.map(|letter| letter.to_ascii_uppercase().to_string()).collect();
                 self.faults.add(match respelt.join("-").parse().and_then(checked) {
-                    Ok(meant) if !family.is_external() => {
+                    Ok(meant) if family.has_letters => {
                         fault.help(format!("did you mean `{meant}`?"))
                     }
                     Ok(_) | Err(_) => fault,

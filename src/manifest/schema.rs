@@ -243,7 +243,8 @@ fn swept(key: &Key) -> Json {
         | Kind::Words { .. }
         | Kind::Scalar
         | Kind::Distribution(_)
-        | Kind::Rows(_) => {}
+        | Kind::Rows(_)
+        | Kind::Content(_) => {}
     }
     described(key.doc(), json!({ "anyOf": forms }))
 }

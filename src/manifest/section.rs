@@ -86,7 +86,7 @@ impl Section {
 mod tests {
     use super::*;
     use crate::agent::Agent;
-    use crate::key::{Distribution, Kind, Rows, Value};
+    use crate::key::{Content, Distribution, Kind, Rows, Value};
 
     /// Whether the section's struct accepts these values.
     fn fit(section: Section, values: Vec<Value>) -> bool {
@@ -131,6 +131,7 @@ mod tests {
                 numbers.map(|x| Value::Distribution(Distribution::Constant(x))).collect()
             }
             Kind::Rows(_) => vec![Value::Rows(Rows::default())],
+            Kind::Content(_) => vec![Value::Content(Content::default())],
         }
     }
 

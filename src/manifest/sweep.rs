@@ -144,6 +144,7 @@ impl<'t> Reader<'t> {
         match kind {
             Kind::Distribution(of) => return self.distribution(name, of, node),
             Kind::Rows(known) => return self.rows(name, known, node),
+            Kind::Content(form) => return self.content(name, form, node),
             _ => {}
         }
         let value = read(kind, node);
@@ -213,7 +214,8 @@ impl<'t> Reader<'t> {
             | Kind::Words { .. }
             | Kind::Scalar
             | Kind::Distribution(_)
-            | Kind::Rows(_) => {
+            | Kind::Rows(_)
+            | Kind::Content(_) => {
                 self.expected(name, &kind.expectation(), node);
                 return Vec::new();
             }
@@ -361,8 +363,8 @@ fn real_of(value: Value) -> Option<f64> {
 
 /// The value of `node`, if it is of `kind`.
 fn read(kind: Kind, node: &Node) -> Option<Value> {
-    // Distributions and rows have readers of their own, with more precise messages.
-    let has_own = matches!(kind, Kind::Distribution(_) | Kind::Rows(_));
+    // Distributions, rows and files have readers of their own, with more precise messages.
+    let has_own = matches!(kind, Kind::Distribution(_) | Kind::Rows(_) | Kind::Content(_));
     let value = kind.value(&json(node).filter(|_| !has_own)?)?;
     Some(value).filter(|value| kind.admits(value))
 }

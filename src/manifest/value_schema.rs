@@ -45,6 +45,10 @@ pub(crate) fn value(kind: Kind) -> Json {
         Kind::Scalar => json!({ "type": ["boolean", "number", "string"] }),
         Kind::Distribution(of) => distribution(&number(of)),
         Kind::Rows(columns) => rows(columns),
+        Kind::Content(form) => {
+            let description = format!("\"none\", the name of {}, or its text", form.what);
+            json!({ "type": "string", "description": description })
+        }
     }
 }
 

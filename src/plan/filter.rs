@@ -333,7 +333,11 @@ fn value(kind: Kind, written: &str) -> Option<Value> {
     let word = unquoted(written);
     let text = || kind.value(&Json::String(word.clone()));
     match kind {
-        Kind::Choice(_) | Kind::Text { .. } | Kind::Distribution(_) | Kind::Rows(_) => text(),
+        Kind::Choice(_)
+        | Kind::Text { .. }
+        | Kind::Distribution(_)
+        | Kind::Rows(_)
+        | Kind::Content(_) => text(),
         Kind::Integer { .. } => whole(&word).map(Value::Integer),
         Kind::Flag if word == "1" => Some(Value::Flag(true)),
         Kind::Flag if word == "0" => Some(Value::Flag(false)),

@@ -7,6 +7,7 @@ use super::optima;
 use super::section::ReportedExperiment;
 use super::winner::winners;
 use crate::analyse::declared::{carry_out, condense, reproduce, summarise_arms, varying};
+use crate::job::metric::LOWER_QUARTILE_RETURN;
 use crate::job::{Condition, DataPart, ParticipantRange};
 use crate::key::Parameter;
 use crate::manifest::{Analysis, Faults, Manifest, Parameters, Published};
@@ -109,8 +110,12 @@ fn data_set(
     let planned = plan::jobs(manifest).inspect(|planned| places.add(&planned.job));
     let mut read = 0;
     let parts = |job: &JobRecord| parts(manifest, job);
+    // A metric needs no more of the returns than their lower quartile; a kind of analysis may need them all.
+    let needs_returns =
+        |one: &Analysis| one.part() == DataPart::Returns && one.metric != LOWER_QUARTILE_RETURN;
+    let is_condensed = !manifest.analyses.iter().any(needs_returns);
     let mut data = reader.data_set_of(&manifest.name, planned, parts, |job| {
-        if let JobStatus::Completed(run) = &mut job.status {
+        if let (JobStatus::Completed(run), true) = (&mut job.status, is_condensed) {
             condense(Arc::make_mut(run));
         }
         read += 1;

@@ -8,6 +8,7 @@ mod imports;
 mod manifests;
 mod migrations;
 mod optimum;
+mod oralytics;
 mod population;
 mod remembering;
 mod simulation;

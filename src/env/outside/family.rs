@@ -39,6 +39,7 @@ pub static FAMILY: Family = Family {
     has_optimum: false,
     has_contexts: false,
     headline: None,
+    has_letters: false,
     check_scenario: |_| Ok(()),
     expected_scenario: || {
         "\"all\", or a list of names of features, as in [\"position\", \"velocity\"]".to_owned()

@@ -5,6 +5,7 @@ use std::hint::select_unpredictable;
 use pulp::{Simd, WithSimd};
 
 use crate::env::step_count::parameters::StepCount;
+use crate::env::variates::{deviate, squared_radius};
 use crate::kernel::{Isa, math};
 use crate::rng::{Stream, unit_from_bits};
 
@@ -42,23 +43,6 @@ impl ContextDraw {
 #[inline(always)]
 fn context(bits: u64) -> u8 {
     (bits & 1) as u8
-}
-
-/// -2 ln u for the uniform number u in bits 1 to 31; see [`deviate`].
-#[inline(always)]
-pub(super) fn squared_radius(bits: u64) -> f64 {
-    // Halfway between multiples of 2^-31, so that u is never 0 and its logarithm is finite.
-    let uniform = (f64::from((bits >> 1) as i32 & i32::MAX) + 0.5) * (1.0 / 2_147_483_648.0);
-    -2.0 * math::ln(uniform)
-}
-
-/// A standard normal deviate from 64 random bits, at most 6.7 in size, by the method of Box and Muller
-/// (1958). Bits 32 to 63 give the angle.
-#[inline(always)]
-pub(super) fn deviate(squared_radius: f64, bits: u64) -> f64 {
-    // In [-1/2, 1/2).
-    let turns = f64::from((bits >> 32) as i32) * (1.0 / 4_294_967_296.0);
-    math::root(squared_radius) * math::cos_turns(turns)
 }
 
 /// P(C = 0 | x) for the feature x = context + sigma * deviate.

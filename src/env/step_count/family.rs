@@ -28,6 +28,7 @@ pub static FAMILY: Family = Family {
     has_optimum: true,
     has_contexts: true,
     headline: Some("sigma"),
+    has_letters: true,
     check_scenario: scenario::check,
     expected_scenario: scenario::expected,
     example_scenarios: &["P-H-D", "L-H-D"],

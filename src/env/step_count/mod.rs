@@ -21,7 +21,6 @@ mod population;
 mod scenario;
 mod simulated;
 mod symbols;
-mod variates;
 
 pub use belief::Belief;
 pub use constraints::{CONSTRAINTS, PEOPLE_CONSTRAINTS, population};

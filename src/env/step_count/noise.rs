@@ -2,7 +2,7 @@
 
 use crate::env::step_count::dynamics::Dynamics;
 use crate::env::step_count::parameters::{StateNoise, StepCount, StepNoise};
-use crate::env::step_count::variates::{beta, gamma};
+use crate::env::variates::{beta, gamma};
 use crate::env::vector::{LaneSet, LaneStreams};
 use crate::rng::{Companion, unit_from_bits};
 

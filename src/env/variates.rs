@@ -1,25 +1,41 @@
-//! Gamma and beta variates, bit-identical on every instruction set.
+//! Normal, gamma, beta and Poisson variates, bit-identical on every instruction set.
 //!
 //! In: parameters and one random word per variate. Out: the variate. Rejection sampling needs an unknown
 //! number of words, so each word is expanded into a sequence. The variates of the next lane and the next step
 //! then keep their words, and equal seeds give equal noise for any actions.
 
-use crate::env::step_count::context::{deviate, squared_radius};
 use crate::kernel::math;
 
 /// Below this exponent, the exponential counts as 0: at any scale of a simulation, it is near the smallest
 /// normal number.
 const LEAST_EXPONENT: f64 = -700.0;
 
+/// -2 ln u for the uniform number u in bits 1 to 31; see [`deviate`].
+#[inline(always)]
+pub(super) fn squared_radius(bits: u64) -> f64 {
+    // Halfway between multiples of 2^-31, so that u is never 0 and its logarithm is finite.
+    let uniform = (f64::from((bits >> 1) as i32 & i32::MAX) + 0.5) * (1.0 / 2_147_483_648.0);
+    -2.0 * math::ln(uniform)
+}
+
+/// A standard normal deviate from 64 random bits, at most 6.7 in size, by the method of Box and Muller
+/// (1958). Bits 32 to 63 give the angle.
+#[inline(always)]
+pub(super) fn deviate(squared_radius: f64, bits: u64) -> f64 {
+    // In [-1/2, 1/2).
+    let turns = f64::from((bits >> 32) as i32) * (1.0 / 4_294_967_296.0);
+    math::root(squared_radius) * math::cos_turns(turns)
+}
+
 /// A sequence of words generated from one word.
 ///
 /// **Source**: Steele, Lea and Flood, "Fast splittable pseudorandom number generators", 2014
 /// (SplitMix64).
-struct Expansion(u64);
+pub(super) struct Expansion(pub(super) u64);
 
 impl Expansion {
     #[inline(always)]
-    fn bits(&mut self) -> u64 {
+    pub(super) fn bits(&mut self) -> u64 {
         self.0 = self.0.wrapping_add(0x9E37_79B9_7F4A_7C15);
         let mixed = (self.0 ^ (self.0 >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
         let mixed = (mixed ^ (mixed >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);
@@ -28,13 +44,13 @@ impl Expansion {
 
     /// A uniform number in (0, 1), so that its logarithm is finite.
     #[inline(always)]
-    fn open_unit(&mut self) -> f64 {
+    pub(super) fn open_unit(&mut self) -> f64 {
         ((self.bits() >> 12) as f64 + 0.5) * (1.0 / (1u64 << 52) as f64)
     }
 
     /// A standard normal deviate.
     #[inline(always)]
-    fn normal(&mut self) -> f64 {
+    pub(super) fn normal(&mut self) -> f64 {
         let bits = self.bits();
         deviate(squared_radius(bits), bits)
     }
@@ -108,9 +124,60 @@ pub(super) fn beta(alpha: f64, beta: f64, word: u64) -> f64 {
     1.0 / (1.0 + math::exp(apart))
 }
 
+/// A Poisson variate with this mean, at least 0.
+///
+/// **Source**: Hörmann, "The transformed rejection method for generating Poisson random variables", 1993 (PTRS).
+/// Below a mean of 10, uniform numbers are multiplied until their product is below e^-mean.
+#[inline]
+pub(super) fn poisson(mean: f64, words: &mut Expansion) -> f64 {
+    if mean < 10.0 {
+        let least = math::exp(-mean);
+        let mut product = words.open_unit();
+        let mut count = 0.0;
+        while product > least {
+            product *= words.open_unit();
+            count += 1.0;
+        }
+        return count;
+    }
+    let b = 0.931 + 2.53 * mean.sqrt();
+    let a = -0.059 + 0.02483 * b;
+    let inverse_alpha = 1.1239 + 1.1328 / (b - 3.4);
+    let quick = 0.9277 - 3.6224 / (b - 2.0);
+    loop {
+        let u = words.open_unit() - 0.5;
+        let v = words.open_unit();
+        let beside = 0.5 - u.abs();
+        let count = ((2.0 * a / beside + b) * u + mean + 0.43).floor();
+        if beside >= 0.07 && v <= quick {
+            return count;
+        }
+        if count < 0.0 || (beside < 0.013 && v > beside) {
+            continue;
+        }
+        let accepted = math::ln(v * inverse_alpha / (a / (beside * beside) + b));
+        if accepted <= count * math::ln(mean) - mean - ln_factorial(count) {
+            return count;
+        }
+    }
+}
+
+/// ln n! of a whole number, with an error below 1e-9.
+fn ln_factorial(n: f64) -> f64 {
+    if n < 10.0 {
+        let product: f64 = (2..=n as u32).map(f64::from).product();
+        return math::ln(product);
+    }
+    // Stirling's series.
+    let x = n + 1.0;
+    let square = 1.0 / (x * x);
+    let series = (1.0 / 12.0 - square * (1.0 / 360.0 - square * (1.0 / 1260.0))) / x;
+    (x - 0.5) * math::ln(x) - x + 0.918_938_533_204_672_8 + series
+}
+
 #[cfg(test)]
 mod tests {
-    use statrs::distribution::{Beta, ContinuousCDF, Gamma, Normal};
+    use statrs::distribution::{Beta, ContinuousCDF, Discrete, Gamma, Normal, Poisson};
 
     use super::*;
     use crate::rng::{Companion, Purpose, Stream};
@@ -150,6 +217,50 @@ mod tests {
         let normal = Normal::new(0.0, 1.0).unwrap();
         let distance = kolmogorov_smirnov(|word| Expansion(word).normal(), |x| normal.cdf(x));
         assert!(distance < CRITICAL, "{distance}");
+    }
+
+    #[test]
+    fn poisson_variates_have_their_distribution() {
+        for mean in [0.0, 0.3, 4.0, 9.9, 10.0, 33.3, 120.0, 250.0, 4000.0] {
+            let mut words = Stream::new(8, Purpose::Environment).companion(Companion::StepNoise);
+            let mut counts = std::collections::BTreeMap::new();
+            for _ in 0..DRAWS {
+                *counts.entry(poisson(mean, &mut Expansion(words.bits())) as u64).or_insert(0) += 1;
+            }
+            if mean == 0.0 {
+                assert!(counts.keys().eq([&0]));
+                continue;
+            }
+            // Pearson's statistic over counts with at least 20 expected draws, and one cell for the others.
+            let law = Poisson::new(mean).unwrap();
+            let (mut statistic, mut cells, mut rest) = (0.0, 0.0, DRAWS as f64);
+            let mut seen = 0;
+            for count in 0..(mean * 2.0 + 40.0) as u64 {
+                let expected = law.pmf(count) * DRAWS as f64;
+                if expected >= 20.0 {
+                    let found = counts.get(&count).copied().unwrap_or(0);
+                    statistic += (f64::from(found) - expected).powi(2) / expected;
+                    (cells, rest, seen) = (cells + 1.0, rest - expected, seen + found);
+                }
+            }
+            let others = f64::from(DRAWS as i32 - seen);
+            if rest > 1.0 {
+                statistic += (others - rest).powi(2) / rest;
+            }
+            // Five standard deviations of a chi-squared variate.
+            assert!(
+                statistic < cells + 5.0 * f64::sqrt(2.0 * cells),
+                "{mean}: {statistic} {cells}"
+            );
+        }
+    }
+
+    #[test]
+    fn logarithms_of_factorials_are_exact() {
+        for n in [0, 1, 2, 9, 10, 11, 57, 1000, 1_000_000] {
+            let exact = statrs::function::factorial::ln_factorial(n);
+            assert!((ln_factorial(n as f64) - exact).abs() < 1e-9 * exact.max(1.0), "{n}");
+        }
     }
 
     #[test]

@@ -1,0 +1,65 @@
+"""Writes synthetic people for the family `oralytics`: their numbers are invented, from the distributions below.
+
+Run it in this folder: python3 synthetic.py. It needs no package, and writes the same files everywhere.
+"""
+
+import random
+
+OUTCOME = {
+    "v2": ["tod", "prev", "day", "prop", "weekend", "one"],
+    "v3": ["tod", "b", "a", "app", "weekend", "one", "day"],
+}
+
+# Mean and standard deviation of the weights: of the logit of not brushing, of the logarithm of the mean seconds, and
+# of the mean root of the seconds.
+BERNOULLI = {"tod": (0.9, 1.0), "prop": (-0.9, 0.5), "one": (-0.8, 0.9)}
+LOG_MEAN = {"tod": (0.0, 0.15), "one": (4.7, 0.25)}
+ROOT = {"tod": (0.1, 0.6), "one": (10.3, 1.0)}
+OTHERS = (0.0, 0.25)
+SMALL = (0.0, 0.08)
+
+# Effects of a prompt.
+EFFECTS = {"small": (0.25, 0.45), "smaller": (0.12, 0.22), "": (0.0, 0.4)}
+
+
+def draw(random, of):
+    return round(random.gauss(*of), 4)
+
+
+def person(random, bed, features):
+    is_root = bed == "v2" and random.random() < 0.45
+    row = {"model": "sqrt_norm" if is_root else "zero_infl"}
+    for feature in features:
+        row[f"bernoulli_{feature}"] = draw(random, BERNOULLI.get(feature, OTHERS))
+    amount, other = (ROOT, OTHERS) if is_root else (LOG_MEAN, SMALL)
+    for feature in features:
+        row[f"amount_{feature}"] = draw(random, amount.get(feature, other))
+    row["sigma"] = round(random.uniform(1.0, 3.0), 4) if is_root else ""
+    for size in ["small", "smaller"] if bed == "v2" else [""]:
+        prefix = f"effect_{size}_" if size else "effect_"
+        mean, spread = EFFECTS[size]
+        for part, scale in [("bernoulli", 1.0), ("amount", 1.0 if is_root else 0.2)]:
+            for feature in features:
+                if feature != "prop":
+                    centre = mean if feature == "one" else 0.0
+                    row[f"{prefix}{part}_{feature}"] = draw(random, (centre * scale, spread * scale))
+    if bed != "v2":
+        row["app_open_probability"] = round(random.uniform(0.3, 1.0), 4)
+    return row
+
+
+def write(name, seed, bed, people, is_daily):
+    generator = random.Random(seed)
+    features = [feature for feature in OUTCOME[bed] if is_daily or feature != "day"]
+    rows = [{"person": number, **person(generator, bed, features)} for number in range(people)]
+    with open(name, "w", encoding="utf-8", newline="\n") as file:
+        file.write("# synthetic: these people are invented, by synthetic.py\n")
+        file.write(",".join(rows[0]) + "\n")
+        for row in rows:
+            file.write(",".join(str(value) for value in row.values()) + "\n")
+
+
+write("synthetic_v2.csv", 1, "v2", 30, False)
+write("synthetic_v2_daily.csv", 2, "v2", 30, True)
+write("synthetic_v3.csv", 3, "v3", 12, False)
+write("synthetic_v4.csv", 4, "v3", 72, True)

@@ -1,0 +1,127 @@
+//! The file of people: one row per person, with the weights of the models of the outcome.
+
+use std::sync::Arc;
+
+use crate::env::oralytics::feature::Feature;
+use crate::key::ContentForm;
+
+/// The form of the file.
+pub static PEOPLE: ContentForm =
+    ContentForm { what: "a CSV file of people", parse: |text| Ok(Arc::new(Table::parse(text)?)) };
+
+/// The most people of a file.
+const MOST_PEOPLE: usize = 10_000;
+
+/// The columns beside the weights.
+const OTHERS: [&str; 6] =
+    ["person", "model", "sigma", "app_open_probability", "start_day", "end_day"];
+/// The prefixes of the columns of weights.
+const PREFIXES: [&str; 8] = [
+    "bernoulli",
+    "amount",
+    "effect_bernoulli",
+    "effect_amount",
+    "effect_small_bernoulli",
+    "effect_small_amount",
+    "effect_smaller_bernoulli",
+    "effect_smaller_amount",
+];
+/// The models of the amount, by their names in the column `model`.
+const MODELS: [&str; 2] = ["zero_infl", "sqrt_norm"];
+
+/// The rows of a file.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Table {
+    pub(super) columns: Vec<String>,
+    /// \[people, columns\]; NaN for empty fields and texts.
+    numbers: Vec<f64>,
+    /// For each person, whether the amount is the square of a normal variate.
+    pub(super) squares: Vec<bool>,
+}
+
+impl Table {
+    /// Reads the text of a file.
+    ///
+    /// **Errors**: it is not of this form; the text names the line.
+    pub fn parse(text: &str) -> Result<Table, String> {
+        let mut reader = csv::ReaderBuilder::new()
+            .comment(Some(b'#'))
+            .trim(csv::Trim::All)
+            .from_reader(text.as_bytes());
+        let broken = |error: csv::Error| match error.position() {
+            Some(at) => format!("line {}: {error}", at.line()),
+            None => error.to_string(),
+        };
+        let columns: Vec<String> =
+            reader.headers().map_err(broken)?.iter().map(str::to_owned).collect();
+        for (place, name) in columns.iter().enumerate() {
+            if !OTHERS.contains(&name.as_str()) && !is_weight(name) {
+                return Err(format!(
+                    "there is no column `{name}`; docs/oralytics.md lists the columns"
+                ));
+            }
+            if columns[..place].contains(name) {
+                return Err(format!("column `{name}` is listed twice"));
+            }
+        }
+        let mut table = Table { columns, numbers: Vec::new(), squares: Vec::new() };
+        for record in reader.records() {
+            let record = record.map_err(broken)?;
+            let line = record.position().map_or(0, csv::Position::line);
+            table.push(&record).map_err(|says| format!("line {line}: {says}"))?;
+        }
+        if table.squares.is_empty() {
+            return Err("expected at least one person".to_owned());
+        }
+        Ok(table)
+    }
+
+    fn push(&mut self, record: &csv::StringRecord) -> Result<(), String> {
+        if self.squares.len() == MOST_PEOPLE {
+            return Err(format!("expected at most {MOST_PEOPLE} people"));
+        }
+        let mut is_square = false;
+        for (name, written) in self.columns.iter().zip(record) {
+            let number = match name.as_str() {
+                "model" => {
+                    let place = MODELS.iter().position(|model| *model == written);
+                    let [zero, square] = MODELS;
+                    let says = || format!("`model`: expected {zero} or {square}, found {written}");
+                    is_square = place.ok_or_else(says)? == 1;
+                    f64::NAN
+                }
+                _ if written.is_empty() => f64::NAN,
+                _ => {
+                    let number = written.parse().ok().filter(|number: &f64| number.abs() <= 1e6);
+                    let says =
+                        || format!("`{name}`: expected a number from -1e6 to 1e6, found {written}");
+                    number.ok_or_else(says)?
+                }
+            };
+            let is_share = name == "app_open_probability";
+            if (is_share && !(0.0..=1.0).contains(&number)) || (name == "sigma" && number < 0.0) {
+                return Err(format!("`{name}`: {written} is out of range"));
+            }
+            self.numbers.push(number);
+        }
+        self.squares.push(is_square);
+        Ok(())
+    }
+
+    /// A person's number in a column; `None` if the column is missing or empty.
+    pub(super) fn number(&self, person: usize, column: &str) -> Option<f64> {
+        let place = self.columns.iter().position(|name| name == column)?;
+        Some(self.numbers[person * self.columns.len() + place]).filter(|number| !number.is_nan())
+    }
+}
+
+/// The column of a weight.
+pub(super) fn column(prefix: &str, feature: Feature) -> String {
+    format!("{prefix}_{}", feature.column())
+}
+
+/// Whether a column has weights.
+fn is_weight(name: &str) -> bool {
+    let of = |prefix: &&str| Feature::ALL.iter().any(|feature| column(prefix, *feature) == name);
+    PREFIXES.iter().any(of)
+}

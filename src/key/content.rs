@@ -1,0 +1,163 @@
+//! Texts of files that a key names. A file is known by its content, wherever it lies.
+
+use std::any::Any;
+use std::fmt;
+use std::sync::Arc;
+
+use data_encoding::HEXLOWER;
+use sha2::{Digest, Sha256};
+
+/// The form of the texts of a key.
+#[derive(Debug)]
+pub struct ContentForm {
+    /// What the file is, to follow "the name of": "a CSV file of participants".
+    pub what: &'static str,
+    /// Parses a text; the error says what is wrong and in which line.
+    pub parse: fn(&str) -> Result<Parsed, String>,
+}
+
+/// What a text has been parsed to.
+pub type Parsed = Arc<dyn Any + Send + Sync>;
+
+impl PartialEq for ContentForm {
+    fn eq(&self, other: &ContentForm) -> bool {
+        self.what == other.what
+    }
+}
+
+/// The text of a file, or none. A text whose first line begins with `# synthetic` is invented, and its name says so
+/// wherever a job is shown. Equal texts are equal, whatever the names of their files and the ends of their lines.
+///
+/// Jobs name a text by its SHA-256 alone, so that a store of many jobs stays small. A job that is read from a store
+/// therefore lacks the text.
+#[derive(Clone, Debug, Default)]
+pub struct Content(Option<Arc<Known>>);
+
+#[derive(Debug)]
+struct Known {
+    is_synthetic: bool,
+    /// In hexadecimal digits.
+    sha256: String,
+    /// The text with what it has been parsed to; `None` if only the digest is known.
+    text: Option<(String, Parsed)>,
+}
+
+/// The word for no text.
+const NONE: &str = "none";
+/// Stands before a digest.
+const PREFIX: &str = "sha256:";
+/// Stands before both for an invented text.
+const SYNTHETIC: &str = "synthetic:";
+/// The first line of an invented text begins so.
+const MARK: &str = "# synthetic";
+
+impl Content {
+    /// The content of a file of this form with this text.
+    ///
+    /// **Errors**: the text is not of this form.
+    pub fn read(form: &ContentForm, text: &str) -> Result<Content, String> {
+        let text = text.trim_start_matches('\u{feff}').replace("\r\n", "\n");
+        let text = format!("{}\n", text.trim_end());
+        let parsed = (form.parse)(&text)?;
+        let sha256 = HEXLOWER.encode(&Sha256::digest(text.as_bytes()));
+        Ok(Content(Some(Arc::new(Known {
+            is_synthetic: text.starts_with(MARK),
+            sha256,
+            text: Some((text, parsed)),
+        }))))
+    }
+
+    /// Whether there is none.
+    pub fn is_none(&self) -> bool {
+        self.0.is_none()
+    }
+
+    /// The text with line feeds and one at its end; `None` if there is none, or if only its digest is known.
+    pub fn text(&self) -> Option<&str> {
+        self.0.as_ref()?.text.as_ref().map(|(text, _)| text.as_str())
+    }
+
+    /// What the text was parsed to. `None` if there is no text, or if it was parsed to another type.
+    pub fn parsed<T: Send + Sync + 'static>(&self) -> Option<Arc<T>> {
+        let (_, parsed) = self.0.as_ref()?.text.as_ref()?;
+        Arc::clone(parsed).downcast().ok()
+    }
+
+    /// The name that jobs have: `sha256:` with hexadecimal digits, `synthetic:` before it for an invented text, or
+    /// `none`.
+    pub fn name(&self) -> String {
+        let Some(known) = &self.0 else { return NONE.to_owned() };
+        let mark = if known.is_synthetic { SYNTHETIC } else { "" };
+        format!("{mark}{PREFIX}{}", known.sha256)
+    }
+
+    /// Whether the text is invented.
+    pub fn is_synthetic(&self) -> bool {
+        self.0.as_ref().is_some_and(|known| known.is_synthetic)
+    }
+
+    /// The content of a name of [`Content::name`], without its text.
+    pub(super) fn named(name: &str) -> Option<Content> {
+        if name == NONE {
+            return Some(Content::default());
+        }
+        let digest = name.strip_prefix(SYNTHETIC);
+        let is_synthetic = digest.is_some();
+        let sha256 = digest.unwrap_or(name).strip_prefix(PREFIX)?.to_owned();
+        let is_digest = sha256.len() == 64 && HEXLOWER.decode(sha256.as_bytes()).is_ok();
+        is_digest.then(|| Content(Some(Arc::new(Known { is_synthetic, sha256, text: None }))))
+    }
+
+    /// Whether a text in a manifest is the word for no text.
+    pub fn is_word_for_none(text: &str) -> bool {
+        text == NONE
+    }
+}
+
+impl PartialEq for Content {
+    fn eq(&self, other: &Content) -> bool {
+        self.name() == other.name()
+    }
+}
+
+impl fmt::Display for Content {
+    /// Writes the content as a manifest does: the text in quotes, or its digest if the text is not known.
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let name = self.name();
+        let written = self.text().unwrap_or(&name);
+        f.write_str(&super::printable::quoted(written))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    static NUMBER: ContentForm = ContentForm {
+        what: "a number",
+        parse: |text| match text.trim_start_matches("# synthetic").trim().parse::<u32>() {
+            Ok(number) => Ok(Arc::new(number)),
+            Err(error) => Err(error.to_string()),
+        },
+    };
+
+    #[test]
+    fn a_text_is_known_by_its_content() {
+        let read = |text| Content::read(&NUMBER, text).unwrap();
+        let one = read("7\r\n");
+        assert_eq!(one, read("\u{feff}7"));
+        assert_ne!(one, read("8"));
+        assert_eq!((one.text(), one.parsed::<u32>().as_deref()), (Some("7\n"), Some(&7)));
+        assert!(one.parsed::<u64>().is_none());
+        let named = Content::named(&one.name()).unwrap();
+        assert_eq!((named.text(), &named), (None, &one));
+        assert!(named.parsed::<u32>().is_none());
+        assert_eq!(Content::named("none"), Some(Content::default()));
+        assert_eq!(Content::named("sha256:12"), None);
+        assert_eq!(one.to_string(), "\"7\\n\"");
+        assert!(Content::read(&NUMBER, "seven").is_err());
+        let invented = read("# synthetic\n7");
+        assert!(invented.is_synthetic() && invented.name().starts_with("synthetic:sha256:"));
+        assert_eq!(Content::named(&invented.name()), Some(invented));
+    }
+}
