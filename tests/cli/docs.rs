@@ -37,6 +37,7 @@ const DOCUMENTS: [&str; 31] = [
     "docs/index.md",
     "docs/manifest.md",
     "docs/optimum.md",
+    "docs/oralytics.md",
     "docs/outside-environments.md",
     "docs/performance.md",
     "docs/python.md",
