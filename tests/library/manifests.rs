@@ -206,19 +206,29 @@ fn key_table(section: Section) -> String {
     table
 }
 
+/// The pages that have the tables of keys.
+const REFERENCE: [&str; 2] = ["docs/manifest.md", "docs/oralytics.md"];
+
 #[test]
 fn the_reference_lists_every_key_with_its_values_and_default() {
-    let path = Path::new("docs/manifest.md");
-    let mut actual = fs::read_to_string(path).unwrap();
+    let mut pages: Vec<(&Path, String)> = REFERENCE
+        .map(|page| (Path::new(page), fs::read_to_string(page).unwrap()))
+        .into_iter()
+        .collect();
     for section in Section::all() {
         let name = section.title();
         let (open, close) = (format!("<!-- keys of {name} -->\n"), "<!-- end of keys -->");
-        let start = actual.find(&open).unwrap_or_else(|| panic!("no {open}")) + open.len();
-        let end = start + actual[start..].find(close).unwrap();
-        actual.replace_range(start..end, &key_table(section));
+        let mut having = pages.iter_mut().filter(|(_, text)| text.contains(&open));
+        let (_, text) = having.next().unwrap_or_else(|| panic!("no {open}"));
+        assert!(having.next().is_none(), "{open} stands on two pages");
+        let start = text.find(&open).unwrap() + open.len();
+        let end = start + text[start..].find(close).unwrap();
+        text.replace_range(start..end, &key_table(section));
     }
-    let same = assert_text(&actual, path);
-    assert!(same.is_ok(), "{}", same.unwrap_err().split("to accept it:").last().unwrap());
+    for (path, actual) in pages {
+        let same = assert_text(&actual, path);
+        assert!(same.is_ok(), "{}", same.unwrap_err().split("to accept it:").last().unwrap());
+    }
 }
 
 #[test]
