@@ -33,6 +33,7 @@ fn job(agent: Agent, time_one_hot: bool) -> Job {
         scenario: "P-H-D".parse().unwrap(),
         agent,
         evaluation: Evaluation { curve_stride: 500, ..Evaluation::default() },
+        trial: None,
         seed: 1,
     }
 }

@@ -66,7 +66,7 @@ fn fill(store: &mut Store, jobs: &[Job], outcome: &Outcome) {
 
 fn job(agent: Agent, evaluation: Evaluation) -> Job {
     let (environment, scenario) = (StepCount::paper(0.6).into(), "P-H-D".parse().unwrap());
-    Job { environment, scenario, agent, evaluation, seed: 1 }
+    Job { environment, scenario, agent, evaluation, trial: None, seed: 1 }
 }
 
 static TRIVIAL: LazyLock<Filled> = LazyLock::new(|| {

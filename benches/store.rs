@@ -81,6 +81,7 @@ fn job(episodes: u32, evaluation: Evaluation) -> Job {
         scenario: "P-H-D".parse().unwrap(),
         agent: Agent::of(&Reinforce { episodes, ..Reinforce::default() }),
         evaluation,
+        trial: None,
         seed: 1,
     }
 }

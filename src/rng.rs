@@ -30,6 +30,10 @@ pub enum Purpose {
     Bootstrap = 7,
     /// Contexts in the simulated episodes of an optimum; no job draws from it.
     Optimum = 8,
+    /// The environment of a person in a trial.
+    Person = 9,
+    /// What does not happen as planned in a trial: dropout and missing outcomes.
+    Reality = 10,
     /// Standard normal deviates from which a bandit computes the probabilities that it declares.
     ProbabilityDraws = 12,
     /// Coefficients that a bandit draws for an episode; the seed is a word of the stream that chooses
@@ -87,6 +91,14 @@ impl Stream {
     pub fn new(seed: u64, purpose: Purpose) -> Self {
         let mut generator = ChaCha8Rng::seed_from_u64(seed);
         generator.set_stream(purpose as u64);
+        Stream { generator, participants: 0 }
+    }
+
+    /// The stream of a seed for a purpose and a person, numbered from 0, at its start.
+    pub fn of_person(seed: u64, purpose: Purpose, person: u32) -> Self {
+        let mut generator = ChaCha8Rng::seed_from_u64(seed);
+        // Above the numbers of companions.
+        generator.set_stream(purpose as u64 | u64::from(person) << 40);
         Stream { generator, participants: 0 }
     }
 

@@ -4,8 +4,8 @@
     git clone https://github.com/StatisticalReinforcementLearningLab/oralytics-post-deployment-analysis
     python3 people.py oralytics_algorithm_design oralytics-post-deployment-analysis
 
-writes v2.csv, v2_daily.csv, v3.csv, v3_daily.csv and v4.csv into this folder; the second clone is needed for v4.csv
-alone. It needs NumPy. The files have the terms of use of their repositories (GPL-3.0); do not share them with your
+writes v2.csv, v2_daily.csv, v3.csv, v3_daily.csv and v4.csv into this folder, and which people the published trials of V2
+and V3 drew, v2_trials.csv and v3_trials.csv. The second clone is needed for v4.csv alone. It needs NumPy. The files have the terms of use of their repositories (GPL-3.0); do not share them with your
 manifests. Cite Trella et al., "Oralytics Reinforcement Learning Algorithm", arXiv 2406.13127, for V2 and V3, and
 Trella et al., "A Deployed Online Reinforcement Learning Algorithm In An Oral Health Clinical Trial", arXiv
 2409.02069, for V4. The files were last changed in the commits dd9947aa and f7154719.
@@ -118,6 +118,19 @@ def later(folder, bed, base, name, dates=None):
     write(name, rows)
 
 
+def trials(name, people):
+    """The rows of the people of the published trials: 100 seeds, 70 people each, drawn by NumPy's legacy generator."""
+    import numpy
+
+    with open(pathlib.Path(__file__).parent / name, "w", encoding="utf-8", newline="\n") as file:
+        file.write("seed,person,row\n")
+        for seed in range(100):
+            numpy.random.seed(seed)
+            for person, row in enumerate(numpy.random.choice(people, 70)):
+                file.write(f"{seed},{person},{row}\n")
+    print(f"{name}: 100 trials")
+
+
 def main():
     if len(sys.argv) not in (2, 3):
         sys.exit(__doc__)
@@ -126,6 +139,8 @@ def main():
     v2(design, "non_stat", "v2_daily.csv")
     later(design, "v3", "stat", "v3.csv")
     later(design, "v3", "non_stat", "v3_daily.csv")
+    trials("v2_trials.csv", 31)
+    trials("v3_trials.csv", 9)
     if len(sys.argv) == 3:
         dates = {row["user_id"]: row for row in table(sys.argv[2], "v4_start_end_dates.csv")}
         later(sys.argv[2], "v4", "non_stat", "v4.csv", dates)

@@ -43,11 +43,11 @@ const NOT_OF_AN_ENVIRONMENT: [&str; 14] = [
 pub(crate) struct Declaration(Job);
 
 impl Declaration {
-    /// The declaration of a job's environment, unless that is a program.
+    /// The declaration of a job's environment, if it is of the family `step_count`.
     fn of(job: Job) -> PyResult<Declaration> {
         match job.task().step_count() {
             Some(_) => Ok(Declaration(job)),
-            None => Err(a_program()),
+            None => Err(another_family(job.environment.family().name)),
         }
     }
 
@@ -89,7 +89,7 @@ impl Declaration {
     fn of_keys(scenario: &str, extends: Option<&str>, keys: &Bound<'_, PyDict>) -> PyResult<Self> {
         let family = keys.get_item("family")?.and_then(|family| family.extract::<String>().ok());
         if family.as_deref() == Some(jitai::environment::outside::FAMILY.name) {
-            return Err(a_program());
+            return Err(another_family("external"));
         }
         let manifest = manifest_of(scenario, extends, keys)?;
         let mut jobs = experiment::jobs(&manifest);
@@ -189,12 +189,14 @@ pub(crate) fn json<'py>(py: Python<'py>, value: &serde_json::Value) -> PyResult<
     py.import("json")?.call_method1("loads", (value.to_string(),))
 }
 
-/// The refusal of an environment that jitai does not simulate.
-fn a_program() -> PyErr {
-    refused(
-        "family = \"external\": the environment is a program, which `jitai run` starts for a job; \
-         make the Gymnasium environment that the program serves",
-    )
+/// The refusal of an environment of another family than `step_count`.
+fn another_family(family: &str) -> PyErr {
+    refused(match family == jitai::environment::outside::FAMILY.name {
+        true => "family = \"external\": the environment is a program, which `jitai run` starts for a job; \
+                 make the Gymnasium environment that the program serves"
+            .to_owned(),
+        false => format!("family = \"{family}\": only step_count is a Gymnasium environment; use `jitai run`"),
+    })
 }
 
 fn refused(error: impl std::fmt::Display) -> PyErr {

@@ -1,6 +1,7 @@
 //! The contracts of actors, which choose the actions of episodes, and of observers, which see every
 //! step.
 
+use crate::agent::weights::Weights;
 use crate::env::{Action, LaneSet, Simulated, VectorEnvironment};
 use crate::rng::Stream;
 use crate::state::Resumable;
@@ -32,11 +33,32 @@ pub trait Actor<Env: VectorEnvironment + ?Sized = Simulated>: Resumable + Send {
         probabilities: Option<&mut [f64]>,
     );
 
+    /// Learns at a calendar time of a trial from the data that count. Does nothing by default.
+    fn update(&mut self, update: &StudyUpdate<'_>) {
+        let _ = update;
+    }
+
+    /// The weights that an agent has learned in a trial. None by default.
+    fn weights(&self) -> Option<Weights> {
+        None
+    }
+
     /// Sees the rewards of the step, \[lanes\], and the environment after the step with the status
     /// of every lane. Does nothing by default.
     fn observe(&mut self, environment: &Env, rewards: &[f64]) {
         let _ = (environment, rewards);
     }
+}
+
+/// An update of an agent at a calendar time of a trial.
+#[derive(Clone, Copy, Debug)]
+pub struct StudyUpdate<'u> {
+    /// The people whose data count, \[people\].
+    pub people: &'u [bool],
+    /// The data of steps of the trial before this one count; steps are numbered from 0.
+    pub before: u32,
+    /// The person whose own agent is updated; `None` for an agent of everybody.
+    pub agent: Option<usize>,
 }
 
 /// Reborrows an optional observer, so that several calls can use it in turn.

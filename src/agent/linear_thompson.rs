@@ -13,11 +13,13 @@
 
 mod features;
 mod learner;
+mod logistic;
 mod normal;
 mod policy;
 mod posterior;
 mod regression;
 mod sampler;
+mod study;
 #[cfg(test)]
 mod tests;
 
@@ -27,6 +29,7 @@ use crate::key::{Keyed, Kind, choices, keys};
 
 pub use learner::LinearThompsonLearner;
 pub use policy::LinearThompsonPolicy;
+pub use study::LinearThompsonStudy;
 
 pub(super) use features::Design;
 pub(super) use posterior::Posterior;
@@ -39,6 +42,11 @@ const PER_ACTION: Kind = Kind::Reals {
     min: -1e6,
     max: 1e6,
 };
+
+/// One number per feature, or none.
+const PER_FEATURE: Kind = Kind::Reals { least: 0, most: 500, min: -1e6, max: 1e6 };
+/// One number above 0 per feature, or none.
+const POSITIVE_PER_FEATURE: Kind = Kind::Reals { least: 0, most: 500, min: 1e-6, max: 1e6 };
 
 keys! {
     /// Hyper-parameters of linear Thompson sampling, with the defaults of BOTS.
@@ -82,6 +90,26 @@ keys! {
         /// number of draws that compute action probabilities; read with action_centring or
         /// smoothing
         probability_draws: u32 = 1000, in Kind::Integer { min: 100, max: 100_000 };
+        /// means of the coefficients of the baseline, one per feature, the intercept first; empty for prior_mean
+        baseline_means: Vec<f64> = Vec::new(), before Vec::new(), in PER_FEATURE;
+        /// standard deviations of the coefficients of the baseline; empty for prior_sd
+        baseline_sds: Vec<f64> = Vec::new(), before Vec::new(), in POSITIVE_PER_FEATURE;
+        /// means of the coefficients of every effect, and of its product with a probability; read with
+        /// action_centring; empty for prior_mean
+        effect_means: Vec<f64> = Vec::new(), before Vec::new(), in PER_FEATURE;
+        /// standard deviations of these coefficients; empty for prior_sd
+        effect_sds: Vec<f64> = Vec::new(), before Vec::new(), in POSITIVE_PER_FEATURE;
+        /// how the effect of the message becomes its probability: by "thompson" sampling, or "logistic", the
+        /// posterior mean of a generalised logistic function of the effect, for two actions
+        allocation: BanditAllocation = BanditAllocation::Thompson, before BanditAllocation::Thompson;
+        /// smallest probability of the logistic allocation
+        logistic_lower: f64 = 0.2, before 0.2, in Kind::PROBABILITY;
+        /// largest probability of the logistic allocation
+        logistic_upper: f64 = 0.8, before 0.8, in Kind::PROBABILITY;
+        /// slope of the logistic allocation (B), per unit of the reward
+        logistic_slope: f64 = 1.0, before 1.0, in Kind::POSITIVE;
+        /// odds against a message without an effect in the logistic allocation (C)
+        logistic_odds: f64 = 1.0, before 1.0, in Kind::POSITIVE;
         /// what the agent does where no message can be sent: "masked", it makes no choice and learns
         /// from none, or "chosen", it chooses, and learns as if its choice had been taken
         unavailable: Unavailable = Unavailable::Masked, before Unavailable::Masked;
@@ -91,6 +119,16 @@ keys! {
 impl Default for LinearThompson {
     fn default() -> Self {
         LinearThompson::with_required(&[])
+    }
+}
+
+choices! {
+    /// How effects become probabilities.
+    pub enum BanditAllocation {
+        /// The posterior probability of being the best.
+        Thompson = "thompson",
+        /// The posterior mean of a generalised logistic function of the effect.
+        Logistic = "logistic",
     }
 }
 

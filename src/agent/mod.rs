@@ -47,7 +47,7 @@ mod rule;
 mod unavailable;
 mod weights;
 
-pub use actor::{Actor, StepObserver};
+pub use actor::{Actor, StepObserver, StudyUpdate};
 pub use architecture::{Architecture, NetworkPolicy, StackNames};
 pub use burn::device::{backend_name, inference as inference_device, training as training_device};
 pub use burn::{
@@ -56,7 +56,7 @@ pub use burn::{
     RecurrentDuelingQNetwork,
 };
 pub use burn::{column as action_tensor, input as observation_tensor};
-pub use constraint::{longest_episode, recorded_decisions};
+pub use constraint::{HORIZON, longest_episode, recorded_decisions};
 pub use dueling_dqn::{
     DuelingDqn, DuelingDqnEngine, DuelingDqnLearner, EpisodeReplay, RecurrentDqnEngine,
     RecurrentDqnLearner, SequenceBatch, Trunk,
@@ -69,8 +69,8 @@ pub use fused::{
 pub use layers::Shape;
 pub use learner::{Actions, Diverged, Learner, LearnerError, Span, TrainedEpisode};
 pub use linear_thompson::{
-    BanditDraw, BanditFeatures, BanditPosterior, BanditUpdate, LinearThompson,
-    LinearThompsonLearner, LinearThompsonPolicy,
+    BanditAllocation, BanditDraw, BanditFeatures, BanditPosterior, BanditUpdate, LinearThompson,
+    LinearThompsonLearner, LinearThompsonPolicy, LinearThompsonStudy,
 };
 pub use memory::{OutOfMemory, reserve, reserve_exact};
 pub use network::{Activation, Engine, Recurrent};
@@ -80,8 +80,8 @@ pub use ppo::{
     advantages as generalised_advantages,
 };
 pub use registry::{
-    Agent, Algorithm, AlgorithmParameters, RegistrationError, Start, StartError, Task, Trained,
-    Work, dueling_dqn_learner, linear_thompson_learner, ppo_learner, register_algorithm,
+    Agent, Algorithm, AlgorithmParameters, RegistrationError, Start, StartError, StudyPlan, Task,
+    Trained, Work, dueling_dqn_learner, linear_thompson_learner, ppo_learner, register_algorithm,
     reinforce_learner, trained_linear_thompson,
 };
 pub use reinforce::{Reinforce, ReinforceEngine, ReinforceLearner, Trajectories};

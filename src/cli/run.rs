@@ -15,6 +15,7 @@ use crate::cli::replacing::Replacing;
 use crate::cli::signals::RESUME;
 use crate::cli::workers::workers;
 use crate::cli::{Error, Exit, StoreArgument, failures, signals, summary};
+use crate::env::Family;
 use crate::job::JobKey;
 use crate::key::printable;
 use crate::manifest::Manifest;
@@ -359,7 +360,9 @@ fn suggest_next(
     writeln!(out, "  jitai export{store} --out results")?;
     let named: Vec<String> = arguments.manifests.words().collect();
     writeln!(out, "  jitai report{store} {} --out report", named.join(" "))?;
-    if let Some(key) = example {
+    // `simulate` plays the first family alone.
+    let can_simulate = manifests.iter().all(|manifest| manifest.family() == Family::first());
+    if let Some(key) = example.filter(|_| can_simulate) {
         let key = &key.to_string()[..8];
         writeln!(out, "  jitai simulate{store} --policy run:{key}")?;
     }

@@ -22,6 +22,9 @@ pub(super) struct Tried {
 
 /// Tries every environment of a manifest that is an outside program.
 pub(super) fn of_manifest(manifest: &Manifest) -> Vec<Tried> {
+    if !manifest.family().is_external() {
+        return Vec::new();
+    }
     let mut environments: Vec<Vec<Job>> = Vec::new();
     let mut places = HashMap::new();
     for planned in plan::jobs(manifest) {

@@ -35,6 +35,9 @@ pub enum ClusterError {
     /// A frozen manifest has faults.
     #[error(transparent)]
     Manifest(#[from] Faults),
+    /// A file that a manifest names cannot be read.
+    #[error("a file of the manifest cannot be read: {0}")]
+    Companion(String),
     /// A file or folder cannot be used.
     #[error("failed to {action} `{}`: {source}", .path.display())]
     Io {

@@ -17,7 +17,7 @@ use super::pack::{Load, Packed, pack};
 use super::profile::Profile;
 use super::survey::{ChunkState, ChunkSurvey, Deaths, Loss};
 use crate::job::{Failure, FailureKind, JobKey, Outcome};
-use crate::manifest::Manifest;
+use crate::manifest::{self, Manifest};
 use crate::schedule::{self, Selection, Speeds, Surveyed};
 use crate::store::{Claimed, Isolation, JobState, Reader, RetryFailed, RunEnd, Store, StoreError};
 
@@ -335,7 +335,10 @@ impl<'a> Cluster<'a> {
         };
         let manifests = request.selection.manifests();
         for (place, manifest) in manifests.iter().enumerate() {
-            write(&plan_file(&path, place + 1), &manifest.source)?;
+            // Tasks do not depend on files that can change meanwhile.
+            let text = manifest::self_contained(&manifest.source, manifest.folder())
+                .map_err(ClusterError::Companion)?;
+            write(&plan_file(&path, place + 1), &text)?;
         }
         for (number, chunk) in draft.chunks.iter().enumerate() {
             let text: String = chunk.keys.iter().map(|key| format!("{key}\n")).collect();

@@ -110,13 +110,22 @@ impl Lab {
     }
 
     fn of(agents: &str) -> Lab {
+        Lab::with(agents, &[])
+    }
+
+    /// A lab whose manifest lies beside these files.
+    fn with(agents: &str, files: &[(&str, &str)]) -> Lab {
         let text = format!(
             "format = 1\nname = \"t\"\nscenarios = [\"P\"]\nseeds = 20\n\
              environment.sigma = 0.6\nevaluation.test_episodes = 1\n{agents}"
         );
         let folder = tempfile::tempdir().unwrap();
+        for (name, text) in files {
+            fs::write(folder.path().join(name), text).unwrap();
+        }
         let path = folder.path().join("t.toml").display().to_string();
-        let manifests = vec![manifest::parse(&path, text.as_bytes()).unwrap()];
+        fs::write(&path, &text).unwrap();
+        let manifests = vec![manifest::load(Path::new(&path)).unwrap()];
         let store = folder.path().join("s.sqlite");
         let never = AtomicBool::new(false);
         let mut opened = Store::open(&store).unwrap();
@@ -272,6 +281,24 @@ fn a_task_starts_outside_programs_in_the_folder_of_their_manifest() {
         parts.iter().filter_map(|part| part.jobs()).flatten().collect();
     assert_eq!(jobs.len(), 20);
     assert!(jobs.iter().all(|(_, end)| *end == HandedIn::Completed), "{jobs:?}");
+}
+
+#[test]
+fn a_submission_holds_the_files_of_its_manifests() {
+    let agents = "[[agent]]\nname = \"never\"\nalgorithm = \"rule\"\nrule = \"never\"\n";
+    let rows = "[population]\nrows = \"people.csv\"\n";
+    let files = [("people.csv", "epsilon_d\n0.1\n0.3\n")];
+    let lab = Lab::with(&format!("{rows}{agents}"), &files);
+    let submission = lab.launch().unwrap();
+    // The file can change, and nodes need not see it.
+    fs::remove_file(lab.folder.path().join("people.csv")).unwrap();
+    let (scratch, stop) = (tempfile::tempdir().unwrap(), &AtomicBool::new(false));
+    let scratch = scratch.path();
+    let assignment = Assignment { submission: &submission, chunk: 0, attempt: "1", scratch, stop };
+    let mut log = Vec::new();
+    let end = run_chunk(assignment, &mut log).unwrap();
+    assert_eq!(end, TaskEnd::Finished, "{}", String::from_utf8_lossy(&log));
+    assert!(submission.parts().unwrap()[0].jobs().unwrap().len() > 1);
 }
 
 #[test]

@@ -133,6 +133,11 @@ pub trait Model: Any + fmt::Debug + Send + Sync {
         Vec::new()
     }
 
+    /// The number of people among whom the participants are drawn, if it is finite. None by default.
+    fn people_to_draw(&self) -> Option<usize> {
+        None
+    }
+
     /// The number of strata in which choices of action are counted. 1 by default.
     fn strata(&self) -> usize {
         1
@@ -146,6 +151,11 @@ pub trait Model: Any + fmt::Debug + Send + Sync {
     /// The cost of a message to a person who does not differ; `None` if no message has a cost to anybody.
     fn message_cost(&self) -> Option<f64> {
         None
+    }
+
+    /// Whether the cost of a message differs between the moments of an episode. False by default.
+    fn costs_vary(&self) -> bool {
+        false
     }
 
     /// The number of parameters in which participants of the test differ. None by default.

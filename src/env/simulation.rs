@@ -57,6 +57,22 @@ pub trait Simulation: VectorEnvironment + Any + fmt::Debug + Send {
         let _ = (lane, state);
     }
 
+    /// Replaces `out` by the features of a lane's observation in full precision. The default has the precision of
+    /// `observations`, those of all lanes.
+    fn exact_features(&self, lane: usize, observations: &Observations, out: &mut Vec<f64>) {
+        out.clear();
+        out.extend(observations.row(lane).iter().copied().map(f64::from));
+    }
+
+    /// Makes the people of lanes that are reset those in these rows of the file of people, \[lanes\]. Does nothing
+    /// by default.
+    fn assign(&mut self, rows: &[u32]) {
+        let _ = rows;
+    }
+
+    /// Ends the episode of a lane, whose person leaves.
+    fn leave(&mut self, lane: usize);
+
     /// The values drawn for the participant in a lane, with the places of their parameters. None by default.
     fn participant(&self, lane: usize) -> Vec<(usize, f64)> {
         let _ = lane;
@@ -71,6 +87,11 @@ impl dyn Simulation {
     /// The simulation, if it is of this type.
     pub fn downcast<S: Simulation>(&self) -> Option<&S> {
         (self as &dyn Any).downcast_ref()
+    }
+
+    /// The simulation to change, if it is of this type.
+    pub fn downcast_mut<S: Simulation>(&mut self) -> Option<&mut S> {
+        (self as &mut dyn Any).downcast_mut()
     }
 }
 

@@ -6,7 +6,7 @@ use serde_json::{Map, Value as Json};
 
 use super::identity::{Parts, agent_text, environment_text, people_text, text};
 use super::metric::TERMINATION_RATE;
-use super::{CanonicalForm, Evaluation, JobKey, MetricName, Scalar, Versions};
+use super::{CanonicalForm, Evaluation, JobKey, MetricName, Scalar, Trial, Versions};
 use crate::agent::{Agent, Algorithm, Engine, Task, Work};
 use crate::env::{Environment, Family, Scenario};
 use crate::key::{CanonicalError, Key, Keyed, Parameter, Value, free_key, read_object};
@@ -25,6 +25,8 @@ pub struct Job {
     pub agent: Agent,
     /// How the trained agent is tested and its training recorded.
     pub evaluation: Evaluation,
+    /// The trial in which the agent meets people; `None` if people come one after another.
+    pub trial: Option<Trial>,
     /// Seed of the job's random streams.
     pub seed: u64,
 }
@@ -110,9 +112,13 @@ impl Job {
     fn parts_of_work(&self) -> (u64, u64) {
         let task = self.task();
         let Work { training, choice } = self.agent.work(&task);
-        let (trained, tested) = (self.agent.episodes(), self.evaluation.test_episodes);
+        let (trained, tested) = match &self.trial {
+            Some(trial) => (0, trial.people),
+            None => (self.agent.episodes(), self.evaluation.test_episodes),
+        };
         let simulated = (task.steps(trained) + task.steps(tested)) * PER_SIMULATED_STEP;
         let chosen = task.steps(tested).saturating_mul(choice);
+        let training = if self.trial.is_some() { 0 } else { training };
         (training, simulated.saturating_add(chosen))
     }
 
@@ -123,23 +129,28 @@ impl Job {
             environment: &environment_text(&self.environment),
             evaluation: &text(&self.evaluation),
             population: &people_text(&self.environment),
+            trial: &self.trial.as_ref().map(text).unwrap_or_default(),
         };
         self.form_of(parts)
     }
 
     /// The canonical form, given the texts of the job's parts.
     pub fn form_of(&self, parts: Parts<'_>) -> CanonicalForm {
-        let Parts { agent, environment, evaluation, population } = parts;
+        let Parts { agent, environment, evaluation, population, trial } = parts;
         let population = match population {
             // Jobs stored before populations were introduced omit them.
             "{}" => String::new(),
             differing => format!("\"population\":{differing},"),
         };
+        let trial = match trial {
+            "" => String::new(),
+            trial => format!(",\"trial\":{trial}"),
+        };
         // A scenario consists of words and hyphens, so nothing needs escaping.
         let (scenario, seed) = (&self.scenario, self.seed);
         let text = format!(
             "{{\"agent\":{agent},\"environment\":{environment},\"evaluation\":{evaluation},\
-             {population}\"scenario\":\"{scenario}\",\"seed\":{seed}}}"
+             {population}\"scenario\":\"{scenario}\",\"seed\":{seed}{trial}}}"
         );
         CanonicalForm::new(text, self.versions())
     }
@@ -172,6 +183,11 @@ impl Job {
             Some(Json::Object(population)) if !population.is_empty() => population,
             Some(_) => return Err(part("population")),
         };
+        let trial = match take("trial") {
+            None => None,
+            Some(Json::Object(trial)) => Some(read("trial", &trial)?),
+            Some(_) => return Err(part("trial")),
+        };
         let Some(Json::Object(mut agent)) = take("agent") else { return Err(part("agent")) };
         let scenario =
             take("scenario").and_then(|scenario| scenario.as_str()?.parse::<Scenario>().ok());
@@ -200,6 +216,7 @@ impl Job {
             agent: Agent::with_values(algorithm, values("agent", algorithm.keys(), &agent)?)
                 .ok_or_else(|| part("agent"))?,
             evaluation: read("evaluation", &evaluation)?,
+            trial,
             seed: seed.ok_or_else(|| part("seed"))?,
         };
         match job.canonical() {
@@ -209,13 +226,19 @@ impl Job {
     }
 
     /// The sections of the job: name, keys and their values. The agent comes first.
-    pub fn sections(&self) -> [(&'static str, &'static [Key], Vec<Value>); 4] {
+    pub fn sections(&self) -> [(&'static str, &'static [Key], Vec<Value>); 5] {
+        let trial = self.trial.as_ref();
         let family = self.environment.family();
         [
             ("agent", self.agent.algorithm().keys(), self.agent.values().to_vec()),
             ("environment", family.keys, self.environment.values()),
             ("evaluation", Evaluation::KEYS, self.evaluation.to_values()),
             ("population", family.people, self.environment.people_values()),
+            (
+                "trial",
+                trial.map_or(&[], |_| Trial::KEYS),
+                trial.map_or_else(Vec::new, Keyed::to_values),
+            ),
         ]
     }
 
@@ -232,6 +255,7 @@ impl Job {
             Parameter::Environment(name) => (1, name),
             Parameter::Evaluation(name) => (2, name),
             Parameter::Population(name) => (3, name),
+            Parameter::Trial(name) => (4, name),
         };
         let (_, keys, values) = &self.sections()[section];
         place(keys, name).map(|place| values[place].clone())
@@ -325,6 +349,7 @@ mod tests {
             scenario: "P-H-D".parse().unwrap(),
             agent,
             evaluation: Evaluation::default(),
+            trial: None,
             seed: i64::MAX as u64,
         };
         agents.map(job).into()

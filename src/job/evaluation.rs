@@ -7,8 +7,8 @@ use crate::key::{Keyed, Kind, choices, keys};
 keys! {
     /// How a trained agent is tested and its training recorded.
     pub struct Evaluation {
-        /// test episodes after training
-        test_episodes: u32 = 1000, in Kind::EPISODES;
+        /// test episodes after training; 0 with on = "trial"
+        test_episodes: u32 = 1000, in Kind::Integer { min: 0, max: 10_000_000 };
         /// how actions are chosen in the test episodes
         test_actions: TestActions = TestActions::AsTrained;
         /// training episodes per point of the learning curve
@@ -20,6 +20,9 @@ keys! {
         /// mean_return_first_140) is the mean return of the first n training episodes, or of the first n test
         /// episodes of an agent that does not train
         first_episodes: Vec<u32> = Vec::new(), before Vec::new(), in Kind::Counts { most: 20, max: 10_000_000 };
+        /// what the agent is evaluated on: "test" episodes after its training, or the people of the "trial" in
+        /// which it learned
+        on: EvaluatedOn = EvaluatedOn::Test, before EvaluatedOn::Test;
     }
 }
 
@@ -33,6 +36,16 @@ impl Evaluation {
 impl Default for Evaluation {
     fn default() -> Self {
         Evaluation::with_required(&[])
+    }
+}
+
+choices! {
+    /// What an agent is evaluated on.
+    pub enum EvaluatedOn {
+        /// Test episodes.
+        Test = "test",
+        /// The people of its trial.
+        Trial = "trial",
     }
 }
 

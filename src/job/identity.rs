@@ -1,5 +1,6 @@
 //! The canonical form of a job, from which its identity is derived.
 
+use std::borrow::Cow;
 use std::fmt;
 
 use data_encoding::HEXLOWER;
@@ -37,8 +38,13 @@ impl Versions {
 }
 
 /// The canonical text of a job without its seed, which is the same for jobs that differ only in their seeds.
-pub fn without_seed(canonical: &str) -> &str {
-    canonical.rsplit_once(",\"seed\":").map_or(canonical, |(rest, _)| rest)
+pub fn without_seed(canonical: &str) -> Cow<'_, str> {
+    let Some((before, seed)) = canonical.rsplit_once(",\"seed\":") else { return canonical.into() };
+    // A trial follows the seed.
+    match seed.split_once(',') {
+        Some((_, after)) => format!("{before},{after}").into(),
+        None => before.into(),
+    }
 }
 
 /// The canonical text of a job, from which its identity is derived.
@@ -87,6 +93,8 @@ pub struct Parts<'t> {
     pub evaluation: &'t str,
     /// Of `population`.
     pub population: &'t str,
+    /// Of `trial`; empty without a trial.
+    pub trial: &'t str,
 }
 
 /// The canonical text of a part of a job.

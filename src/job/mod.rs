@@ -14,10 +14,11 @@ mod named;
 mod outcome;
 mod participant_range;
 mod scalar;
+mod trial;
 
 pub use condition::{Condition, Described, short_name};
 pub use content::{Job, JobError};
-pub use evaluation::{Evaluation, RecordedDecisions, TestActions};
+pub use evaluation::{EvaluatedOn, Evaluation, RecordedDecisions, TestActions};
 pub use identity::{
     CanonicalForm, JobKey, Parts, Versions, agent_text, environment_text, people_text, text,
     without_seed,
@@ -31,3 +32,4 @@ pub use outcome::{
 };
 pub use participant_range::ParticipantRange;
 pub use scalar::Scalar;
+pub use trial::{Calendar, Pooling, Stay, Trial, UpdateData};

@@ -15,6 +15,8 @@ pub enum Parameter {
     Agent(&'static str),
     /// `evaluation.<key>`.
     Evaluation(&'static str),
+    /// `trial.<key>`.
+    Trial(&'static str),
 }
 
 impl Parameter {
@@ -34,7 +36,8 @@ impl Parameter {
             | Parameter::Environment(key)
             | Parameter::Population(key)
             | Parameter::Agent(key)
-            | Parameter::Evaluation(key) => key,
+            | Parameter::Evaluation(key)
+            | Parameter::Trial(key) => key,
         }
     }
 }
@@ -47,6 +50,7 @@ impl fmt::Display for Parameter {
             Parameter::Population(key) => write!(f, "population.{key}"),
             Parameter::Agent(key) => write!(f, "agent.{key}"),
             Parameter::Evaluation(key) => write!(f, "evaluation.{key}"),
+            Parameter::Trial(key) => write!(f, "trial.{key}"),
         }
     }
 }

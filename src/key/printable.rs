@@ -31,6 +31,6 @@ pub fn hidden(character: char) -> Option<&'static str> {
 }
 
 /// A text in quotes. TOML and JSON escape alike, except DEL, which only TOML requires to be escaped.
-pub(super) fn quoted(text: &str) -> String {
+pub fn quoted(text: &str) -> String {
     serde_json::Value::from(text).to_string().replace('\u{7f}', "\\u007f")
 }

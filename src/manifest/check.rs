@@ -11,8 +11,9 @@ use super::grid::{Axis, Grid, axes, size, zipped};
 use super::limits::{MOST_COMPARISONS, MOST_JOBS};
 use super::presence::absent;
 use super::source::Span;
-use crate::job::Condition;
-use crate::key::{Assignment, Constraint, Parameter, Size, Value, Violation};
+use crate::agent::Algorithm;
+use crate::job::{Condition, EvaluatedOn, Trial};
+use crate::key::{Assignment, Constraint, Keyed, Parameter, Size, Value, Violation};
 
 /// Reports faults between the keys of `manifest`, which was completed from `draft`.
 ///
@@ -63,10 +64,67 @@ pub(super) fn check(
             }
         }
     }
+    trials(draft, &manifest, &grids, faults);
     if exclusions_hold && broken.is_empty() && !draft.invalid_cells {
         matches(draft, &grids, faults);
     }
     (manifest, lost)
+}
+
+/// Reports what does not suit a trial: what is evaluated, agents that cannot act in one, its files and its days.
+fn trials(draft: &Draft, manifest: &Manifest, grids: &[Grid], faults: &mut FaultList) {
+    let has =
+        |key, value: &Value| manifest.evaluation.get(key).is_some_and(|all| all.contains(value));
+    let on = |on: EvaluatedOn| has("on", &Value::Choice(on.word()));
+    let place = |key| draft.evaluation.span_of(key).or(draft.trial.span);
+    let place = |key| place(key).unwrap_or(Span { start: 0, end: 0 });
+    let mut fault = |span, says: &str, help: &str| faults.add(Fault::at(span, says).help(help));
+    let has_trial = manifest.has_trial();
+    if !has_trial && on(EvaluatedOn::Trial) {
+        let says = "`on` = \"trial\" needs people in a trial, and the manifest has no [trial]";
+        fault(place("on"), says, "write a [trial], or on = \"test\"");
+    } else if has_trial && on(EvaluatedOn::Test) {
+        let says = "a trial is evaluated on its people, and `on` of [evaluation] is \"test\"";
+        fault(place("on"), says, "write on = \"trial\" in [evaluation]");
+    }
+    let none = Value::Integer(0);
+    if on(EvaluatedOn::Test) && !has_trial && has("test_episodes", &none) {
+        let says =
+            "`test_episodes` = 0 is for trials: without a trial there is nothing to evaluate";
+        fault(place("test_episodes"), says, "write at least 1");
+    } else if has_trial
+        && on(EvaluatedOn::Trial)
+        && manifest
+            .evaluation
+            .get("test_episodes")
+            .is_some_and(|all| all.iter().any(|n| *n != none))
+    {
+        let says = "no test follows a trial that is the evaluation, and `test_episodes` is above 0";
+        fault(place("test_episodes"), says, "remove test_episodes");
+    }
+    if !has_trial {
+        return;
+    }
+    for (declared, agent) in manifest.agents.iter().zip(&draft.agents) {
+        if !declared.algorithm.is_in_trials() {
+            let able = Algorithm::all().into_iter().filter(|algorithm| algorithm.is_in_trials());
+            let able: Vec<&str> = able.map(Algorithm::name).collect();
+            let says = format!(
+                "agent `{}`: {} cannot act in a trial",
+                declared.name,
+                declared.algorithm.name()
+            );
+            faults.add(
+                Fault::at(agent.name.span, says)
+                    .help(format!("algorithms that can: {}", able.join(", "))),
+            );
+        }
+    }
+    let is_known = Trial::KEYS.iter().all(|key| !draft.is_invalid(Parameter::Trial(key.name)));
+    if let Some((key, says)) = grids.iter().filter(|_| is_known).find_map(Grid::trial_fault) {
+        let span = draft.trial.span_of(key.key()).or(draft.trial.span);
+        faults.add(Fault::at(span.unwrap_or(Span { start: 0, end: 0 }), says));
+    }
 }
 
 /// Reports zips of parameters that are not swept or differ in length; returns the parameters of faulty

@@ -5,9 +5,10 @@ use super::draft::{Draft, Settings};
 use super::fault::{Fault, FaultList};
 use super::parameter::Parameters;
 use super::section::Section;
-use super::source::Span;
+use super::source::{Located, Span};
 use super::written;
 use crate::env::Family;
+use crate::job::EvaluatedOn;
 use crate::key::{Content, Distribution, Key, Kind, Rows, Value};
 
 /// The manifest that `draft` declares; reports missing keys.
@@ -70,7 +71,8 @@ pub(super) fn complete(
                 parameters: parameters(&agent.settings),
             })
             .collect(),
-        evaluation: parameters(&draft.evaluation),
+        evaluation: evaluation(&draft.evaluation),
+        trial: parameters(&draft.trial),
         zips: zips.map(|zip| Zip { parameters: zip.value.clone() }).collect(),
         exclusions: exclusions.filter(|exclusion| !exclusion.conditions.is_empty()).collect(),
         analyses: draft.analyses.iter().map(|draft| draft.analysis.clone()).collect(),
@@ -95,7 +97,10 @@ fn require(settings: &mut Settings, faults: &mut FaultList) {
         }
         let span = settings.span.unwrap_or(Span { start: 0, end: 0 });
         let table = match section {
-            Section::Environment(_) | Section::Population(_) | Section::Evaluation => {
+            Section::Environment(_)
+            | Section::Population(_)
+            | Section::Evaluation
+            | Section::Trial(_) => {
                 format!("[{}]", section.name())
             }
             Section::Agent(_) => "[[agent]]".to_owned(),
@@ -105,6 +110,20 @@ fn require(settings: &mut Settings, faults: &mut FaultList) {
         faults.add(Fault::at(span, message).help(help));
         settings.mark_invalid(place, span);
     }
+}
+
+/// The parameters of `[evaluation]`. No test follows a trial that is the evaluation itself.
+fn evaluation(settings: &Settings) -> Parameters {
+    let mut settings = settings.clone();
+    let place = |name| Section::Evaluation.find(name).map_or(usize::MAX, |(place, _)| place);
+    let in_trial = [Value::Choice(EvaluatedOn::Trial.word())];
+    if let Some(on) = settings.given.get(&place("on"))
+        && on.value == in_trial
+    {
+        let none = Located { value: vec![Value::Integer(0)], span: on.span };
+        settings.given.entry(place("test_episodes")).or_insert(none);
+    }
+    parameters(&settings)
 }
 
 fn parameters(settings: &Settings) -> Parameters {

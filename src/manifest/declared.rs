@@ -41,6 +41,8 @@ pub struct Manifest {
     pub agents: Vec<DeclaredAgent>,
     /// The parameters of testing and recording.
     pub evaluation: Parameters,
+    /// The calendar of the trial; of a section without keys if the manifest declares no trial.
+    pub trial: Parameters,
     /// Swept parameters that advance together.
     pub zips: Vec<Zip>,
     /// Excluded cells of the grids.
@@ -96,8 +98,16 @@ impl Manifest {
     pub fn family(&self) -> &'static Family {
         match self.environment.section() {
             Section::Environment(family) => family,
-            Section::Population(_) | Section::Agent(_) | Section::Evaluation => Family::first(),
+            Section::Population(_)
+            | Section::Agent(_)
+            | Section::Evaluation
+            | Section::Trial(_) => Family::first(),
         }
+    }
+
+    /// Whether the manifest declares a trial.
+    pub fn has_trial(&self) -> bool {
+        self.trial.section() == Section::Trial(true)
     }
 
     /// The scenarios, in the order of the manifest.
@@ -130,12 +140,14 @@ impl Manifest {
             Parameter::Population(key) => self.population.get(key),
             Parameter::Agent(key) => agent.parameters.get(key),
             Parameter::Evaluation(key) => self.evaluation.get(key),
+            Parameter::Trial(key) => self.trial.get(key),
         }
     }
 
     /// The keys of `agent`'s jobs that are swept, in the order of the tables.
     pub(super) fn swept_keys(&self, agent: &DeclaredAgent) -> Vec<Parameter> {
-        let sections = [&self.environment, &self.population, &agent.parameters, &self.evaluation];
+        let sections =
+            [&self.environment, &self.population, &agent.parameters, &self.evaluation, &self.trial];
         let swept = |parameters: &Parameters| -> Vec<Parameter> {
             let keys = parameters.iter().filter(|(_, values)| values.len() > 1);
             keys.map(|(key, _)| parameters.section().parameter(key.name)).collect()

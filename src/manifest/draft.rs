@@ -26,6 +26,7 @@ pub(super) struct Draft {
     pub environment: Settings,
     pub population: Settings,
     pub evaluation: Settings,
+    pub trial: Settings,
     pub agents: Vec<AgentDraft>,
     pub zips: Option<Vec<Located<Vec<Parameter>>>>,
     pub exclusions: Vec<Located<Vec<Located<Condition>>>>,
@@ -107,6 +108,7 @@ impl Draft {
             environment: Settings::new(Section::Environment(family)),
             population: Settings::new(Section::Population(family)),
             evaluation: Settings::new(Section::Evaluation),
+            trial: Settings::new(Section::Trial(false)),
             agents: Vec::new(),
             zips: None,
             exclusions: Vec::new(),
@@ -121,7 +123,10 @@ impl Draft {
     pub fn family(&self) -> &'static Family {
         match self.environment.section {
             Section::Environment(family) => family,
-            Section::Population(_) | Section::Agent(_) | Section::Evaluation => Family::first(),
+            Section::Population(_)
+            | Section::Agent(_)
+            | Section::Evaluation
+            | Section::Trial(_) => Family::first(),
         }
     }
 
@@ -130,6 +135,9 @@ impl Draft {
         self.environment.override_with(other.environment);
         self.population.override_with(other.population);
         self.evaluation.override_with(other.evaluation);
+        if other.trial.span.is_some() {
+            self.trial.override_with(other.trial);
+        }
         for agent in other.agents {
             let name = &agent.name.value;
             let mut same = self.agents.iter_mut().filter(|mine| mine.name.value == *name);
@@ -167,6 +175,7 @@ impl Draft {
         self.seeds.iter_mut().for_each(|seeds| seeds.span = span);
         self.environment.move_to(span);
         self.evaluation.move_to(span);
+        self.trial.move_to(span);
         for agent in &mut self.agents {
             agent.name.span = span;
             agent.settings.move_to(span);
@@ -181,7 +190,8 @@ impl Draft {
 
     /// The settings of every section.
     pub fn all_settings(&mut self) -> impl Iterator<Item = &mut Settings> {
-        let sections = [&mut self.environment, &mut self.population, &mut self.evaluation];
+        let sections =
+            [&mut self.environment, &mut self.population, &mut self.evaluation, &mut self.trial];
         sections.into_iter().chain(self.agents.iter_mut().map(|agent| &mut agent.settings))
     }
 
@@ -201,6 +211,7 @@ impl Draft {
             Parameter::Environment(key) => self.environment.is_invalid(key),
             Parameter::Population(key) => self.population.is_invalid(key),
             Parameter::Evaluation(key) => self.evaluation.is_invalid(key),
+            Parameter::Trial(key) => self.trial.is_invalid(key),
             Parameter::Agent(key) => {
                 self.invalid_agents()
                     || self.agents.iter().any(|agent| agent.settings.is_invalid(key))
@@ -215,7 +226,8 @@ impl Draft {
             Parameter::Job(_)
             | Parameter::Environment(_)
             | Parameter::Population(_)
-            | Parameter::Evaluation(_) => self.is_invalid(parameter),
+            | Parameter::Evaluation(_)
+            | Parameter::Trial(_) => self.is_invalid(parameter),
         }
     }
 
@@ -252,6 +264,7 @@ impl Draft {
             Parameter::Environment(key) => self.environment.span_of(key),
             Parameter::Population(key) => self.population.span_of(key),
             Parameter::Evaluation(key) => self.evaluation.span_of(key),
+            Parameter::Trial(key) => self.trial.span_of(key),
             Parameter::Agent(key) => self.agents.get(agent)?.settings.span_of(key),
         }
     }

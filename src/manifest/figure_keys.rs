@@ -88,7 +88,8 @@ impl Field for PanelKey {
                 swept @ (Parameter::Environment(_)
                 | Parameter::Population(_)
                 | Parameter::Agent(_)
-                | Parameter::Evaluation(_)),
+                | Parameter::Evaluation(_)
+                | Parameter::Trial(_)),
             ) => {
                 table.panels.push(Located { value: swept, span: node.span().into() });
                 Some(PanelKey::Key(swept))

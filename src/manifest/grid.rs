@@ -10,10 +10,10 @@ use std::collections::HashSet;
 use super::declared::{DeclaredAgent, Exclusion, Manifest};
 use super::parameter::{Parameters, scenario_of, seed_of};
 use super::section::Section;
-use crate::agent::{Agent, Algorithm};
+use crate::agent::{Agent, Algorithm, HORIZON};
 use crate::env::{Environment, Scenario};
-use crate::job::Evaluation;
-use crate::key::{Assignment, Constraint, Keyed, Parameter, Value, Violation};
+use crate::job::{Evaluation, Trial};
+use crate::key::{Assignment, Constraint, Key, Keyed, Parameter, Value, Violation};
 
 /// The grid of one agent of a manifest.
 #[derive(Debug)]
@@ -26,6 +26,7 @@ pub struct Grid<'m> {
     population: Vec<Option<usize>>,
     hyper_parameters: Vec<Option<usize>>,
     evaluation: Vec<Option<usize>>,
+    trial: Vec<Option<usize>>,
 }
 
 /// Parameters that advance together, and how many values each has.
@@ -64,6 +65,7 @@ impl<'m> Grid<'m> {
             population: places(&manifest.population),
             hyper_parameters: places(&agent.parameters),
             evaluation: places(&manifest.evaluation),
+            trial: places(&manifest.trial),
             exclusions: manifest.exclusions.iter().filter_map(masks).collect(),
             manifest,
             agent,
@@ -87,8 +89,27 @@ impl<'m> Grid<'m> {
     /// The first violation of a constraint by a cell that is not excluded, with the cell's values of the
     /// constraint's parameters.
     pub(super) fn violation(&self, constraint: &Constraint) -> Option<(Assignment<'m>, Violation)> {
-        let violation = |assignment: &Assignment<'m>| (constraint.violation)(assignment);
-        self.find(constraint.parameters, |_| true, violation)
+        let family = self.manifest.family();
+        let has_horizon = family.keys.iter().any(|key| Parameter::Environment(key.name) == HORIZON);
+        if has_horizon || family.is_external() || !constraint.parameters.contains(&HORIZON) {
+            let violation = |assignment: &Assignment<'m>| (constraint.violation)(assignment);
+            return self.find(constraint.parameters, |_| true, violation);
+        }
+        // Where the horizon is no key, it is the longest episode of the environment.
+        let of_environment = family.keys.iter().map(|key| Parameter::Environment(key.name));
+        let others = of_environment.filter(|key| !constraint.parameters.contains(key));
+        let parameters: Vec<Parameter> =
+            constraint.parameters.iter().copied().chain(others).collect();
+        let people: Vec<Value> = family.people.iter().filter_map(Key::default).collect();
+        let violation = |assignment: &Assignment<'m>| {
+            let of_environment = |one: &Parameter| matches!(one, Parameter::Environment(_));
+            let values = assignment.values_of(of_environment);
+            let longest = (family.read)(family, &values, &people)?.longest_episode();
+            let mut with_horizon = assignment.clone();
+            with_horizon.0.push((HORIZON, Cow::Owned(Value::Integer(longest.into()))));
+            (constraint.violation)(&with_horizon)
+        };
+        self.find(&parameters, |_| true, violation)
     }
 
     /// The sizes above their limits in the first cell that has any and is not excluded, each with the keys
@@ -115,6 +136,25 @@ impl<'m> Grid<'m> {
         let (mut cell, found) = self.find(&algorithm.parameters(family), varies, unsuited)?;
         cell.0.retain(|(parameter, _)| *parameter == found.key);
         Some((cell, Violation::Contradiction(found.to_string())))
+    }
+
+    /// Why the trial of a cell that is not excluded does not suit itself, its seeds or its environment, with the key at
+    /// fault.
+    pub(super) fn trial_fault(&self) -> Option<(Parameter, String)> {
+        let family = self.manifest.family();
+        let of_environment = family.keys.iter().map(|key| Parameter::Environment(key.name));
+        let of_trial = Trial::KEYS.iter().map(|key| Parameter::Trial(key.name));
+        let parameters: Vec<Parameter> = of_environment.chain(of_trial).collect();
+        let seeds: Vec<u64> = self.manifest.seeds().collect();
+        let judge = |assignment: &Assignment<'m>| {
+            let trial: Trial = assignment.keyed(|one| matches!(one, Parameter::Trial(_)))?;
+            let of_environment = |one: &Parameter| matches!(one, Parameter::Environment(_));
+            let people: Vec<Value> = family.people.iter().filter_map(Key::default).collect();
+            let environment =
+                (family.read)(family, &assignment.values_of(of_environment), &people)?;
+            trial_fault(&trial, &environment, &seeds)
+        };
+        self.find(&parameters, |_| true, judge).map(|(_, fault)| fault)
     }
 
     /// The first result of `judge` in a cell that is not excluded, with the cell's values of `parameters`.
@@ -208,6 +248,7 @@ impl<'m> Grid<'m> {
             Section::Population(_) => &self.population,
             Section::Agent(_) => &self.hyper_parameters,
             Section::Evaluation => &self.evaluation,
+            Section::Trial(_) => &self.trial,
         };
         axes.iter().flatten().all(|axis| one.0[*axis] == other.0[*axis])
     }
@@ -246,6 +287,13 @@ impl<'m> Grid<'m> {
     pub fn agent(&self, cell: &Cell) -> Agent {
         let choose = |key: usize| self.hyper_parameters[key].map_or(0, |axis| cell.0[axis]);
         Agent::with_values(self.agent.algorithm, self.agent.parameters.chosen(choose)).expect(TYPED)
+    }
+
+    /// The cell's trial; `None` if the manifest declares none.
+    pub fn trial(&self, cell: &Cell) -> Option<Trial> {
+        let choose = |key: usize| self.trial[key].map_or(0, |axis| cell.0[axis]);
+        let values = self.manifest.trial.chosen(choose);
+        self.manifest.has_trial().then(|| Trial::from_values(&values).expect(TYPED))
     }
 
     /// The cell's evaluation.
@@ -329,6 +377,50 @@ fn masks(
         }
     }
     Some(masks)
+}
+
+/// Why a trial does not suit itself, these seeds or an environment, with the key at fault.
+fn trial_fault(
+    trial: &Trial,
+    environment: &Environment,
+    seeds: &[u64],
+) -> Option<(Parameter, String)> {
+    let fault = |key, says| Some((Parameter::Trial(key), says));
+    if let Err(says) = trial.calendar() {
+        return fault("entry", format!("`entry`: {says}"));
+    }
+    if trial.outage.len() == 1 {
+        return fault("outage", "`outage`: expected a first and a last day, found one".to_owned());
+    }
+    let longest = u64::from(environment.longest_episode());
+    if !environment.family().is_external() && trial.decisions() != longest {
+        let (days, per_day) = (trial.days, trial.decisions_per_day);
+        let says = format!(
+            "`days` = {days} with `decisions_per_day` = {per_day} are {} decisions of a person; an episode of the \
+             environment has {longest}",
+            trial.decisions()
+        );
+        return fault("days", says);
+    }
+    for seed in seeds {
+        let rows = match trial.rows(*seed) {
+            Ok(None) => return None,
+            Ok(Some(rows)) => rows,
+            Err(says) => return fault("people_file", format!("`people_file`: {says}")),
+        };
+        let Some(people) = environment.people_to_draw() else {
+            let says = "`people_file`: the environment draws its people from no file".to_owned();
+            return fault("people_file", says);
+        };
+        if let Some(row) = rows.iter().find(|row| **row as usize >= people) {
+            let says = format!(
+                "`people_file`: seed {seed} has row {row}; the file of people has rows 0 to {}",
+                people - 1
+            );
+            return fault("people_file", says);
+        }
+    }
+    None
 }
 
 fn members(values: &[Value], list: &[Value]) -> Vec<bool> {

@@ -59,7 +59,7 @@ pub use analysis_kind::{
     LearningCurve, Pairing, Recovery, Selection, SelectionRule,
 };
 pub use axis::{CurveAxis, ERROR_AXIS};
-pub use companions::companions;
+pub use companions::{companions, self_contained};
 pub use declared::{DeclaredAgent, Exclusion, Manifest, Zip};
 pub(crate) use document::{Document, document};
 pub(crate) use fault::FaultList;

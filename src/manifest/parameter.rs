@@ -35,7 +35,10 @@ pub(super) fn is_in(family: &Family, parameter: Parameter) -> bool {
     match parameter {
         Parameter::Environment(name) => has(family.keys, name),
         Parameter::Population(name) => has(family.people, name),
-        Parameter::Job(_) | Parameter::Agent(_) | Parameter::Evaluation(_) => true,
+        Parameter::Job(_)
+        | Parameter::Agent(_)
+        | Parameter::Evaluation(_)
+        | Parameter::Trial(_) => true,
     }
 }
 

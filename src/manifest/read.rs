@@ -1,5 +1,6 @@
 //! Reads the tree of a TOML document as a [`Draft`], and reports every fault.
 
+use toml::Spanned;
 use toml::de::{DeTable, DeValue};
 
 use super::draft::{AgentDraft, Draft, Settings};
@@ -17,7 +18,7 @@ use crate::key::hidden;
 use crate::key::{Kind, Value};
 
 /// The top-level keys of a manifest: first the keys above all tables, then the tables.
-pub(super) const TOP_KEYS: [&str; 16] = [
+pub(super) const TOP_KEYS: [&str; 17] = [
     "format",
     "name",
     "extends",
@@ -32,6 +33,7 @@ pub(super) const TOP_KEYS: [&str; 16] = [
     "population",
     "agent",
     "evaluation",
+    "trial",
     "exclude",
     "analysis",
 ];
@@ -130,18 +132,45 @@ impl Reader<'_> {
                     self.family.name
                 );
                 let fault = Fault::at(node.span().into(), says);
-                self.faults.add(fault.help("remove the table; a program may draw its own people"));
+                self.faults.add(fault.help(match self.family.is_external() {
+                    true => "remove the table; a program may draw its own people",
+                    false => "remove the table; [environment] names the file of people",
+                }));
             }
             "population" => {
                 draft.population = self.section(Section::Population(self.family), &[], node);
             }
             "evaluation" => draft.evaluation = self.section(Section::Evaluation, &[], node),
+            "trial" => draft.trial = self.trial(node),
             "agent" => self.agents(draft, inherited, node),
             "zip" => self.zips(draft, node),
             "exclude" => self.exclusions(draft, node),
             "analysis" => self.analyses(draft, node),
             _ => {}
         }
+    }
+
+    /// The keys of `[trial]`. Its tables `entry` and `update` are keys that begin with their names.
+    fn trial(&mut self, node: &Node) -> Settings {
+        let section = Section::Trial(true);
+        let Some(table) = node.get_ref().as_table() else {
+            return self.section(section, &[], node);
+        };
+        let mut flat = DeTable::new();
+        for (key, node) in table {
+            match node.get_ref() {
+                DeValue::Table(below) if ["entry", "update"].contains(&key.get_ref().as_ref()) => {
+                    for (own, node) in below {
+                        let name = format!("{}_{}", key.get_ref(), own.get_ref());
+                        flat.insert(Spanned::new(own.span(), name.into()), node.clone());
+                    }
+                }
+                _ => {
+                    flat.insert(key.clone(), node.clone());
+                }
+            }
+        }
+        self.section(section, &[], &Spanned::new(node.span(), DeValue::Table(flat)))
     }
 
     /// Reports an unknown top-level key. The key that was probably meant is not reported as missing.
@@ -597,7 +626,10 @@ fn tables_of<'r, 'n>(root: &'r DeTable<'n>) -> impl Iterator<Item = &'r DeTable<
 fn algorithm_of(section: Section) -> Option<&'static Algorithm> {
     match section {
         Section::Agent(algorithm) => Some(algorithm),
-        Section::Environment(_) | Section::Population(_) | Section::Evaluation => None,
+        Section::Environment(_)
+        | Section::Population(_)
+        | Section::Evaluation
+        | Section::Trial(_) => None,
     }
 }
 

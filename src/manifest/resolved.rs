@@ -66,6 +66,10 @@ impl Manifest {
         }
         writeln!(out, "\n[evaluation]")?;
         write_parameters(out, &self.evaluation)?;
+        if self.has_trial() {
+            writeln!(out, "\n[trial]")?;
+            write_parameters(out, &self.trial)?;
+        }
         for exclusion in &self.exclusions {
             writeln!(out, "\n[[exclude]]")?;
             exclusion
@@ -101,9 +105,17 @@ fn write_head(out: &mut String, agent: &DeclaredAgent) -> fmt::Result {
 }
 
 fn write_parameters(out: &mut String, parameters: &Parameters) -> fmt::Result {
+    // A manifest has the text of a file in place of its name.
+    let written = |value: &Value| match value {
+        Value::Content(content) => content.text().map_or_else(|| value.to_string(), quoted),
+        value => value.to_string(),
+    };
     parameters.iter().try_for_each(|(key, values)| match values {
-        [value] => writeln!(out, "{} = {value}", key.name),
-        values => writeln!(out, "{} = {}", key.name, list(values)),
+        [value] => writeln!(out, "{} = {}", key.name, written(value)),
+        values => {
+            let values: Vec<String> = values.iter().map(written).collect();
+            writeln!(out, "{} = {}", key.name, list(&values))
+        }
     })
 }
 

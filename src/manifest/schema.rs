@@ -62,6 +62,7 @@ pub fn schema() -> Json {
             },
             "population": section(Section::Population(Family::first()), Map::new()),
             "evaluation": section(Section::Evaluation, Map::new()),
+            "trial": trial(),
             "exclude": exclude(),
             "analysis": analysis(),
         },
@@ -87,6 +88,26 @@ fn environment(family: &'static Family) -> Json {
     if family != Family::first() {
         schema["required"] = json!([FAMILY]);
     }
+    schema
+}
+
+/// A trial. Keys that begin with `entry_` or `update_` may stand in a table.
+fn trial() -> Json {
+    let section_of = Section::Trial(true);
+    let of = |prefix: &str| {
+        let keys = section_of.keys().iter().filter_map(|key| {
+            Some((key.name.strip_prefix(prefix)?.strip_prefix('_')?.to_owned(), swept(key)))
+        });
+        json!({
+            "type": "object",
+            "additionalProperties": false,
+            "properties": keys.collect::<Map<_, _>>(),
+        })
+    };
+    let mut schema = section(section_of, Map::new());
+    let file = schema["properties"]["entry"].take();
+    schema["properties"]["entry"] = json!({ "anyOf": [file, of("entry")] });
+    schema["properties"]["update"] = of("update");
     schema
 }
 
@@ -147,6 +168,7 @@ fn top() -> Json {
         },
         "population": { "$ref": "#/$defs/population" },
         "evaluation": { "$ref": "#/$defs/evaluation" },
+        "trial": { "$ref": "#/$defs/trial" },
         "exclude": {
             "description": "cells to leave out",
             "type": "array",
@@ -285,7 +307,7 @@ fn exclude() -> Json {
     let mut of_environments: Map<String, Json> = environments().flat_map(keys).collect();
     of_environments.insert(PARAMETERS.to_owned(), free_parameters());
     let people = Section::Population(Family::first());
-    let short = environments().chain([people, Section::Evaluation]);
+    let short = environments().chain([people, Section::Evaluation, Section::Trial(true)]);
     let short = short.flat_map(keys).chain(of_agents.clone());
     let short: Map<String, Json> = short
         .filter(|(key, _)| {
@@ -300,6 +322,7 @@ fn exclude() -> Json {
         ("agent".to_owned(), table(of_agents)),
         ("population".to_owned(), table(keys(people))),
         ("evaluation".to_owned(), table(keys(Section::Evaluation))),
+        ("trial".to_owned(), table(keys(Section::Trial(true)))),
     ]);
     let mut schema = table(properties);
     schema["minProperties"] = json!(1);

@@ -2,7 +2,7 @@
 
 use crate::agent::Algorithm;
 use crate::env::Family;
-use crate::job::Evaluation;
+use crate::job::{Evaluation, Trial};
 use crate::key::{Key, Keyed, Parameter};
 
 /// The part of a manifest that a key belongs to, and the first part of its dotted name.
@@ -16,6 +16,8 @@ pub enum Section {
     Agent(&'static Algorithm),
     /// `[evaluation]`.
     Evaluation,
+    /// `[trial]`, which has no keys where a manifest declares none.
+    Trial(bool),
 }
 
 impl Section {
@@ -28,7 +30,11 @@ impl Section {
         };
         let (first, others) = Family::all().split_first().expect("there are families");
         let others = others.iter().flat_map(of);
-        of(first).chain(agents).chain([Section::Evaluation]).chain(others).collect()
+        of(first)
+            .chain(agents)
+            .chain([Section::Evaluation, Section::Trial(true)])
+            .chain(others)
+            .collect()
     }
 
     /// The section's name in a manifest and in dotted names.
@@ -38,6 +44,7 @@ impl Section {
             Section::Population(_) => "population",
             Section::Agent(_) => "agent",
             Section::Evaluation => "evaluation",
+            Section::Trial(_) => "trial",
         }
     }
 
@@ -50,9 +57,10 @@ impl Section {
             {
                 format!("{} of {}", self.name(), family.name)
             }
-            Section::Environment(_) | Section::Population(_) | Section::Evaluation => {
-                self.name().to_owned()
-            }
+            Section::Environment(_)
+            | Section::Population(_)
+            | Section::Evaluation
+            | Section::Trial(_) => self.name().to_owned(),
         }
     }
 
@@ -63,6 +71,8 @@ impl Section {
             Section::Population(family) => family.people,
             Section::Agent(algorithm) => algorithm.keys(),
             Section::Evaluation => Evaluation::KEYS,
+            Section::Trial(true) => Trial::KEYS,
+            Section::Trial(false) => &[],
         }
     }
 
@@ -78,6 +88,7 @@ impl Section {
             Section::Population(_) => Parameter::Population(name),
             Section::Agent(_) => Parameter::Agent(name),
             Section::Evaluation => Parameter::Evaluation(name),
+            Section::Trial(_) => Parameter::Trial(name),
         }
     }
 }
@@ -101,6 +112,7 @@ mod tests {
             }
             Section::Agent(algorithm) => Agent::with_values(algorithm, values).is_some(),
             Section::Evaluation => Evaluation::from_values(&values).is_some(),
+            Section::Trial(_) => Trial::from_values(&values).is_some(),
         }
     }
 

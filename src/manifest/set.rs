@@ -342,6 +342,7 @@ fn place<'m>(manifest: &'m Manifest, set: &Override) -> Result<Place<'m>, Fault>
         [Parameter::Environment(key)] => Ok(Place::Section("environment", key)),
         [Parameter::Population(key)] => Ok(Place::Section("population", key)),
         [Parameter::Evaluation(key)] => Ok(Place::Section("evaluation", key)),
+        [Parameter::Trial(key)] => Ok(Place::Section("trial", key)),
         [Parameter::Agent(key)] => agents(manifest, key, |_| true)
             .ok_or_else(|| fault(format!("no agent has a key `{key}`"))),
         [Parameter::Job(_)] | [] => {

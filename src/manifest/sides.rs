@@ -113,7 +113,8 @@ impl Reader<'_> {
                 parameter @ (Parameter::Environment(_)
                 | Parameter::Population(_)
                 | Parameter::Agent(_)
-                | Parameter::Evaluation(_)),
+                | Parameter::Evaluation(_)
+                | Parameter::Trial(_)),
             ) => {
                 let value = self.value("between", kind_of(parameter)?, node)?;
                 Some(Condition { parameter, values: vec![value] })

@@ -11,9 +11,8 @@ pub(super) fn list(items: &[impl Display]) -> String {
 }
 
 /// A text as a basic string of TOML.
-pub(super) fn quoted(text: &impl Display) -> String {
-    // JSON and TOML escape alike, except DEL: only TOML requires an escape.
-    serde_json::Value::String(text.to_string()).to_string().replace('\u{7f}', "\\u007f")
+pub(super) fn quoted(text: &(impl Display + ?Sized)) -> String {
+    crate::key::quoted(&text.to_string())
 }
 
 /// A condition: `scenario = ["P-T"]`.

@@ -5,7 +5,7 @@ use std::sync::Arc;
 use crate::agent::Agent;
 use crate::env::Environment;
 use crate::job::{
-    Evaluation, Job, Parts, PlannedJob, agent_text, environment_text, people_text, text,
+    Evaluation, Job, Parts, PlannedJob, Trial, agent_text, environment_text, people_text, text,
 };
 use crate::key::Keyed;
 use crate::manifest::{Cell, Grid, Manifest, Section};
@@ -49,6 +49,8 @@ struct Typed {
     people: String,
     agent: Part<Agent>,
     evaluation: Part<Evaluation>,
+    /// `None` without a trial.
+    trial: Option<Part<Trial>>,
 }
 
 /// A part of a job with its canonical text.
@@ -83,6 +85,7 @@ impl Typed {
             environment,
             agent: Part::of_agent(grid.agent(cell)),
             evaluation: Part::of(grid.evaluation(cell)),
+            trial: grid.trial(cell).map(Part::of),
             cell: cell.clone(),
         }
     }
@@ -104,6 +107,9 @@ impl Typed {
         if !grid.agree(Section::Evaluation, &self.cell, cell) {
             self.evaluation = Part::of(grid.evaluation(cell));
         }
+        if !grid.agree(Section::Trial(true), &self.cell, cell) {
+            self.trial = grid.trial(cell).map(Part::of);
+        }
         self.cell.clone_from(cell);
     }
 }
@@ -116,12 +122,13 @@ impl Iterator for AgentJobs<'_> {
         self.next = self.grid.after(&cell);
         let typed = self.typed.get_or_insert_with(|| Typed::of(&self.grid, &cell));
         typed.move_to(&self.grid, &cell);
-        let Typed { environment, people, agent, evaluation, .. } = typed;
+        let Typed { environment, people, agent, evaluation, trial, .. } = typed;
         let job = Job {
             environment: environment.value.clone(),
             scenario: self.grid.scenario(&cell).clone(),
             agent: agent.value.clone(),
             evaluation: evaluation.value.clone(),
+            trial: trial.as_ref().map(|trial| trial.value.clone()),
             seed: self.grid.seed(&cell),
         };
         let parts = Parts {
@@ -129,6 +136,7 @@ impl Iterator for AgentJobs<'_> {
             environment: &environment.text,
             evaluation: &evaluation.text,
             population: people,
+            trial: trial.as_ref().map_or("", |trial| &trial.text),
         };
         let form = job.form_of(parts);
         Some(PlannedJob { agent: self.name.clone(), job, form })

@@ -392,6 +392,7 @@ mod tests {
                     scenario: "P-H-D".parse().unwrap(),
                     agent: agent.clone(),
                     evaluation: Evaluation::default(),
+                    trial: None,
                     seed: 1,
                 };
                 jobs.push(PlannedJob { agent: name.into(), form: job.form(), job });

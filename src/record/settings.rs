@@ -91,12 +91,12 @@ impl SharedSettings {
     pub fn of(&mut self, planned: &PlannedJob) -> Arc<Settings> {
         let form = without_seed(planned.form.text());
         if let Some((last, settings)) = &self.last
-            && last == form
+            && *last == form
         {
             return settings.clone();
         }
         let settings = Arc::new(self.next(planned));
-        self.last = Some((form.to_owned(), settings.clone()));
+        self.last = Some((form.into_owned(), settings.clone()));
         settings
     }
 

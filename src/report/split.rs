@@ -29,7 +29,7 @@ pub fn splits(manifest: &Manifest) -> Vec<String> {
     let (seed, mut seen) = (manifest.seeds().next(), HashSet::new());
     let of_one_seed = plan::jobs(manifest).filter(|planned| match may_lack {
         true => {
-            seen.insert((planned.agent.to_string(), without_seed(planned.form.text()).to_owned()))
+            seen.insert((planned.agent.to_string(), without_seed(planned.form.text()).into_owned()))
         }
         false => Some(planned.job.seed) == seed,
     });

@@ -17,14 +17,14 @@ impl<T: Default> SeedGroups<T> {
     /// The value of the group that a job belongs to; `None` if this release cannot read the job.
     pub(super) fn of(&mut self, canonical: &str) -> Option<&mut T> {
         let stem = without_seed(canonical);
-        let place = match self.places.get(stem) {
+        let place = match self.places.get(&*stem) {
             Some(place) => *place,
             None => {
                 let place = Job::from_canonical(canonical).ok().map(|job| {
                     self.groups.push((job, T::default()));
                     self.groups.len() - 1
                 });
-                self.places.insert(stem.to_owned(), place);
+                self.places.insert(stem.into_owned(), place);
                 place
             }
         };

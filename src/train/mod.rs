@@ -14,6 +14,7 @@ mod outside;
 mod progress;
 mod roll;
 mod run;
+mod study;
 mod test;
 mod training;
 
@@ -27,3 +28,4 @@ pub use environment_program::misfit;
 pub use progress::TrainingProgress;
 pub use roll::{RollStreams, Rollout, begin, play, roll};
 pub use run::run;
+pub use study::Study;

@@ -8,6 +8,7 @@ use crate::job::{Job, MetricName};
 use crate::state::resumable;
 use crate::train::decision_log::DecisionLog;
 use crate::train::roll::{Choose, RollStreams, begin, roll, roll_by};
+use crate::train::study::Study;
 
 /// The number of episodes that advance in lockstep. Results depend on it, because lanes share streams.
 const LANES: usize = 1000;
@@ -31,6 +32,8 @@ pub(super) struct Test {
     environment: Environment,
     /// The metric that is the share of terminated episodes.
     terminated: MetricName,
+    /// The trial whose people are the evaluation; `None` for people who come one after another.
+    study: Option<Study>,
 }
 
 /// The participants of a test. Their parameters do not depend on what happens in it.
@@ -80,9 +83,15 @@ impl Test {
     pub(super) fn new(job: &Job) -> Self {
         let task = job.task();
         let environment = &job.environment;
+        let study = job.trial.as_ref().map(|trial| Study::new(trial, job.seed));
+        let mut streams = RollStreams::of_test(job.seed);
+        if let Some(study) = &study {
+            streams.environment = study.streams(job.seed);
+        }
+        let episodes = study.as_ref().map_or(job.evaluation.test_episodes as usize, Study::people);
         Test {
-            episodes: job.evaluation.test_episodes as usize,
-            streams: RollStreams::of_test(job.seed),
+            episodes,
+            streams,
             counts: ActionCounts::new(environment.strata(), task.interface().actions),
             log: job
                 .evaluation
@@ -90,7 +99,7 @@ impl Test {
                 .of_test()
                 .then(|| DecisionLog::new(job.agent.unavailable(), Phase::Test)),
             played: Vec::new(),
-            people: (environment.differing() > 0).then(|| People {
+            people: (environment.differing() > 0 && study.is_none()).then(|| People {
                 environment: environment.clone(),
                 seed: job.seed,
                 episodes: job.evaluation.test_episodes,
@@ -99,6 +108,7 @@ impl Test {
             costs: 0.0,
             environment: environment.clone(),
             terminated: job.termination_metric(),
+            study,
             batch: Batch { environment: task.tested(0), played: Vec::new() },
         }
     }
@@ -120,10 +130,47 @@ impl Test {
         actor: &mut dyn Actor,
         pause: &dyn Fn() -> bool,
     ) -> Result<(), OutOfMemory> {
+        if self.study.is_some() {
+            return self.advance_study(actor, pause);
+        }
         self.begin_batch(|environment, streams| begin(environment, actor, streams))?;
         let (batch, streams, mut player) = self.player(pause);
         roll(batch, actor, streams, &mut player);
         self.end_batch()
+    }
+
+    /// Plays a trial to its end, or until `pause` returns true; the next call continues.
+    ///
+    /// **Errors**: there is not enough memory for the episodes.
+    fn advance_study(
+        &mut self,
+        actor: &mut dyn Actor,
+        pause: &dyn Fn() -> bool,
+    ) -> Result<(), OutOfMemory> {
+        self.begin_batch(|_, _| {})?;
+        let mut study = self.study.take().expect("the caller has a trial");
+        let (lanes, streams, mut player) = self.player(pause);
+        study.assign(lanes);
+        let mut actions = vec![Action::default(); lanes.lanes()];
+        let mut probabilities = vec![0.0; actions.len() * lanes.action_spec().count];
+        let mut rewards = vec![0.0; actions.len()];
+        while !study.is_over() && !player.stop_requested() {
+            study.begin_step(lanes, actor, &mut streams.environment);
+            actor.act(lanes, &mut streams.actions, &mut actions, Some(&mut probabilities));
+            player.chosen(lanes, &actions, &probabilities);
+            lanes.step(&actions, &mut rewards, &mut streams.environment);
+            player.paid(lanes, &rewards);
+            study.end_step(&mut rewards, |person| lanes.time(person));
+            actor.observe(lanes, &rewards);
+        }
+        let is_over = study.is_over();
+        self.study = Some(study);
+        if is_over { self.end_batch() } else { Ok(()) }
+    }
+
+    /// The day of the trial and its number of days; `None` without a trial.
+    pub(super) fn days(&self) -> Option<(u32, u32)> {
+        self.study.as_ref().map(Study::days)
     }
 
     /// Plays a batch of episodes to its end with choices that may fail. Calls `lanes` with their number
@@ -155,9 +202,9 @@ impl Test {
         reserve_exact(&mut self.played, left, "the test episodes")?;
         let values = self.people.as_ref().map_or(0, People::count);
         reserve_exact(&mut self.participants, values, "the participants of the test")?;
-        let Test { streams, batch, .. } = self;
+        let Test { streams, batch, study, .. } = self;
         if batch.played.is_empty() {
-            let lanes = LANES.min(left);
+            let lanes = if study.is_some() { left } else { LANES.min(left) };
             batch.environment = batch.environment.with_lanes(lanes);
             batch.played = vec![TestEpisode::default(); lanes];
             begin(&mut batch.environment, streams);
@@ -170,8 +217,8 @@ impl Test {
         &'p mut self,
         pause: &'p dyn Fn() -> bool,
     ) -> (&'p mut Simulated, &'p mut RollStreams, Player<'p>) {
-        let Test { streams, counts, log, batch, people, costs, .. } = self;
-        let costs = people.is_some().then_some(costs);
+        let Test { streams, counts, log, batch, people, costs, environment, .. } = self;
+        let costs = (people.is_some() || environment.costs_vary()).then_some(costs);
         let (log, played) = (log.as_mut(), &mut batch.played[..]);
         (&mut batch.environment, streams, Player { counts, log, played, costs, pause })
     }
@@ -197,10 +244,11 @@ impl Test {
     /// The results, once all episodes are played.
     pub(super) fn finish(mut self) -> Tested {
         let (messages, actions) = (self.counts.messages(), self.counts.rows());
-        let costs = self.environment.message_cost().map(|cost| match &self.people {
+        let is_summed = self.people.is_some() || self.environment.costs_vary();
+        let costs = self.environment.message_cost().map(|cost| match is_summed {
             // A product, as in the results of earlier jobs.
-            None => cost * messages as f64,
-            Some(_) => self.costs,
+            false => cost * messages as f64,
+            true => self.costs,
         });
         let messages = self.environment.has_nothing().then_some(messages);
         let state_names = self.environment.state_names();
@@ -275,7 +323,7 @@ resumable!([] Test {
     parts streams;
     fixed counts.counts;
     parts costs, played, batch.played;
-    each log;
+    each log, study;
     check fits, "test episodes";
     then prepare_batch;
     parts batch.environment
@@ -288,7 +336,7 @@ impl Test {
     fn fits(&self) -> bool {
         self.episodes.checked_sub(self.played.len()).is_some_and(|left| {
             let lanes = self.batch.played.len();
-            lanes == 0 || lanes == LANES.min(left)
+            lanes == 0 || self.study.is_some() || lanes == LANES.min(left)
         })
     }
 

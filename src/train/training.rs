@@ -3,10 +3,11 @@
 use std::time::Duration;
 
 use crate::agent::{
-    Actor, Learner, LearnerError, OutOfMemory, Start, StartError, StepObserver, TrainedEpisode,
+    Actor, Learner, LearnerError, OutOfMemory, Start, StartError, StepObserver, StudyPlan,
+    TrainedEpisode,
 };
-use crate::job::Job;
 use crate::job::{Failure, FailureKind, Metric, Phase, Results};
+use crate::job::{Job, Pooling};
 use crate::state::resumable;
 use crate::train::curve::CurveRecorder;
 use crate::train::decision_log::DecisionLog;
@@ -49,9 +50,16 @@ impl<'j> Training<'j> {
     ///
     /// **Errors**: there is not enough memory for the learner, or the agent does not suit the environment.
     pub(super) fn new(job: &'j Job) -> Result<Self, StartError> {
-        let (learner, actor) = match job.agent.start(&job.task())? {
-            Start::Learner(learner) => (Some(learner), None),
-            Start::Actor(actor) => (None, Some(actor)),
+        let plan = job.trial.as_ref().map(|trial| StudyPlan {
+            people: trial.people as usize,
+            is_pooled: trial.pooling == Pooling::Full,
+        });
+        let (learner, actor) = match plan {
+            Some(plan) => (None, Some(job.agent.in_trial(&job.task(), plan)?)),
+            None => match job.agent.start(&job.task())? {
+                Start::Learner(learner) => (Some(learner), None),
+                Start::Actor(actor) => (None, Some(actor)),
+            },
         };
         Ok(Training {
             job,
@@ -93,7 +101,7 @@ impl<'j> Training<'j> {
     }
 
     pub(super) fn stage(&self) -> Stage {
-        if self.episodes() < self.job.agent.episodes() {
+        if self.job.trial.is_none() && self.episodes() < self.job.agent.episodes() {
             Stage::Training
         } else if self.test.is_over() {
             Stage::Over
@@ -103,6 +111,9 @@ impl<'j> Training<'j> {
     }
 
     pub(super) fn progress(&self) -> TrainingProgress {
+        if let Some((day, days)) = self.test.days() {
+            return TrainingProgress { episode: day, episodes: days, recent_return: f64::NAN };
+        }
         TrainingProgress {
             episode: self.episodes(),
             episodes: self.job.agent.episodes(),
@@ -159,7 +170,9 @@ impl<'j> Training<'j> {
     pub(super) fn results(self) -> Results {
         let wanted = self.job.evaluation.first_returns();
         let learns = self.learner.is_some();
-        let weights = self.learner.map(|learner| learner.weights().to_bytes());
+        let of_actor = || self.actor.as_ref().and_then(|actor| actor.weights());
+        let weights = self.learner.as_ref().map(|learner| learner.weights()).or_else(of_actor);
+        let weights = weights.map(|weights| weights.to_bytes());
         let first = |tested: &Tested, curve: &CurveRecorder| match learns {
             true => curve.first_returns().collect(),
             false => tested.first_returns(wanted).collect(),
@@ -331,6 +344,7 @@ mod tests {
             agent: Agent::of(&RuleParameters::new(DecisionRule::Random)),
             // Two batches, so that the first batch's learning affects the second.
             evaluation: Evaluation { test_episodes: 1100, ..Evaluation::default() },
+            trial: None,
             seed: 4,
         };
         let (undisturbed, _) = tested(&job, None);

@@ -75,6 +75,7 @@ fn job(agent: Agent) -> Job {
         scenario: "P-H-D".parse().unwrap(),
         agent,
         evaluation: Evaluation::default(),
+        trial: None,
         seed: 3,
     }
 }

@@ -19,7 +19,7 @@ mod questions;
 use examples::{cell, fill_store, jitai, run};
 use questions::questions;
 
-const DOCUMENTS: [&str; 32] = [
+const DOCUMENTS: [&str; 33] = [
     "README.md",
     "CONTRIBUTING.md",
     "docs/agents.md",
@@ -38,6 +38,7 @@ const DOCUMENTS: [&str; 32] = [
     "docs/manifest.md",
     "docs/optimum.md",
     "docs/oralytics.md",
+    "docs/trials.md",
     "docs/outside-environments.md",
     "docs/performance.md",
     "docs/python.md",

@@ -30,3 +30,4 @@ mod signals;
 mod simulating;
 mod support;
 mod sweeps;
+mod trials;

@@ -6,14 +6,14 @@ use std::io::{Cursor, Write};
 use std::time::Duration;
 
 use jitai::agent::{
-    Activation, Agent, AtHorizon, BanditDraw, BanditPosterior, BanditUpdate, DuelingDqn, Engine,
-    LinearThompson, Ppo, Recurrent, Reinforce, TerminalTarget, Trunk,
+    Activation, Agent, AtHorizon, BanditDraw, BanditPosterior, BanditUpdate, DecisionRule,
+    DuelingDqn, Engine, LinearThompson, Ppo, Recurrent, Reinforce, RuleParameters, TerminalTarget,
+    Trunk,
 };
 use jitai::env::{FirstContext, Population, StateNoise, StepCount, StepNoise, TimeIndicator};
-use jitai::job::Job;
-use jitai::job::{Evaluation, RecordedDecisions};
-use jitai::job::{Outcome, Results};
-use jitai::key::Distribution;
+use jitai::job::{EvaluatedOn, Evaluation, Job, RecordedDecisions};
+use jitai::job::{Outcome, Pooling, Results, Trial, UpdateData};
+use jitai::key::{Distribution, Keyed, Value};
 use jitai::train::{
     self, CheckpointError, Checkpoints, ReadCheckpoint, Resumed, TrainingControl, TrainingProgress,
     Uncontrolled, WriteCheckpoint,
@@ -122,6 +122,7 @@ fn job(agent: Agent, change: impl FnOnce(&mut StepCount)) -> Job {
             first_episodes: vec![1, 4],
             ..Evaluation::default()
         },
+        trial: None,
         seed: 4,
     }
 }
@@ -227,6 +228,25 @@ fn of_people(job: Job) -> Job {
     Job { environment: (parameters, population).into(), ..job }
 }
 
+/// The job in a trial with overlapping stays, in which not everything happens as planned.
+fn in_trial(job: Job, pooling: Pooling) -> Job {
+    let trial = Trial {
+        entry_every_days: 4,
+        entry_people: 2,
+        pooling,
+        update_every_days: 2,
+        update_data: UpdateData::InStudy,
+        update_lag_days: 1,
+        outage: vec![6, 7],
+        dropout: 0.1,
+        missing_outcomes: 0.2,
+        ..Trial::with_required(&[Value::Integer(6), Value::Integer(5)])
+    };
+    let evaluation =
+        Evaluation { test_episodes: 0, on: EvaluatedOn::Trial, ..job.evaluation.clone() };
+    Job { trial: Some(trial), evaluation, ..job }
+}
+
 /// Short jobs that cover every kind of state.
 fn small_jobs() -> Vec<(String, Job)> {
     let mut jobs = Vec::new();
@@ -299,8 +319,14 @@ fn small_jobs() -> Vec<(String, Job)> {
         let agent = Agent::of(&bandit);
         jobs.push((name.to_owned(), job(agent.clone(), |_| {})));
         jobs.push((format!("{name} of people"), of_people(job(agent.clone(), |_| {}))));
-        jobs.push((format!("{name} with history"), job(agent.with_history(2), |_| {})));
+        jobs.push((format!("{name} with history"), job(agent.clone().with_history(2), |_| {})));
+        for pooling in [Pooling::Full, Pooling::None] {
+            let trial = in_trial(of_people(job(agent.clone(), |_| {})), pooling);
+            jobs.push((format!("{name} in a trial, {pooling:?}"), trial));
+        }
     }
+    let random = Agent::of(&RuleParameters::new(DecisionRule::Random));
+    jobs.push(("rule in a trial".to_owned(), in_trial(job(random, |_| {}), Pooling::Full)));
     jobs
 }
 

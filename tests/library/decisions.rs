@@ -27,6 +27,7 @@ fn job(agent: Agent, recorded: RecordedDecisions) -> Job {
             record_decisions: recorded,
             ..Evaluation::default()
         },
+        trial: None,
         seed: 3,
     }
 }

@@ -20,6 +20,7 @@ fn job(agent: Agent, seed: u64) -> Job {
         scenario: "P-H-D".parse().unwrap(),
         agent,
         evaluation: Evaluation { test_episodes: 30, ..Evaluation::default() },
+        trial: None,
         seed,
     }
 }

@@ -207,7 +207,7 @@ fn key_table(section: Section) -> String {
 }
 
 /// The pages that have the tables of keys.
-const REFERENCE: [&str; 2] = ["docs/manifest.md", "docs/oralytics.md"];
+const REFERENCE: [&str; 3] = ["docs/manifest.md", "docs/oralytics.md", "docs/trials.md"];
 
 #[test]
 fn the_reference_lists_every_key_with_its_values_and_default() {

@@ -100,6 +100,7 @@ fn tested(rule: DecisionRule, scenario: &str) -> Results {
         scenario: scenario.parse().unwrap(),
         agent: Agent::of(&RuleParameters::new(rule)),
         evaluation: Evaluation::default(),
+        trial: None,
         seed: 1,
     };
     match train::run(&job, &Uncontrolled) {

@@ -77,6 +77,7 @@ fn job(agent: Agent, population: Population) -> Job {
             record_decisions: RecordedDecisions::All,
             ..Evaluation::default()
         },
+        trial: None,
         seed: 3,
     }
 }

@@ -31,6 +31,7 @@ fn returns(agent: &Agent, scenario: &str, sigma: f64) -> Vec<f64> {
                         scenario: scenario.clone(),
                         agent: agent.clone(),
                         evaluation: Evaluation::default(),
+                        trial: None,
                         seed,
                     };
                     let mean = mean_return(&job);

@@ -29,20 +29,35 @@ impl Design {
     /// Replaces `out` by the features of a row: 1, the observation with its one-hot expanded, and
     /// with interactions the products of pairs of features.
     pub fn fill(&self, observations: &Observations, row: usize, out: &mut Vec<f64>) {
-        let letters = observations.row(row);
+        let letters = observations.row(row).iter().copied().map(f64::from);
+        self.fill_from(letters, observations.moment(row), out);
+    }
+
+    /// Replaces `out` as [`Design::fill`] does, from the features of an observation in full precision.
+    pub fn fill_exact(&self, letters: &[f64], moment: Option<u32>, out: &mut Vec<f64>) {
+        self.fill_from(letters.iter().copied(), moment, out);
+    }
+
+    fn fill_from(
+        &self,
+        letters: impl Iterator<Item = f64>,
+        moment: Option<u32>,
+        out: &mut Vec<f64>,
+    ) {
         out.clear();
         out.push(1.0);
-        out.extend(letters.iter().copied().map(f64::from));
+        out.extend(letters);
         out.resize(1 + self.letters + self.one_hot, 0.0);
-        if let Some(moment) = observations.moment(row) {
+        if let Some(moment) = moment {
             out[1 + self.letters + moment as usize] = 1.0;
         }
         match self.features {
             BanditFeatures::Linear => {}
             BanditFeatures::Interactions => {
-                for (place, one) in letters.iter().enumerate() {
-                    let others = letters[place + 1..].iter();
-                    out.extend(others.map(|other| f64::from(*one) * f64::from(*other)));
+                for place in 1..=self.letters {
+                    for other in place + 1..=self.letters {
+                        out.push(out[place] * out[other]);
+                    }
                 }
             }
         }

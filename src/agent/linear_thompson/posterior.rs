@@ -13,7 +13,7 @@ use crate::env::Action;
 use crate::state::resumable;
 
 /// A step from which an agent learns.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Default)]
 pub struct Decision {
     /// The features of the state.
     pub features: Vec<f64>,
@@ -37,6 +37,8 @@ impl Decision {
     }
 }
 
+resumable!([] Decision { grown features, probabilities; parts action });
+
 /// The posterior of all coefficients: one regression per action, or one shared regression with
 /// action centring.
 #[derive(Clone, Debug)]
@@ -52,12 +54,25 @@ impl Posterior {
     /// The prior of an agent whose states have this number of features.
     pub fn prior(parameters: &LinearThompson, features: Shape) -> Self {
         let (count, width) = regressors(parameters, features);
-        let prior = Regression::prior(width, parameters.prior_mean, parameters.prior_sd);
+        let prior = prior(parameters, features.inputs, width);
         Posterior {
             noise_variance: parameters.noise_sd * parameters.noise_sd,
             regressions: vec![prior; count],
             row: Vec::new(),
         }
+    }
+
+    /// A sum over no data, without the prior.
+    pub fn without_data(&self) -> Posterior {
+        let mut none = self.clone();
+        none.regressions.iter_mut().for_each(Regression::clear);
+        none
+    }
+
+    /// Adds the data of another posterior, which has no prior of its own.
+    pub fn add(&mut self, data: &Posterior) {
+        let pairs = self.regressions.iter_mut().zip(&data.regressions);
+        pairs.for_each(|(own, data)| own.add(data));
     }
 
     /// The posterior from weights that [`Posterior::weights`] wrote.
@@ -145,6 +160,25 @@ fn regressors(parameters: &LinearThompson, features: Shape) -> (usize, usize) {
     if parameters.action_centring { (1, (2 * actions - 1) * inputs) } else { (actions, inputs) }
 }
 
+/// The prior of a regression with this number of regressors, in blocks of `features`: the first block has the prior of
+/// the baseline, the others that of the effects.
+fn prior(parameters: &LinearThompson, features: usize, width: usize) -> Regression {
+    let LinearThompson { prior_mean, prior_sd, .. } = parameters;
+    let all = |list: &[f64], number: f64| match list {
+        [] => vec![number; features],
+        list => list.to_vec(),
+    };
+    let blocks = |baseline: &[f64], effects: &[f64], number: f64| {
+        let mut all_blocks = all(baseline, number);
+        while all_blocks.len() < width {
+            all_blocks.extend(all(effects, number));
+        }
+        all_blocks
+    };
+    let means = blocks(&parameters.baseline_means, &parameters.effect_means, *prior_mean);
+    Regression::prior(&means, &blocks(&parameters.baseline_sds, &parameters.effect_sds, *prior_sd))
+}
+
 /// Writes the regressors of a step with action centring: the features f; p_k f for each message k;
 /// and (1\[A = k\] - p_k) f for each message k.
 fn centred(decision: &Decision, row: &mut Vec<f64>) {
@@ -188,6 +222,11 @@ impl Acting {
     pub fn begin(&mut self, known: &Posterior) {
         self.posterior.copy_from(known);
         self.expire();
+    }
+
+    /// The posterior.
+    pub fn posterior(&self) -> &Posterior {
+        &self.posterior
     }
 
     /// Learns the reward of a step.

@@ -20,12 +20,13 @@ pub struct Regression {
 }
 
 impl Regression {
-    /// The prior: independent coefficients with the same mean and standard deviation.
-    pub fn prior(width: usize, mean: f64, sd: f64) -> Self {
-        let precision = 1.0 / (sd * sd);
+    /// The prior: independent coefficients with these means and standard deviations.
+    pub fn prior(means: &[f64], sds: &[f64]) -> Self {
+        let precisions = DVector::from_iterator(sds.len(), sds.iter().map(|sd| 1.0 / (sd * sd)));
+        let information = precisions.iter().zip(means).map(|(precision, mean)| precision * mean);
         Regression {
-            precision: DMatrix::from_diagonal_element(width, width, precision),
-            information: DVector::from_element(width, precision * mean),
+            information: DVector::from_iterator(means.len(), information),
+            precision: DMatrix::from_diagonal(&precisions),
         }
     }
 
@@ -38,6 +39,18 @@ impl Regression {
         }
         let moments = self.information.iter_mut().zip(regressors);
         moments.for_each(|(sum, one)| *sum += one * reward / noise_variance);
+    }
+
+    /// Removes the prior and all data.
+    pub fn clear(&mut self) {
+        self.precision.fill(0.0);
+        self.information.fill(0.0);
+    }
+
+    /// Adds the data of another regression of the same width, which has no prior of its own.
+    pub fn add(&mut self, data: &Regression) {
+        self.precision += &data.precision;
+        self.information += &data.information;
     }
 
     /// Copies another regression of the same width.

@@ -1,10 +1,11 @@
 //! Computes the probabilities of actions from a posterior and a state, and draws an action.
 
 use crate::agent::Actions;
+use crate::agent::linear_thompson::logistic::mean_of_logistic;
 use crate::agent::linear_thompson::normal::Normals;
 use crate::agent::linear_thompson::posterior::{Acting, Decision};
 use crate::agent::linear_thompson::regression::dot;
-use crate::agent::linear_thompson::{BanditDraw, LinearThompson};
+use crate::agent::linear_thompson::{BanditAllocation, BanditDraw, LinearThompson};
 use crate::agent::unavailable::certain;
 use crate::env::Action;
 use crate::rng::{Purpose, Stream, unit_from_bits};
@@ -18,6 +19,8 @@ pub struct Sampler {
     bias: Vec<f64>,
     pi_min: f64,
     smoothing: f64,
+    /// `None` for the posterior probability of being the best.
+    logistic: Option<Logistic>,
     /// Standard normal deviates, \[draws, actions\], the same in every step of a job; empty if no draws are
     /// needed.
     deviates: Vec<f64>,
@@ -33,12 +36,41 @@ pub struct Sampler {
     root: Vec<f64>,
 }
 
+/// The generalised logistic function L + (U - L) / (1 + C exp(-B z)) of an effect z.
+#[derive(Clone, Copy, Debug)]
+struct Logistic {
+    lower: f64,
+    upper: f64,
+    slope: f64,
+    log_odds: f64,
+}
+
+impl Logistic {
+    fn of(parameters: &LinearThompson) -> Option<Logistic> {
+        let logistic = Logistic {
+            lower: parameters.logistic_lower,
+            upper: parameters.logistic_upper,
+            slope: parameters.logistic_slope,
+            log_odds: libm::log(parameters.logistic_odds),
+        };
+        (parameters.allocation == BanditAllocation::Logistic).then_some(logistic)
+    }
+
+    /// Its mean for a normal effect.
+    fn mean(self, mean: f64, sd: f64) -> f64 {
+        let Logistic { lower, upper, slope, log_odds } = self;
+        lower + (upper - lower) * mean_of_logistic(slope * mean - log_odds, slope * sd)
+    }
+}
+
 impl Sampler {
     /// The sampler of an agent in a job with this seed, for this number of actions.
     pub fn new(parameters: &LinearThompson, actions: usize, seed: u64) -> Self {
         let mut bias = parameters.action_bias.clone();
         bias.resize(actions, 0.0);
-        let by_draws = parameters.draw == BanditDraw::Step
+        let logistic = Logistic::of(parameters);
+        let by_draws = logistic.is_none()
+            && parameters.draw == BanditDraw::Step
             && (parameters.action_centring || parameters.smoothing > 0.0);
         let draws = if by_draws { parameters.probability_draws as usize } else { 0 };
         let mut stream = Stream::new(seed, Purpose::ProbabilityDraws);
@@ -48,6 +80,7 @@ impl Sampler {
             bias,
             pi_min: parameters.pi_min,
             smoothing: parameters.smoothing,
+            logistic,
             deviates: (0..draws * actions).map(|_| normal(&mut stream)).collect(),
             normals: Normals::default(),
             utilities: vec![0.0; actions],
@@ -146,6 +179,10 @@ impl Sampler {
             let whitened = factored.whiten(features);
             sds.push(dot(whitened, whitened).sqrt());
         }
+        if let Some(logistic) = self.logistic {
+            let sd = (sds[0] * sds[0] + sds[1] * sds[1]).sqrt();
+            return of_two(logistic.mean(means[1] - means[0], sd), probabilities);
+        }
         if self.smoothing == 0.0 {
             return self.normals.win_probabilities(probabilities);
         }
@@ -173,6 +210,11 @@ impl Sampler {
             self.row.resize(all, 0.0);
             self.row[block].copy_from_slice(features);
             self.whitened.extend_from_slice(joint.whiten(&self.row));
+        }
+        if let Some(logistic) = self.logistic {
+            let effect = means[1] - means[0];
+            let sd = dot(&self.whitened, &self.whitened).sqrt();
+            return of_two(logistic.mean(effect, sd), probabilities);
         }
         root_of_products(&self.whitened, all, &mut self.root);
         self.by_draws(probabilities, |sampler, draw, utilities| {
@@ -203,6 +245,11 @@ impl Sampler {
         probabilities.iter_mut().for_each(|sum| *sum /= draws);
         (self.utilities, self.given) = (of_draw, given);
     }
+}
+
+/// Writes the probabilities of two actions.
+fn of_two(second: f64, probabilities: &mut [f64]) {
+    probabilities.copy_from_slice(&[1.0 - second, second]);
 }
 
 /// Writes the probabilities of actions given their utilities: 1 for the largest, or the softmax with a slope above 0.

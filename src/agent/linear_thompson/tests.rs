@@ -50,7 +50,7 @@ fn the_posterior_after_some_steps_is_that_of_one_batch_and_that_of_bots() {
     const WIDTH: usize = 4;
     let (mean, sd, noise): (f64, f64, f64) = (3.0, 10.0, 25.0);
     let steps = data(300, WIDTH, &mut stream(1));
-    let mut regression = Regression::prior(WIDTH, mean, sd);
+    let mut regression = Regression::prior(&[mean; WIDTH], &[sd; WIDTH]);
     // BOTS, after every step: S = s^2 (x x' + s^2 Sigma^-1)^-1, mu = S (x r / s^2 + Sigma^-1 mu).
     let mut bots_mean = DVector::from_element(WIDTH, mean);
     let mut bots_covariance = DMatrix::from_diagonal_element(WIDTH, WIDTH, sd * sd);
@@ -85,7 +85,7 @@ fn the_posterior_after_some_steps_is_that_of_one_batch_and_that_of_bots() {
 fn drawn_coefficients_have_the_mean_and_the_covariance_of_the_posterior() {
     const DRAWS: usize = 40_000;
     const WIDTH: usize = 3;
-    let mut regression = Regression::prior(WIDTH, 1.0, 2.0);
+    let mut regression = Regression::prior(&[1.0; WIDTH], &[2.0; WIDTH]);
     for (row, reward) in data(5, WIDTH, &mut stream(2)) {
         regression.learn(&row, reward, 9.0);
     }

@@ -141,12 +141,12 @@ pub enum StartError {
 
 /// A hyper-parameter that does not suit the environment of a job.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
-#[error("`{}` does not suit an environment with {actions} actions: {says}", key.key())]
+#[error("`{}` does not suit an environment with {environment}: {says}", key.key())]
 pub struct Unsuited {
     /// The hyper-parameter.
     pub key: Parameter,
-    /// Number of actions.
-    pub actions: usize,
+    /// What the environment has, as in "4 actions".
+    pub environment: String,
     /// What the hyper-parameter must be.
     pub says: &'static str,
 }
@@ -175,6 +175,15 @@ pub enum Start {
 ///
 /// **Errors**: the weights do not fit the agent; an algorithm that does not train has no weights.
 pub type Trained = Result<Box<dyn Actor>, WeightsError>;
+
+/// The people of a trial, as agents meet them.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct StudyPlan {
+    /// Number of people.
+    pub people: usize,
+    /// Whether one agent learns from everybody; otherwise each person has an agent.
+    pub is_pooled: bool,
+}
 
 /// The arithmetic of an agent in multiply-adds, if no episode ends early. Other operations count as
 /// the number of multiply-adds that take equally long.
@@ -223,6 +232,8 @@ pub trait AlgorithmParameters: Keyed + 'static {
     /// Constraints on jobs beyond the ranges of single keys; none by default.
     const CONSTRAINTS: &'static [Constraint] = &[];
 
+    /// Whether the algorithm can act in trials; false by default.
+    const IN_TRIALS: bool = false;
     /// The keys that [`AlgorithmParameters::unsuited`] judges; none by default.
     const SUITED: &'static [Parameter] = &[];
 
@@ -264,6 +275,20 @@ pub trait AlgorithmParameters: Keyed + 'static {
     /// **Errors**: memory is short, or an optimal rule cannot be computed.
     fn start(&self, task: &Task) -> Result<Start, StartError>;
 
+    /// The agent before the first step of a trial, in which all people are lanes of one environment. The default is
+    /// an agent that acts without training.
+    ///
+    /// **Errors**: as [`AlgorithmParameters::start`].
+    fn in_trial(&self, task: &Task, _: StudyPlan) -> Result<Box<dyn Actor>, StartError> {
+        match self.start(task)? {
+            Start::Actor(actor) => Ok(actor),
+            Start::Learner(_) => {
+                let (algorithm, learns) = (Self::NAME, Self::LEARNS);
+                Err(StartError::Inconsistent { algorithm, learns })
+            }
+        }
+    }
+
     /// The network of a previously trained agent, on the engine that trained it. The default is
     /// an agent without a network.
     ///
@@ -302,9 +327,14 @@ pub struct Algorithm {
     suited: &'static [Parameter],
     unsuited: fn(&[Value], &Interface) -> Option<Unsuited>,
     start: fn(&[Value], &Task) -> Result<Start, StartError>,
+    is_in_trials: bool,
+    in_trial: InTrial,
     network: NetworkOf,
     trained: TrainedBy,
 }
+
+/// [`AlgorithmParameters::in_trial`] of the parameters with these values.
+type InTrial = fn(&[Value], &Task, StudyPlan) -> Result<Box<dyn Actor>, StartError>;
 
 /// [`AlgorithmParameters::network`] of the parameters with these values.
 type NetworkOf = fn(&[Value], Shape, &Weights) -> Result<NetworkPolicy, WeightsError>;
@@ -337,6 +367,8 @@ impl Algorithm {
             suited: P::SUITED,
             unsuited: |values, interface| typed::<P>(values).unsuited(interface),
             start: |values, task| typed::<P>(values).start(task),
+            is_in_trials: P::IN_TRIALS,
+            in_trial: |values, task, plan| typed::<P>(values).in_trial(task, plan),
             network: |values, shape, weights| typed::<P>(values).network(shape, weights),
             trained: |values, task, weights, actions| {
                 typed::<P>(values).trained(task, weights, actions)
@@ -347,6 +379,11 @@ impl Algorithm {
     /// The keys whose values must suit the environment; see [`AlgorithmParameters::SUITED`].
     pub fn suited(&self) -> &'static [Parameter] {
         self.suited
+    }
+
+    /// Whether the algorithm can act in trials.
+    pub fn is_in_trials(&self) -> bool {
+        self.is_in_trials
     }
 
     /// The name in manifests, jobs and the store.
@@ -567,6 +604,13 @@ impl Agent {
             Start::Actor(_) => !learns && self.episodes() == 0,
         };
         if consistent { Ok(start) } else { Err(StartError::Inconsistent { algorithm, learns }) }
+    }
+
+    /// The agent before the first step of a trial; see [`AlgorithmParameters::in_trial`].
+    ///
+    /// **Errors**: as [`Agent::start`].
+    pub fn in_trial(&self, task: &Task, plan: StudyPlan) -> Result<Box<dyn Actor>, StartError> {
+        (self.algorithm.in_trial)(&self.values, &self.seen(task), plan)
     }
 
     /// The network of a previously trained agent; see [`AlgorithmParameters::network`].

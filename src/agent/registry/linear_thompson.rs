@@ -5,17 +5,28 @@ use crate::agent::constraint::EPISODES;
 use crate::agent::layers::Shape;
 use crate::agent::learner::{Actions, Learner};
 use crate::agent::linear_thompson::{
-    BanditDraw, BanditPosterior, Design, LinearThompson, LinearThompsonLearner,
-    LinearThompsonPolicy, Posterior, Sampler,
+    BanditAllocation, BanditDraw, BanditPosterior, Design, LinearThompson, LinearThompsonLearner,
+    LinearThompsonPolicy, LinearThompsonStudy, Posterior, Sampler,
 };
 use crate::agent::weights::{Weights, WeightsError};
 use crate::env::{Interface, VectorEnvironment};
 use crate::key::{Constraint, Parameter, Size, Violation};
 
-use super::algorithm::{AlgorithmParameters, Start, StartError, Task, Unsuited, Work, unless_fit};
+use super::algorithm::{
+    AlgorithmParameters, Start, StartError, StudyPlan, Task, Unsuited, Work, unless_fit,
+};
 
 const CENTRING: Parameter = Parameter::Agent("action_centring");
 const ACTION_BIAS: Parameter = Parameter::Agent("action_bias");
+const ALLOCATION: Parameter = Parameter::Agent("allocation");
+const BASELINE_MEANS: Parameter = Parameter::Agent("baseline_means");
+const BASELINE_SDS: Parameter = Parameter::Agent("baseline_sds");
+const EFFECT_MEANS: Parameter = Parameter::Agent("effect_means");
+const EFFECT_SDS: Parameter = Parameter::Agent("effect_sds");
+const DRAW: Parameter = Parameter::Agent("draw");
+const SMOOTHING: Parameter = Parameter::Agent("smoothing");
+const LOWER: Parameter = Parameter::Agent("logistic_lower");
+const UPPER: Parameter = Parameter::Agent("logistic_upper");
 const PI_MIN: Parameter = Parameter::Agent("pi_min");
 const WARM_UP: Parameter = Parameter::Agent("warm_up");
 const UPDATE: Parameter = Parameter::Agent("update");
@@ -40,16 +51,45 @@ impl AlgorithmParameters for LinearThompson {
             },
         },
         Constraint {
-            parameters: &[CENTRING, PI_MIN],
+            parameters: &[CENTRING, PI_MIN, ALLOCATION, LOWER, UPPER],
             violation: |assignment| {
                 let is_centred = assignment.is_set(CENTRING);
-                (is_centred && assignment.real(PI_MIN) == 0.0).then(|| Violation::Impossible {
+                // The logistic allocation has bounds of its own.
+                let is_bounded = assignment.is_word(ALLOCATION, "logistic")
+                    && assignment.real(LOWER) > 0.0
+                    && assignment.real(UPPER) < 1.0;
+                (is_centred && !is_bounded && assignment.real(PI_MIN) == 0.0).then(|| {
+                    Violation::Impossible {
                     says:
                         "action_centring = true requires every action to be possible, but pi_min \
                          is 0.0"
                             .to_owned(),
                     help: "set pi_min above 0, such as 0.05".to_owned(),
+                }
                 })
+            },
+        },
+        Constraint {
+            parameters: &[ALLOCATION, DRAW, SMOOTHING],
+            violation: |assignment| {
+                let is_logistic = assignment.is_word(ALLOCATION, "logistic");
+                let is_drawn = assignment.is_word(DRAW, "episode");
+                let is_smooth = assignment.real(SMOOTHING) > 0.0;
+                (is_logistic && (is_drawn || is_smooth)).then(|| Violation::Impossible {
+                    says: "allocation = \"logistic\" requires draw = \"step\" and smoothing = 0"
+                        .to_owned(),
+                    help: "the logistic function smooths by itself; remove draw and smoothing"
+                        .to_owned(),
+                })
+            },
+        },
+        Constraint {
+            parameters: &[ALLOCATION, LOWER, UPPER],
+            violation: |assignment| {
+                let is_logistic = assignment.is_word(ALLOCATION, "logistic");
+                let violated = assignment.real(LOWER) > assignment.real(UPPER);
+                (is_logistic && violated)
+                    .then(|| assignment.contradiction(LOWER, "must not exceed", UPPER))
             },
         },
         Constraint {
@@ -86,11 +126,30 @@ impl AlgorithmParameters for LinearThompson {
         vec![Size { what, unit, size: self.regressors(task), most }]
     }
 
-    const SUITED: &'static [Parameter] = &[ACTION_BIAS, PI_MIN];
+    const IN_TRIALS: bool = true;
+    const SUITED: &'static [Parameter] =
+        &[ACTION_BIAS, PI_MIN, ALLOCATION, BASELINE_MEANS, BASELINE_SDS, EFFECT_MEANS, EFFECT_SDS];
 
-    fn unsuited(&self, Interface { actions, .. }: &Interface) -> Option<Unsuited> {
+    fn unsuited(&self, Interface { actions, observations }: &Interface) -> Option<Unsuited> {
         let is_biased = self.action_bias.iter().any(|bias| *bias != 0.0);
-        let unsuited = |key, says| Some(Unsuited { key, actions: *actions, says });
+        let unsuited =
+            |key, says| Some(Unsuited { key, environment: format!("{actions} actions"), says });
+        if self.allocation == BanditAllocation::Logistic && *actions != 2 {
+            return unsuited(ALLOCATION, "the logistic allocation is for two actions");
+        }
+        let width = Design::new(self.features, observations).width();
+        let lists = [
+            (BASELINE_MEANS, &self.baseline_means),
+            (BASELINE_SDS, &self.baseline_sds),
+            (EFFECT_MEANS, &self.effect_means),
+            (EFFECT_SDS, &self.effect_sds),
+        ];
+        if let Some((key, _)) =
+            lists.into_iter().find(|(_, list)| !list.is_empty() && list.len() != width)
+        {
+            let environment = format!("{width} features, the intercept among them");
+            return Some(Unsuited { key, environment, says: "it needs one number per feature" });
+        }
         if is_biased && self.action_bias.len() != *actions {
             return unsuited(ACTION_BIAS, "it needs one number per action");
         }
@@ -125,6 +184,16 @@ impl AlgorithmParameters for LinearThompson {
 
     fn start(&self, task: &Task) -> Result<Start, StartError> {
         Ok(Start::Learner(learner_in(self, task.simulation(LANES), task.seed)?))
+    }
+
+    fn in_trial(&self, task: &Task, plan: StudyPlan) -> Result<Box<dyn Actor>, StartError> {
+        let StudyPlan { people, is_pooled } = plan;
+        let environment = task.tested(people);
+        if let Some(unsuited) = self.unsuited(&environment.interface()) {
+            return Err(unsuited.into());
+        }
+        let study = LinearThompsonStudy::new(self, &environment, (people, is_pooled), task.seed);
+        Ok(Box::new(study))
     }
 
     fn trained(

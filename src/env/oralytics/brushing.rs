@@ -53,8 +53,8 @@ const VERY_MANY: f64 = 0.8;
 
 /// The people in the lanes of an environment; entry i of every array belongs to lane i.
 ///
-/// A reset draws one word per lane, and a step one word per running lane; each word is expanded into the numbers that
-/// are needed. People are drawn from the participants of a lane's stream.
+/// A step draws one word per running lane, which is expanded into the numbers that are needed. People are drawn from the
+/// participants of a lane's stream.
 #[derive(Clone, Debug)]
 pub struct Brushing {
     parameters: Oralytics,
@@ -67,10 +67,11 @@ pub struct Brushing {
     times: Vec<u32>,
     /// Places in `people`.
     rows: Vec<u32>,
+    /// The rows of the people in the lanes; empty if people are drawn.
+    assigned: Vec<u32>,
     /// \[lanes, horizon\].
     seconds: Vec<f64>,
     prompts: Vec<f64>,
-    responsiveness: Vec<f64>,
     /// How often responsiveness has shrunk and not grown again.
     excesses: Vec<u32>,
     /// Whether the app was opened today, and yesterday.
@@ -109,9 +110,9 @@ impl Brushing {
             weights,
             times: vec![0; lanes],
             rows: vec![0; lanes],
+            assigned: Vec::new(),
             seconds: vec![0.0; decisions],
             prompts: vec![0.0; decisions],
-            responsiveness: vec![1.0; lanes],
             excesses: vec![0; lanes],
             app_today: vec![false; lanes],
             app_before: vec![false; lanes],
@@ -164,9 +165,9 @@ impl Brushing {
         }
     }
 
-    /// Whether the app has sent the state of the day: it has on the first day, whether it was opened or not.
+    /// Whether the app has sent the state of the day.
     fn is_reporting(&self, lane: usize) -> bool {
-        self.app_today[lane] || self.times[lane] < PER_DAY
+        self.app_today[lane]
     }
 
     fn normalised_dosage(&self, lane: usize) -> f64 {
@@ -226,21 +227,21 @@ impl Brushing {
 
     /// Shrinks or restores the responsiveness of a lane, once a week of decisions.
     fn habituate(&mut self, lane: usize) {
-        let factor = self.parameters.habituation_factor;
+        let Oralytics { habituation_factor, test_bed, .. } = self.parameters;
+        let habituates = habituation_factor < 1.0 && test_bed != TestBed::V4;
         let time = self.times[lane] as usize;
-        if factor == 1.0 || time == 0 || !time.is_multiple_of(WINDOW) {
+        if !habituates || time == 0 || !time.is_multiple_of(WINDOW) {
             return;
         }
         let (brushing, prompts) = (self.average_brushing[lane], self.average_prompts[lane]);
         let is_excess = (brushing > GOOD_BRUSHING && prompts > MANY) || prompts > VERY_MANY;
-        if is_excess {
-            self.responsiveness[lane] *= factor;
-            self.excesses[lane] += 1;
-        } else if self.excesses[lane] > 0 {
-            let restored = self.responsiveness[lane] / factor;
-            self.responsiveness[lane] = if factor == 0.0 { 1.0 } else { restored };
-            self.excesses[lane] -= 1;
-        }
+        let excesses = &mut self.excesses[lane];
+        *excesses = if is_excess { *excesses + 1 } else { excesses.saturating_sub(1) };
+    }
+
+    /// The responsiveness of the person in a lane to prompts, 0 to 1.
+    pub fn responsiveness(&self, lane: usize) -> f64 {
+        self.parameters.habituation_factor.powi(self.excesses[lane] as i32)
     }
 
     /// Takes a decision whose outcome and next day are given: the seconds, and whether the app is opened on the next
@@ -264,15 +265,15 @@ impl Brushing {
     }
 
     /// Begins an episode of the person in this row of the file.
-    pub fn begin(&mut self, lane: usize, row: u32, opens: bool) {
+    pub fn begin(&mut self, lane: usize, row: u32) {
         self.rows[lane] = row;
         self.times[lane] = 0;
-        self.responsiveness[lane] = 1.0;
         self.excesses[lane] = 0;
         self.app_today[lane] = false;
         self.statuses[lane] = EpisodeStatus::Running;
         self.derive(lane);
-        self.begin_day(lane, opens);
+        // The first day counts as one on which the app was opened.
+        self.begin_day(lane, true);
     }
 
     /// What the algorithm can see of a lane, every feature.
@@ -305,10 +306,7 @@ impl Brushing {
         // Drawn first, so that it depends neither on the action nor on the outcome.
         let opens = words.open_unit() < person.opens_app;
         let Oralytics { test_bed, rounding, .. } = self.parameters;
-        let responsiveness = match test_bed {
-            TestBed::V2 | TestBed::V3 => self.responsiveness[lane],
-            TestBed::V4 => 1.0,
-        };
+        let responsiveness = self.responsiveness(lane);
         let features = self.features(lane);
         let how = (test_bed, rounding);
         let seconds = person.brushes(&features, is_prompted, responsiveness, how, &mut words);
@@ -356,12 +354,11 @@ impl VectorEnvironment for Brushing {
             history.reset(lanes);
         }
         for lane in (0..self.lanes()).filter(|lane| lanes.contains(*lane)) {
-            let stream = streams.of(lane);
-            let [word, ..] = stream.next_participant();
+            let [word, ..] = streams.of(lane).next_participant();
             let row = (open_unit_from_bits(word) * self.people.len() as f64) as usize;
             let row = row.min(self.people.len() - 1);
-            let opens = Expansion(stream.bits()).open_unit() < self.people[row].opens_app;
-            self.begin(lane, row as u32, opens);
+            let row = self.assigned.get(lane).map_or(row, |row| *row as usize);
+            self.begin(lane, row as u32);
         }
     }
 
@@ -440,11 +437,28 @@ impl Simulation for Brushing {
         self.cost(lane)
     }
 
+    fn exact_features(&self, lane: usize, observations: &Observations, out: &mut Vec<f64>) {
+        out.clear();
+        // Earlier observations are kept in the precision of observations.
+        let earlier = observations.width() - self.shown.len();
+        out.extend(observations.row(lane)[..earlier].iter().copied().map(f64::from));
+        let seen = self.seen(lane);
+        out.extend(self.shown.iter().map(|place| seen[*place]));
+    }
+
+    fn assign(&mut self, rows: &[u32]) {
+        self.assigned = rows.to_vec();
+    }
+
+    fn leave(&mut self, lane: usize) {
+        self.statuses[lane] = EpisodeStatus::Truncated;
+    }
+
     fn record_state(&self, lane: usize, state: &mut Vec<f64>) {
         state.extend([
             self.average_brushing[lane],
             self.average_prompts[lane],
-            self.responsiveness[lane],
+            self.responsiveness(lane),
             f64::from(u8::from(self.app_today[lane])),
             f64::from(u8::from(self.app_before[lane])),
             f64::from(self.rows[lane]),
@@ -453,8 +467,98 @@ impl Simulation for Brushing {
 }
 
 resumable!([] Brushing {
-    fixed times, rows, seconds, prompts, responsiveness, excesses, reported, brushed;
+    fixed times, rows, seconds, prompts, excesses, reported, brushed;
     each app_today, app_before, statuses, history;
     check fits, "people";
     then derive_all
 });
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::env::oralytics::feature::FEATURES;
+    use crate::key::Content;
+
+    fn lane(change: impl FnOnce(&mut Oralytics)) -> Brushing {
+        let mut parameters = Oralytics::of_people(Content::default());
+        change(&mut parameters);
+        let person = Person {
+            sigma: None,
+            opens_app: 0.7,
+            bernoulli: [0.0; FEATURES],
+            amount: [0.0; FEATURES],
+            bernoulli_effect: [0.0; FEATURES],
+            amount_effect: [0.0; FEATURES],
+        };
+        let mut lane = Brushing::new(&parameters, Arc::new(vec![person]), vec![0], (1, 1));
+        lane.begin(0, 0);
+        lane
+    }
+
+    #[test]
+    fn features_leave_out_the_same_morning() {
+        let mut lane = lane(|_| {});
+        let feature = |lane: &Brushing, of: Feature| lane.features(0)[of as usize];
+        for (time, seconds) in [100.0, 80.0, 60.0, 0.0, 120.0].into_iter().enumerate() {
+            assert_eq!(feature(&lane, Feature::TimeOfDay), (time % 2) as f64);
+            let previous = match time {
+                2 | 3 => 180.0,
+                4 => 60.0,
+                _ => 0.0,
+            };
+            assert_eq!(feature(&lane, Feature::Previous), (previous - 154.0) / 163.0);
+            lane.force(0, time % 2 == 0, seconds, time > 2);
+        }
+        // The evening of the third day leaves out its morning: (100 + 80 + 60 + 0) / 4, and two prompts of four.
+        assert_eq!(lane.average_brushing[0], 60.0);
+        assert_eq!(lane.average_prompts[0], 0.5);
+        assert_eq!(feature(&lane, Feature::BrushedShare), 0.0);
+        (5..14).for_each(|_| _ = lane.force(0, false, 90.0, false));
+        assert_eq!(feature(&lane, Feature::BrushedShare), 13.0 / 14.0);
+        assert_eq!(feature(&lane, Feature::Weekend), 0.0);
+        assert_eq!(feature(&lane, Feature::Day), (8.0 - 35.5) / 34.5);
+    }
+
+    #[test]
+    fn people_habituate_to_many_prompts_and_recover() {
+        let responsiveness = |bed, factor: f64, prompts: [bool; 4]| {
+            let mut lane = lane(|parameters| {
+                (parameters.habituation_factor, parameters.test_bed) = (factor, bed);
+            });
+            let weeks = prompts.into_iter().map(|is_prompted| {
+                (0..14).for_each(|_| _ = lane.force(0, is_prompted, 90.0, true));
+                // It changes after the decision at the beginning of the next week.
+                lane.clone().force(0, false, 90.0, true);
+                lane.responsiveness(0)
+            });
+            weeks.collect::<Vec<f64>>()
+        };
+        let weeks = [true, true, false, false];
+        assert_eq!(responsiveness(TestBed::V2, 0.5, weeks), [1.0, 0.5, 0.25, 0.5]);
+        assert_eq!(responsiveness(TestBed::V3, 0.0, weeks), [1.0, 0.0, 0.0, 0.0]);
+        assert_eq!(responsiveness(TestBed::V2, 1.0, weeks), [1.0; 4]);
+        assert_eq!(responsiveness(TestBed::V4, 0.5, weeks), [1.0; 4]);
+    }
+
+    #[test]
+    fn a_prompt_costs_where_brushing_is_good_or_prompts_are_frequent() {
+        let cost = |scale, seconds, prompts: usize| {
+            let mut lane = lane(|parameters| {
+                parameters.cost_scale = scale;
+                (parameters.cost_of_good_brushing, parameters.cost_of_frequent_prompts) =
+                    (7.0, 50.0);
+            });
+            (0..10).for_each(|time| _ = lane.force(0, time < prompts, seconds, true));
+            seconds - lane.force(0, true, seconds, true)
+        };
+        use CostScale::{Normalised, Raw};
+        assert_eq!(cost(Raw, 120.0, 6), 7.0);
+        assert_eq!(cost(Raw, 120.0, 5), 0.0);
+        assert_eq!(cost(Raw, 111.0, 6), 0.0);
+        assert_eq!(cost(Raw, 120.0, 9), 57.0);
+        assert_eq!(cost(Raw, 60.0, 9), 50.0);
+        // Normalised, 9 of 10 prompts are 0.8, and no brushing is above 111.
+        assert_eq!(cost(Normalised, 120.0, 9), 0.0);
+        assert_eq!(cost(Normalised, 120.0, 10), 50.0);
+    }
+}

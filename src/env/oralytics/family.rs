@@ -58,7 +58,8 @@ impl OralyticsModel {
     /// If the people are not known or do not suit the test bed; a manifest checks both.
     pub fn simulation(&self, scenario: &Scenario, history: usize, lanes: usize) -> Brushing {
         let table: Option<Arc<Table>> = self.parameters.people.parsed();
-        let people = table.expect("the manifest has read the people").people(&self.parameters);
+        let people =
+            table.expect("the manifest has read the people").people(self.parameters.model());
         let people = people.expect("the manifest has checked the people");
         let shown = shown(scenario).expect("the manifest has checked the scenario");
         Brushing::new(&self.parameters, Arc::new(people), shown, (history, lanes))
@@ -113,6 +114,19 @@ impl Model for OralyticsModel {
 
     fn testing(&self, scenario: &Scenario, history: usize, lanes: usize) -> Simulated {
         Box::new(self.simulation(scenario, history, lanes))
+    }
+
+    fn message_cost(&self) -> Option<f64> {
+        let Oralytics { cost_of_good_brushing, cost_of_frequent_prompts, .. } = self.parameters;
+        Some(cost_of_good_brushing + cost_of_frequent_prompts).filter(|cost| *cost > 0.0)
+    }
+
+    fn costs_vary(&self) -> bool {
+        true
+    }
+
+    fn people_to_draw(&self) -> Option<usize> {
+        self.parameters.people.parsed::<Table>().map(|table| table.len())
     }
 
     fn state_names(&self) -> Vec<String> {

@@ -1,7 +1,7 @@
 //! The keys of the family.
 
 use crate::env::oralytics::table::PEOPLE;
-use crate::key::{Content, Kind, choices, keys};
+use crate::key::{Content, Keyed, Kind, Value, choices, keys};
 
 keys! {
     /// Parameters of the test beds of Oralytics. Symbols follow Trella et al., arXiv 2406.13127.
@@ -9,7 +9,7 @@ keys! {
         /// test bed: "v2", which designed the trial, "v3", fitted to its pilot, or "v4", fitted to the trial
         test_bed: TestBed = TestBed::V2;
         /// parameters of people: the name of a CSV file with one row per person
-        people: Content = Content::default(), in Kind::Content(&PEOPLE);
+        people: Content, in Kind::Content(&PEOPLE);
         /// whether outcomes do not depend on the day in the study; false needs people with weights of the day
         stationary: bool = true;
         /// effects of a prompt in "v2": "small" or "smaller"
@@ -83,15 +83,18 @@ pub(super) const PER_DAY: u32 = 2;
 pub(super) const VERSION: u32 = 1;
 
 impl Oralytics {
+    /// The test bed V2 with these people.
+    pub fn of_people(people: Content) -> Oralytics {
+        Oralytics::with_required(&[Value::Content(people)])
+    }
+
+    /// What decides which columns of the people's file are read.
+    pub(super) fn model(&self) -> (TestBed, bool, EffectSize) {
+        (self.test_bed, self.stationary, self.effect_size)
+    }
+
     /// Decisions of a person.
     pub fn horizon(&self) -> u32 {
         self.days * PER_DAY
-    }
-}
-
-impl Default for Oralytics {
-    fn default() -> Self {
-        use crate::key::Keyed;
-        Oralytics::with_required(&[])
     }
 }

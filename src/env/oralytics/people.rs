@@ -3,7 +3,7 @@
 use std::fmt;
 
 use crate::env::oralytics::feature::{FEATURES, Feature, Weights};
-use crate::env::oralytics::parameters::{EffectSize, Oralytics, TestBed};
+use crate::env::oralytics::parameters::{EffectSize, TestBed};
 use crate::env::oralytics::person::Person;
 use crate::env::oralytics::table::{Table, column};
 
@@ -20,17 +20,19 @@ impl fmt::Display for Unsuitable {
 impl Table {
     /// Whether outcomes depend on the day in the study.
     fn has_day(&self) -> bool {
-        self.columns.iter().any(|name| name == &column("bernoulli", Feature::Day))
+        self.columns.iter().any(|name| name.ends_with(&column("", Feature::Day)))
     }
 
     /// The people as an environment needs them, in the order of the file.
     ///
     /// **Errors**: a column is missing, or a person has no number in it.
-    pub fn people(&self, parameters: &Oralytics) -> Result<Vec<Person>, Unsuitable> {
-        let Oralytics { test_bed, stationary, effect_size, .. } = parameters;
+    pub fn people(
+        &self,
+        (test_bed, stationary, effect_size): (TestBed, bool, EffectSize),
+    ) -> Result<Vec<Person>, Unsuitable> {
         let unsuitable = |says: String| Unsuitable(says);
-        if self.has_day() == *stationary {
-            let (has, needs) = if *stationary { ("has", "true") } else { ("has no", "false") };
+        if self.has_day() == stationary {
+            let (has, needs) = if stationary { ("has", "true") } else { ("has no", "false") };
             return Err(unsuitable(format!(
                 "it {has} weights of the day, and stationary = {needs}"
             )));
@@ -42,7 +44,7 @@ impl Table {
         };
         let with_day = |feature: &Feature| *feature != Feature::Day || !stationary;
         let of_outcome: Vec<Feature> =
-            features(*test_bed).iter().copied().filter(with_day).collect();
+            features(test_bed).iter().copied().filter(with_day).collect();
         let of_effect = of_outcome.iter().copied();
         let of_effect: Vec<Feature> =
             of_effect.filter(|feature| *feature != Feature::BrushedShare).collect();
@@ -60,9 +62,12 @@ impl Table {
         };
         let person = |person: usize| {
             Ok(Person {
-                sigma: match self.squares[person] {
-                    true => Some(needed(person, "sigma".to_owned())?),
-                    false => None,
+                sigma: match (test_bed, self.squares[person]) {
+                    (TestBed::V3 | TestBed::V4, _) | (TestBed::V2, Some(false)) => None,
+                    (TestBed::V2, Some(true)) => Some(needed(person, "sigma".to_owned())?),
+                    (TestBed::V2, None) => {
+                        return Err(unsuitable(format!("person {} has no `model`", person + 1)));
+                    }
                 },
                 opens_app: match test_bed {
                     TestBed::V2 => OPENS_APP,
@@ -113,10 +118,13 @@ mod tests {
         effect_small_bernoulli_prev,effect_small_bernoulli_weekend,effect_small_bernoulli_one,\
         effect_small_amount_tod,effect_small_amount_prev,effect_small_amount_weekend,effect_small_amount_one\n";
 
+    const STATIONARY: (TestBed, bool, EffectSize) = (TestBed::V2, true, EffectSize::Small);
+    const WEIGHTS: &str = "1,2,3,4,5,6,7,8,9,10,11,12,13,14,15,16,17,18";
+
     #[test]
     fn weights_have_the_places_of_their_features() {
-        let text = format!("{V2}0,sqrt_norm,1.5,1,2,3,4,5,6,7,8,9,10,11,12,13,14,15,16,17,18\n");
-        let people = Table::parse(&text).unwrap().people(&Oralytics::default()).unwrap();
+        let text = format!("{V2}robas,sqrt_norm,1.5,{WEIGHTS}\n");
+        let people = Table::parse(&text).unwrap().people(STATIONARY).unwrap();
         let person = &people[0];
         assert_eq!((person.sigma, person.opens_app), (Some(1.5), 0.7));
         assert_eq!(person.bernoulli[Feature::BrushedShare as usize], 3.0);
@@ -136,16 +144,18 @@ mod tests {
             fault("person,model\n0,normal\n").starts_with("line 2: `model`: expected zero_infl")
         );
         assert!(fault("person,sigma\n0\n").contains("line 2"));
-        let table = Table::parse(&format!(
-            "{V2}0,sqrt_norm,,1,2,3,4,5,6,7,8,9,10,11,12,13,14,15,16,17,18\n"
-        ));
-        let table = table.unwrap();
-        let unsuitable = |parameters: Oralytics| table.people(&parameters).unwrap_err().to_string();
-        let own = Oralytics::default();
-        assert_eq!(unsuitable(own.clone()), "person 1 has no number in column `sigma`");
-        let smaller = Oralytics { effect_size: EffectSize::Smaller, ..own.clone() };
-        assert!(unsuitable(smaller).contains("sigma"));
-        let daily = Oralytics { stationary: false, ..own };
-        assert_eq!(unsuitable(daily), "it has no weights of the day, and stationary = false");
+        let unsuitable = |line: &str, of| {
+            let table = Table::parse(&format!("{V2}{line},{WEIGHTS}\n")).unwrap();
+            table.people(of).unwrap_err().to_string()
+        };
+        let (bed, _, small) = STATIONARY;
+        let no_sigma = "person 1 has no number in column `sigma`";
+        assert_eq!(unsuitable("0,sqrt_norm,", STATIONARY), no_sigma);
+        assert_eq!(unsuitable("0,,1", STATIONARY), "person 1 has no `model`");
+        let smaller = unsuitable("0,zero_infl,", (bed, true, EffectSize::Smaller));
+        assert!(smaller.contains("`effect_smaller_bernoulli_tod`"), "{smaller}");
+        let daily = unsuitable("0,zero_infl,", (bed, false, small));
+        assert_eq!(daily, "it has no weights of the day, and stationary = false");
+        assert!(unsuitable("0,zero_infl,", (TestBed::V3, true, small)).contains("column"));
     }
 }

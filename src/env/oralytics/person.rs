@@ -69,3 +69,89 @@ const MOST_LOG: f64 = 10.0;
 fn dot(one: &Weights, other: &Weights) -> f64 {
     one.iter().zip(other).map(|(one, other)| one * other).sum()
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::env::oralytics::feature::FEATURES;
+
+    /// A person with an intercept in each weight, for whom all features are 1.
+    fn person(sigma: Option<f64>, bernoulli: f64, amount: f64, effects: [f64; 2]) -> Person {
+        let one = |weight: f64| {
+            let mut weights = [0.0; FEATURES];
+            weights[FEATURES - 1] = weight;
+            weights
+        };
+        Person {
+            sigma,
+            opens_app: 0.7,
+            bernoulli: one(bernoulli),
+            amount: one(amount),
+            bernoulli_effect: one(effects[0]),
+            amount_effect: one(effects[1]),
+        }
+    }
+
+    const ONES: Weights = [1.0; FEATURES];
+    const DRAWS: u64 = 40_000;
+
+    /// The share of brushings, and the mean of the seconds of these.
+    fn brushed(person: &Person, is_prompted: bool, k: f64, test_bed: TestBed) -> (f64, f64) {
+        let how = (test_bed, Rounding::Nearest);
+        let seconds = |word: u64| {
+            let mut words = Expansion(word.wrapping_mul(0x9E37_79B9_7F4A_7C15));
+            person.brushes(&ONES, is_prompted, k, how, &mut words)
+        };
+        let all: Vec<f64> = (1..=DRAWS).map(seconds).collect();
+        let some = all.iter().filter(|seconds| **seconds > 0.0).count() as f64;
+        (some / DRAWS as f64, all.iter().sum::<f64>() / some)
+    }
+
+    fn close(found: f64, expected: f64, error: f64) {
+        assert!((found - expected).abs() < error, "{found}, expected {expected}");
+    }
+
+    fn sigmoid(x: f64) -> f64 {
+        1.0 / (1.0 + (-x).exp())
+    }
+
+    #[test]
+    fn a_prompt_raises_the_probability_of_brushing_and_the_seconds() {
+        // Of an effect, only the part that helps counts.
+        for (test_bed, effects, gains) in [
+            (TestBed::V2, [0.8, 0.2], [0.8, 0.2]),
+            (TestBed::V2, [-0.8, -0.2], [0.0, 0.0]),
+            (TestBed::V3, [-0.8, 0.2], [0.8, 0.2]),
+            (TestBed::V4, [0.8, -0.2], [0.0, 0.0]),
+        ] {
+            let person = person(None, 0.5, 4.0, effects);
+            let (share, seconds) = brushed(&person, false, 1.0, test_bed);
+            close(share, 1.0 - sigmoid(0.5), 0.01);
+            close(seconds, 4_f64.exp(), 0.3);
+            for k in [1.0, 0.5] {
+                let (share, seconds) = brushed(&person, true, k, test_bed);
+                close(share, 1.0 - sigmoid(0.5 - k * gains[0]), 0.01);
+                close(seconds, (4.0 + k * gains[1]).exp(), 0.3);
+            }
+        }
+    }
+
+    #[test]
+    fn seconds_are_squares_of_normal_variates_for_some_people() {
+        let person = person(Some(0.5), -20.0, 9.0, [0.0, 0.0]);
+        let (share, seconds) = brushed(&person, false, 1.0, TestBed::V2);
+        assert_eq!(share, 1.0);
+        close(seconds, 9.0 * 9.0 + 0.25, 0.3);
+        let tall = Person { sigma: Some(0.0), ..person };
+        let exactly = |amount: f64, rounding| {
+            let mut weights = [0.0; FEATURES];
+            weights[FEATURES - 1] = amount;
+            let person = Person { amount: weights, ..tall.clone() };
+            person.brushes(&ONES, false, 1.0, (TestBed::V2, rounding), &mut Expansion(1))
+        };
+        // 1.3² = 1.69.
+        assert_eq!(exactly(1.3, Rounding::Nearest), 2.0);
+        assert_eq!(exactly(1.3, Rounding::Down), 1.0);
+        assert_eq!(exactly(14.0, Rounding::Nearest), MOST_SECONDS);
+    }
+}

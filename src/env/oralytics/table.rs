@@ -35,8 +35,8 @@ pub struct Table {
     pub(super) columns: Vec<String>,
     /// \[people, columns\]; NaN for empty fields and texts.
     numbers: Vec<f64>,
-    /// For each person, whether the amount is the square of a normal variate.
-    pub(super) squares: Vec<bool>,
+    /// For each person, whether the amount is the square of a normal variate; `None` if the file does not say so.
+    pub(super) squares: Vec<Option<bool>>,
 }
 
 impl Table {
@@ -80,17 +80,18 @@ impl Table {
         if self.squares.len() == MOST_PEOPLE {
             return Err(format!("expected at most {MOST_PEOPLE} people"));
         }
-        let mut is_square = false;
+        let mut is_square = None;
         for (name, written) in self.columns.iter().zip(record) {
             let number = match name.as_str() {
+                "person" | "start_day" | "end_day" => f64::NAN,
+                _ if written.is_empty() => f64::NAN,
                 "model" => {
                     let place = MODELS.iter().position(|model| *model == written);
                     let [zero, square] = MODELS;
                     let says = || format!("`model`: expected {zero} or {square}, found {written}");
-                    is_square = place.ok_or_else(says)? == 1;
+                    is_square = Some(place.ok_or_else(says)? == 1);
                     f64::NAN
                 }
-                _ if written.is_empty() => f64::NAN,
                 _ => {
                     let number = written.parse().ok().filter(|number: &f64| number.abs() <= 1e6);
                     let says =
@@ -98,14 +99,23 @@ impl Table {
                     number.ok_or_else(says)?
                 }
             };
-            let is_share = name == "app_open_probability";
-            if (is_share && !(0.0..=1.0).contains(&number)) || (name == "sigma" && number < 0.0) {
+            let least_and_most = match name.as_str() {
+                "app_open_probability" => (0.0, 1.0),
+                "sigma" => (0.0, f64::INFINITY),
+                _ => (f64::NEG_INFINITY, f64::INFINITY),
+            };
+            if number < least_and_most.0 || number > least_and_most.1 {
                 return Err(format!("`{name}`: {written} is out of range"));
             }
             self.numbers.push(number);
         }
         self.squares.push(is_square);
         Ok(())
+    }
+
+    /// The number of people.
+    pub(super) fn len(&self) -> usize {
+        self.squares.len()
     }
 
     /// A person's number in a column; `None` if the column is missing or empty.

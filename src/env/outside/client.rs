@@ -410,6 +410,10 @@ impl Simulation for OutsideEnvironment {
         self.lengths[lane]
     }
 
+    fn leave(&mut self, lane: usize) {
+        self.statuses[lane] = EpisodeStatus::Truncated;
+    }
+
     fn record_state(&self, lane: usize, state: &mut Vec<f64>) {
         state.extend_from_slice(self.state(lane));
     }

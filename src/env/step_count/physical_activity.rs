@@ -352,6 +352,11 @@ impl PhysicalActivity {
         self.disengagement[lane] = disengagement;
     }
 
+    /// Ends the episode of a lane before its horizon.
+    pub fn end(&mut self, lane: usize) {
+        self.statuses[lane] = EpisodeStatus::Truncated;
+    }
+
     /// Sets whether a message can be sent in a lane.
     pub fn set_available(&mut self, lane: usize, available: bool) {
         self.memory.available[lane] = available;

@@ -66,6 +66,10 @@ impl Simulation for PhysicalActivity {
         ]);
     }
 
+    fn leave(&mut self, lane: usize) {
+        self.end(lane);
+    }
+
     fn participant(&self, lane: usize) -> Vec<(usize, f64)> {
         PhysicalActivity::participant(self, lane).collect()
     }

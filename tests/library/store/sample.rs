@@ -112,6 +112,7 @@ pub fn dqn(sigma: f64, seed: u64) -> Job {
         scenario: "P-H-D".parse().unwrap(),
         agent: Agent::of(&DuelingDqn::default()),
         evaluation: Evaluation::default(),
+        trial: None,
         seed,
     }
 }

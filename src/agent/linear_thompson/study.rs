@@ -1,0 +1,178 @@
+//! Linear Thompson sampling in a trial: many people at once, and updates at calendar times.
+
+use std::collections::VecDeque;
+
+use crate::agent::Actions;
+use crate::agent::actor::{Actor, StudyUpdate};
+use crate::agent::layers::Shape;
+use crate::agent::linear_thompson::posterior::{Acting, Decision};
+use crate::agent::linear_thompson::sampler::Sampler;
+use crate::agent::linear_thompson::{Design, LinearThompson, Posterior};
+use crate::agent::unavailable::Unavailable;
+use crate::agent::weights::Weights;
+use crate::env::{Action, EpisodeStatus, Observations, Simulated, VectorEnvironment};
+use crate::rng::Stream;
+use crate::state::resumable;
+
+/// A bandit in a trial: one for everybody, or one for each person. An update starts from the prior and the data that
+/// count, so that the data of people who have left can be forgotten.
+pub struct LinearThompsonStudy {
+    sampler: Sampler,
+    design: Design,
+    unavailable: Unavailable,
+    prior: Posterior,
+    /// The posterior from which actions are chosen; one for everybody, or one per person.
+    acting: Vec<Acting>,
+    people: Vec<Person>,
+    /// The decisions of the last step, one per person, and whether the agent made them.
+    decisions: Vec<Decision>,
+    chooses: Vec<bool>,
+    /// The number of steps of the trial so far.
+    time: u32,
+    observations: Observations,
+    letters: Vec<f64>,
+    /// Coefficients of an episode, which trials do not have.
+    drawn: Vec<f64>,
+}
+
+/// The data of a person.
+struct Person {
+    /// The sums over the decisions that have counted in an update.
+    known: Posterior,
+    /// The decisions that no update has counted yet, in their order.
+    waiting: VecDeque<Row>,
+}
+
+/// A decision with its reward.
+#[derive(Clone, Debug, Default)]
+struct Row {
+    /// The number of the step of the trial.
+    time: u32,
+    decision: Decision,
+    reward: f64,
+}
+
+impl LinearThompsonStudy {
+    /// The agent before the first step of a trial with this number of people; with one posterior for everybody, or
+    /// one per person.
+    pub fn new(
+        parameters: &LinearThompson,
+        environment: &Simulated,
+        (people, is_pooled): (usize, bool),
+        seed: u64,
+    ) -> Self {
+        let spec = environment.observation_spec();
+        let design = Design::new(parameters.features, &spec);
+        let actions = environment.action_spec().count;
+        let shape = Shape { inputs: design.width(), actions };
+        let prior = Posterior::prior(parameters, shape);
+        let acting = Acting::new(prior.clone()).expect("a diagonal of positive numbers has a root");
+        let person = || Person { known: prior.without_data(), waiting: VecDeque::new() };
+        LinearThompsonStudy {
+            sampler: Sampler::new(parameters, actions, seed),
+            unavailable: parameters.unavailable,
+            acting: vec![acting; if is_pooled { 1 } else { people }],
+            people: (0..people).map(|_| person()).collect(),
+            decisions: vec![Decision::among(actions); people],
+            chooses: vec![false; people],
+            time: 0,
+            observations: spec.observations(),
+            letters: Vec::new(),
+            drawn: Vec::new(),
+            prior,
+            design,
+        }
+    }
+
+    /// Replaces the last choice by that of a record, from which the agent then learns.
+    ///
+    /// **Shapes**: `actions` is \[people\], `probabilities` \[people, actions\].
+    pub fn replay(&mut self, actions: &[Action], probabilities: &[f64]) {
+        let rows = probabilities.chunks_exact(self.sampler.actions());
+        for ((decision, action), row) in self.decisions.iter_mut().zip(actions).zip(rows) {
+            decision.action = *action;
+            decision.probabilities.copy_from_slice(row);
+        }
+    }
+
+    /// The means of all coefficients of a person's posterior.
+    pub fn means(&mut self, person: usize) -> Vec<f64> {
+        let place = person.min(self.acting.len() - 1);
+        self.acting[place].factored().iter().flat_map(|one| one.mean().to_vec()).collect()
+    }
+}
+
+impl Actor for LinearThompsonStudy {
+    fn act(
+        &mut self,
+        environment: &Simulated,
+        stream: &mut Stream,
+        actions: &mut [Action],
+        probabilities: Option<&mut [f64]>,
+    ) {
+        environment.observe(&mut self.observations);
+        let count = self.sampler.actions();
+        for (person, action) in actions.iter_mut().enumerate() {
+            // Drawn for everybody, so that choices do not depend on who is in the study.
+            let word = stream.bits();
+            let decision = &mut self.decisions[person];
+            let is_running = environment.statuses()[person] == EpisodeStatus::Running;
+            self.chooses[person] = is_running && self.unavailable.chooses(environment, person);
+            if !self.chooses[person] {
+                decision.withhold();
+                *action = decision.action;
+                continue;
+            }
+            environment.exact_features(person, &self.observations, &mut self.letters);
+            let moment = self.observations.moment(person);
+            self.design.fill_exact(&self.letters, moment, &mut decision.features);
+            let acting = person.min(self.acting.len() - 1);
+            let known = (&mut self.acting[acting], &mut self.drawn);
+            self.sampler.choose(Actions::AsTrained, known, decision, word);
+            *action = decision.action;
+        }
+        if let Some(probabilities) = probabilities {
+            for (row, decision) in probabilities.chunks_exact_mut(count).zip(&self.decisions) {
+                row.copy_from_slice(&decision.probabilities);
+            }
+        }
+    }
+
+    /// Rewards that are NaN have not reached the agent.
+    fn observe(&mut self, _: &Simulated, rewards: &[f64]) {
+        for (person, reward) in rewards.iter().enumerate() {
+            if self.chooses[person] && !reward.is_nan() {
+                let decision = self.decisions[person].clone();
+                let row = Row { time: self.time, decision, reward: *reward };
+                self.people[person].waiting.push_back(row);
+            }
+        }
+        self.time += 1;
+    }
+
+    fn update(&mut self, update: &StudyUpdate<'_>) {
+        let place = update.agent.unwrap_or(0);
+        let mut posterior = self.prior.clone();
+        for (person, _) in update.people.iter().enumerate().filter(|(_, counts)| **counts) {
+            let Person { known, waiting } = &mut self.people[person];
+            while let Some(row) = waiting.front().filter(|row| row.time < update.before) {
+                known.learn(&row.decision, row.reward);
+                waiting.pop_front();
+            }
+            posterior.add(known);
+        }
+        self.acting[place].begin(&posterior);
+        // Precisions grow from a prior that has a root.
+        let _ = self.acting[place].refresh();
+    }
+
+    /// The posterior of everybody; `None` if each person has one.
+    fn weights(&self) -> Option<Weights> {
+        let [joint] = &self.acting[..] else { return None };
+        Some(joint.posterior().weights())
+    }
+}
+
+resumable!([] Row { parts time, decision, reward });
+resumable!([] Person { parts known, waiting });
+resumable!([] LinearThompsonStudy { each acting, people, decisions, chooses; parts time });

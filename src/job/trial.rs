@@ -1,0 +1,299 @@
+//! A trial, as one job holds it: who is in the study when, and when the algorithm learns.
+//!
+//! Days of the calendar are numbered from 0. People enter at the first decision of a day and have the same number of
+//! decisions on each of their days. Updates come before the first decision of a day.
+
+use std::sync::Arc;
+
+use crate::key::{Content, ContentForm, Kind, choices, keys};
+
+keys! {
+    /// A trial: people who enter by a calendar, and an agent that learns from them at calendar times.
+    pub struct Trial {
+        /// people in the trial
+        people: u32, in Kind::Integer { min: 1, max: MOST_PEOPLE };
+        /// days of each person in the study
+        days: u32, in Kind::Integer { min: 1, max: MOST_DAYS };
+        /// decisions of a person per day; days times decisions_per_day is the length of an episode
+        decisions_per_day: u32 = 1, in Kind::Integer { min: 1, max: 100 };
+        /// start and end day of each person: the name of a CSV file, which replaces the keys entry_*
+        entry: Content = Content::default(), in Kind::Content(&STAYS);
+        /// days from one group of people that enters to the next; 0: everybody enters together
+        entry_every_days: u32 = 0, in Kind::Integer { min: 0, max: MOST_DAYS };
+        /// people in a group that enters
+        entry_people: u32 = 1, in Kind::Integer { min: 1, max: MOST_PEOPLE };
+        /// calendar day on which the first group enters
+        entry_first_day: u32 = 0, in Kind::Integer { min: 0, max: MOST_DAYS };
+        /// which row of the people's file each person is: the name of a CSV file; drawn without one
+        people_file: Content = Content::default(), in Kind::Content(&ROWS);
+        /// whose data an agent learns from: "full", one agent for everybody, or "none", an agent per person, whose
+        /// calendar begins on the person's first day
+        pooling: Pooling = Pooling::Full;
+        /// days from one update of the agent to the next; 0: no updates
+        update_every_days: u32 = 1, in Kind::Integer { min: 0, max: MOST_DAYS };
+        /// day of the first update; 0 for update_every_days
+        update_first_day: u32 = 0, in Kind::Integer { min: 0, max: MOST_DAYS };
+        /// the data of an update: of "all" people so far, or of people "in_study" on the day before
+        update_data: UpdateData = UpdateData::All;
+        /// days by which the data of an update lag behind
+        update_lag_days: u32 = 0, in Kind::Integer { min: 0, max: MOST_DAYS };
+        /// people who must have entered before the day of the first update; read with pooling = "full"
+        update_first_with_people: u32 = 1, in Kind::Integer { min: 1, max: MOST_PEOPLE };
+        /// first and last day of an outage without updates; empty for none
+        outage: Vec<u32> = Vec::new(), in Kind::Counts { most: 2, max: MOST_DAYS as u32 };
+        /// probability that a person leaves the study before a day; the first day is never left
+        dropout: f64 = 0.0, in Kind::PROBABILITY;
+        /// probability that the outcome of a decision does not reach the algorithm
+        missing_outcomes: f64 = 0.0, in Kind::PROBABILITY;
+    }
+}
+
+/// The most people of a trial.
+const MOST_PEOPLE: u64 = 10_000;
+/// The last day of calendars.
+const MOST_DAYS: u64 = 100_000;
+
+choices! {
+    /// Whose data an agent learns from.
+    pub enum Pooling {
+        /// Everybody's.
+        Full = "full",
+        /// Those of one person.
+        None = "none",
+    }
+}
+
+choices! {
+    /// Which people's data an update reads.
+    pub enum UpdateData {
+        /// All people so far.
+        All = "all",
+        /// People who were in the study on the day before.
+        InStudy = "in_study",
+    }
+}
+
+/// The form of a file of stays.
+pub static STAYS: ContentForm = ContentForm {
+    what: "a CSV file with the columns start_day and end_day",
+    parse: |text| Ok(Arc::new(columns(text, &["start_day", "end_day"])?)),
+};
+
+/// The form of a file of rows.
+pub static ROWS: ContentForm = ContentForm {
+    what: "a CSV file with the columns seed, person and row",
+    parse: |text| Ok(Arc::new(columns(text, &["seed", "person", "row"])?)),
+};
+
+/// Whole numbers by row, in the order of the wanted columns.
+struct Columns(Vec<Vec<u64>>);
+
+/// Reads these columns of a CSV file; others are not read.
+fn columns(text: &str, wanted: &[&str]) -> Result<Columns, String> {
+    let mut reader = csv::ReaderBuilder::new()
+        .comment(Some(b'#'))
+        .trim(csv::Trim::All)
+        .from_reader(text.as_bytes());
+    let broken = |error: csv::Error| match error.position() {
+        Some(at) => format!("line {}: {error}", at.line()),
+        None => error.to_string(),
+    };
+    let names = reader.headers().map_err(broken)?.clone();
+    let place = |name: &&str| {
+        let place = names.iter().position(|found| found == *name);
+        place.ok_or_else(|| format!("column `{name}` is missing"))
+    };
+    let places: Vec<usize> = wanted.iter().map(place).collect::<Result<_, _>>()?;
+    let mut rows = Vec::new();
+    for record in reader.records() {
+        let record = record.map_err(broken)?;
+        let line = record.position().map_or(0, csv::Position::line);
+        let number = |place: &usize| {
+            let (name, written) = (&names[*place], &record[*place]);
+            let number = written.parse().ok().filter(|number: &u64| *number <= i64::MAX as u64);
+            number.ok_or_else(|| {
+                format!("line {line}: `{name}`: expected a whole number, found {written}")
+            })
+        };
+        rows.push(places.iter().map(number).collect::<Result<_, _>>()?);
+    }
+    if rows.is_empty() { Err("expected at least one row".to_owned()) } else { Ok(Columns(rows)) }
+}
+
+/// The days of a person in the study.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Stay {
+    /// The first day.
+    pub start: u32,
+    /// The day after the last.
+    pub end: u32,
+}
+
+impl Stay {
+    /// Whether the person is in the study on a day.
+    pub fn contains(&self, day: u32) -> bool {
+        (self.start..self.end).contains(&day)
+    }
+}
+
+/// The calendar of a trial.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Calendar {
+    /// The stay of every person, in the order of people.
+    pub stays: Vec<Stay>,
+    /// Decisions per day.
+    pub per_day: u32,
+    trial: Trial,
+}
+
+impl Trial {
+    /// The number of decisions of a person.
+    pub fn decisions(&self) -> u64 {
+        u64::from(self.days) * u64::from(self.decisions_per_day)
+    }
+
+    /// The calendar.
+    ///
+    /// **Errors**: the file of stays does not have the people and days of the trial.
+    pub fn calendar(&self) -> Result<Calendar, String> {
+        let entry: Option<Arc<Columns>> = self.entry.parsed();
+        let stays = match entry {
+            Some(columns) => self.stays(&columns)?,
+            None => {
+                let stay = |person: u32| {
+                    let group = person / self.entry_people;
+                    let start = self.entry_first_day + group * self.entry_every_days;
+                    Stay { start, end: start + self.days }
+                };
+                (0..self.people).map(stay).collect()
+            }
+        };
+        Ok(Calendar { stays, per_day: self.decisions_per_day, trial: self.clone() })
+    }
+
+    /// The stays of a file; the end day is the first day on which a person is no longer in the study.
+    fn stays(&self, Columns(rows): &Columns) -> Result<Vec<Stay>, String> {
+        let people = self.people as usize;
+        if rows.len() != people {
+            return Err(format!("it has {} rows, and people = {people}", rows.len()));
+        }
+        let stay = |(person, row): (usize, &Vec<u64>)| {
+            let (start, end) = (row[0], row[1]);
+            let is_stay = start < end && end - start <= u64::from(self.days) && end <= MOST_DAYS;
+            let says = || {
+                format!(
+                    "person {} has start_day {start} and end_day {end}; expected 1 to {} days before day {MOST_DAYS}",
+                    person + 1,
+                    self.days
+                )
+            };
+            is_stay.then_some(Stay { start: start as u32, end: end as u32 }).ok_or_else(says)
+        };
+        rows.iter().enumerate().map(stay).collect()
+    }
+
+    /// The row of the people's file that each person of a trial with this seed is; `None` if they are drawn.
+    ///
+    /// **Errors**: the file does not have a row for every person.
+    pub fn rows(&self, seed: u64) -> Result<Option<Vec<u32>>, String> {
+        let file: Option<Arc<Columns>> = self.people_file.parsed();
+        let Some(file) = file else { return Ok(None) };
+        let mut of_people = vec![None; self.people as usize];
+        for row in file.0.iter().filter(|row| row[0] == seed) {
+            let place = usize::try_from(row[1]).ok().and_then(|person| of_people.get_mut(person));
+            let place = place.ok_or_else(|| {
+                format!("seed {seed} has a person {}; people are numbered from 0", row[1])
+            })?;
+            *place = u32::try_from(row[2]).ok();
+        }
+        let missing = of_people.iter().position(Option::is_none);
+        match missing {
+            Some(person) => Err(format!("seed {seed} has no row for person {person}")),
+            None => Ok(Some(of_people.into_iter().flatten().collect())),
+        }
+    }
+}
+
+impl Calendar {
+    /// The number of days until everybody has left.
+    pub fn days(&self) -> u32 {
+        self.stays.iter().map(|stay| stay.end).max().unwrap_or(0)
+    }
+
+    /// Whether an agent is updated before the first decision of a day of its own calendar: the trial's with full
+    /// pooling, or the person's without. `entered` is the number of people who entered before the day.
+    pub fn is_updated(&self, day: u32, entered: u32) -> bool {
+        let Trial { update_every_days: every, update_first_day, .. } = self.trial;
+        let first = if update_first_day == 0 { every } else { update_first_day };
+        let is_due = every > 0 && day >= first && (day - first).is_multiple_of(every);
+        is_due && entered >= self.trial.update_first_with_people
+    }
+
+    /// Whether there is an outage on a calendar day.
+    pub fn is_outage(&self, day: u32) -> bool {
+        match self.trial.outage[..] {
+            [first, last] => (first..=last).contains(&day),
+            _ => false,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::key::Keyed;
+
+    fn trial(people: u32) -> Trial {
+        use crate::key::Value;
+        Trial::with_required(&[Value::Integer(people.into()), Value::Integer(70)])
+    }
+
+    #[test]
+    fn groups_enter_one_after_another() {
+        let trial =
+            Trial { entry_every_days: 14, entry_people: 5, entry_first_day: 7, ..trial(12) };
+        let calendar = trial.calendar().unwrap();
+        assert_eq!(calendar.stays[4], Stay { start: 7, end: 77 });
+        assert_eq!(calendar.stays[5], Stay { start: 21, end: 91 });
+        assert_eq!(calendar.stays[11], Stay { start: 35, end: 105 });
+        assert_eq!(calendar.days(), 105);
+        assert!(calendar.stays[4].contains(76) && !calendar.stays[4].contains(77));
+    }
+
+    #[test]
+    fn updates_come_when_they_are_due() {
+        let weekly = Trial { update_every_days: 7, update_first_with_people: 3, ..trial(9) };
+        let calendar = weekly.calendar().unwrap();
+        let updated = |entered| -> Vec<u32> {
+            (0..30).filter(|day| calendar.is_updated(*day, entered)).collect()
+        };
+        let (three, two) = (updated(3), updated(2));
+        assert_eq!((three, two), (vec![7, 14, 21, 28], Vec::new()));
+        let sundays = Trial { update_every_days: 7, update_first_day: 10, ..trial(9) };
+        let calendar = sundays.calendar().unwrap();
+        assert!((0..30).filter(|day| calendar.is_updated(*day, 1)).eq([10, 17, 24]));
+        let never = Trial { update_every_days: 0, ..trial(9) }.calendar().unwrap();
+        assert!(!(0..30).any(|day| never.is_updated(day, 9)));
+        let out = Trial { outage: vec![3, 5], ..trial(9) }.calendar().unwrap();
+        assert!((0..9).filter(|day| out.is_outage(*day)).eq([3, 4, 5]));
+    }
+
+    #[test]
+    fn files_give_stays_and_rows() {
+        let entry = Content::read(&STAYS, "start_day,end_day\n0,70\n3,10\n").unwrap();
+        let from_file = Trial { entry, ..trial(2) };
+        assert_eq!(from_file.calendar().unwrap().stays[1], Stay { start: 3, end: 10 });
+        assert!(Trial { people: 3, ..from_file }.calendar().unwrap_err().contains("2 rows"));
+        let people_file = Content::read(&ROWS, "seed,person,row\n1,0,7\n1,1,4\n2,1,0\n").unwrap();
+        let drawn = Trial { people_file, ..trial(2) };
+        assert_eq!(drawn.rows(1), Ok(Some(vec![7, 4])));
+        assert_eq!(drawn.rows(2), Err("seed 2 has no row for person 0".to_owned()));
+        assert_eq!(trial(2).rows(1), Ok(None));
+        let fault = |text| Content::read(&ROWS, text).unwrap_err();
+        assert_eq!(fault("seed,person\n"), "column `row` is missing");
+        assert_eq!(
+            fault("seed,person,row\n1,0,x\n"),
+            "line 2: `row`: expected a whole number, found x"
+        );
+    }
+}

@@ -1,0 +1,201 @@
+//! A trial in progress: who is in the study on a day, and when the agent learns.
+
+use crate::agent::{Actor, StudyUpdate};
+use crate::env::{EpisodeStatus, LaneSet, LaneStreams, Simulated, VectorEnvironment};
+use crate::job::{Calendar, Pooling, Stay, Trial, UpdateData};
+use crate::rng::{Purpose, Stream};
+use crate::state::resumable;
+
+/// The calendar of a trial with this seed, and the time of the trial.
+#[derive(Debug)]
+pub struct Study {
+    trial: Trial,
+    calendar: Calendar,
+    /// The stay of every person, which dropout may have shortened.
+    stays: Vec<Stay>,
+    /// The row of the people's file that each person is; `None` if people are drawn.
+    rows: Option<Vec<u32>>,
+    /// Whether the outcome of a decision does not reach the agent, \[people, decisions\]; empty if all do.
+    missing: Vec<bool>,
+    /// The number of steps so far.
+    time: u32,
+    /// Buffers: lanes that begin an episode, and people whose data count.
+    entering: Vec<bool>,
+    counting: Vec<bool>,
+}
+
+impl Study {
+    /// A trial before its first day.
+    ///
+    /// # Panics
+    /// If the files of the trial do not suit it; a manifest checks them.
+    pub fn new(trial: &Trial, seed: u64) -> Study {
+        let calendar = trial.calendar().expect("the manifest has checked the calendar");
+        let rows = trial.rows(seed).expect("the manifest has checked the rows");
+        let people = calendar.stays.len();
+        let realities = (0..).map(|person| Stream::of_person(seed, Purpose::Reality, person));
+        let mut stays = calendar.stays.clone();
+        let mut missing = Vec::new();
+        for (stay, mut stream) in stays.iter_mut().zip(realities) {
+            // One word per day and per decision, so that equal seeds have equal realities.
+            let days = stay.start + 1..stay.end;
+            let leaves = days.filter(|_| stream.unit() < trial.dropout);
+            stay.end = leaves.collect::<Vec<_>>().first().copied().unwrap_or(stay.end);
+            if trial.missing_outcomes > 0.0 {
+                missing
+                    .extend((0..trial.decisions()).map(|_| stream.unit() < trial.missing_outcomes));
+            }
+        }
+        Study {
+            trial: trial.clone(),
+            calendar,
+            stays,
+            rows,
+            missing,
+            time: 0,
+            entering: vec![false; people],
+            counting: vec![false; people],
+        }
+    }
+
+    /// The random streams of the people.
+    pub fn streams(&self, seed: u64) -> LaneStreams {
+        let of_person = |person| Stream::of_person(seed, Purpose::Person, person);
+        LaneStreams::PerLane((0..self.stays.len() as u32).map(of_person).collect())
+    }
+
+    pub fn people(&self) -> usize {
+        self.stays.len()
+    }
+
+    /// The day, and the number of days.
+    pub fn days(&self) -> (u32, u32) {
+        (self.time / self.calendar.per_day, self.calendar.days())
+    }
+
+    pub fn is_over(&self) -> bool {
+        self.time >= self.calendar.days() * self.calendar.per_day
+    }
+
+    /// Makes the people of an environment those of the trial.
+    pub fn assign(&self, environment: &mut Simulated) {
+        if let Some(rows) = &self.rows {
+            environment.assign(rows);
+        }
+    }
+
+    /// Prepares a step: at the first of a day, people leave, the agent learns, and people enter.
+    pub fn begin_step(
+        &mut self,
+        environment: &mut Simulated,
+        actor: &mut dyn Actor,
+        streams: &mut LaneStreams,
+    ) {
+        if !self.time.is_multiple_of(self.calendar.per_day) {
+            return;
+        }
+        let (day, _) = self.days();
+        for (person, stay) in self.stays.iter().enumerate() {
+            if stay.end == day && environment.statuses()[person] == EpisodeStatus::Running {
+                environment.leave(person);
+            }
+        }
+        if !self.calendar.is_outage(day) {
+            self.update(day, actor);
+        }
+        let entering = self.entering.iter_mut().zip(&self.stays);
+        entering.for_each(|(enters, stay)| *enters = stay.start == day);
+        if self.entering.contains(&true) {
+            environment.reset(LaneSet::Masked(&self.entering), streams);
+            actor.reset(LaneSet::Masked(&self.entering));
+        }
+    }
+
+    /// Updates the agents that are due on a day.
+    fn update(&mut self, day: u32, actor: &mut dyn Actor) {
+        let before = day.saturating_sub(self.trial.update_lag_days) * self.calendar.per_day;
+        match self.trial.pooling {
+            Pooling::Full => {
+                let entered = self.stays.iter().filter(|stay| stay.start < day).count() as u32;
+                if !self.calendar.is_updated(day, entered) {
+                    return;
+                }
+                for (counts, stay) in self.counting.iter_mut().zip(&self.stays) {
+                    *counts = match self.trial.update_data {
+                        UpdateData::All => stay.start < day,
+                        UpdateData::InStudy => stay.contains(day - 1),
+                    };
+                }
+                actor.update(&StudyUpdate { people: &self.counting, before, agent: None });
+            }
+            Pooling::None => {
+                for (person, stay) in self.stays.iter().enumerate() {
+                    let is_due =
+                        stay.contains(day) && self.calendar.is_updated(day - stay.start, u32::MAX);
+                    if is_due {
+                        self.counting.fill(false);
+                        self.counting[person] = true;
+                        let agent = Some(person);
+                        actor.update(&StudyUpdate { people: &self.counting, before, agent });
+                    }
+                }
+            }
+        }
+    }
+
+    /// Ends a step. Replaces the rewards that do not reach the agent by NaN; `times` returns the number of steps that
+    /// a person has taken.
+    pub fn end_step(&mut self, rewards: &mut [f64], times: impl Fn(usize) -> u32) {
+        self.time += 1;
+        if self.missing.is_empty() {
+            return;
+        }
+        let decisions = self.trial.decisions() as usize;
+        for (person, reward) in rewards.iter_mut().enumerate() {
+            let taken = times(person) as usize;
+            let place = taken.checked_sub(1).map(|last| person * decisions + last);
+            if place.is_some_and(|place| self.missing[place]) {
+                *reward = f64::NAN;
+            }
+        }
+    }
+}
+
+resumable!([] Study { parts time });
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::key::{Keyed, Value};
+
+    fn trial(people: u32, days: u32) -> Trial {
+        Trial::with_required(&[Value::Integer(people.into()), Value::Integer(days.into())])
+    }
+
+    #[test]
+    fn people_drop_out_at_the_hazard_of_a_day() {
+        let study = Study::new(&Trial { dropout: 0.1, ..trial(10_000, 50) }, 3);
+        let stayed = |day: u32| study.stays.iter().filter(|stay| stay.contains(day)).count() as f64;
+        for day in [0, 1, 5, 20] {
+            let expected = 10_000.0 * 0.9_f64.powi(day as i32);
+            assert!(
+                (stayed(day) - expected).abs() < 4.0 * expected.sqrt(),
+                "{day}: {}",
+                stayed(day)
+            );
+        }
+        assert_eq!(Study::new(&trial(9, 50), 3).stays, [Stay { start: 0, end: 50 }; 9]);
+    }
+
+    #[test]
+    fn missing_outcomes_are_hidden_at_their_rate() {
+        let mut study = Study::new(&Trial { missing_outcomes: 0.25, ..trial(1000, 8) }, 3);
+        let mut hidden = 0;
+        for step in 1..=8 {
+            let mut rewards = vec![1.0; 1000];
+            study.end_step(&mut rewards, |_| step);
+            hidden += rewards.iter().filter(|reward| reward.is_nan()).count();
+        }
+        assert!((hidden as f64 - 2000.0).abs() < 4.0 * 1500f64.sqrt(), "{hidden}");
+    }
+}

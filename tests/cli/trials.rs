@@ -1,0 +1,158 @@
+//! Trials: people who enter by a calendar, and agents that learn at calendar times.
+
+use crate::support::Folder;
+
+const PEOPLE: &str = include_str!("../../experiments/oralytics/synthetic_v2.csv");
+
+const MANIFEST: &str = r#"format = 1
+name = "trial"
+scenarios = [["time_of_day", "brushing", "dosage", "app"]]
+seeds = 2
+
+[trial]
+people = 6
+days = 8
+decisions_per_day = 2
+entry = { every_days = 3, people = 2 }
+update = { every_days = 2 }
+pooling = ["full", "none"]
+
+[environment]
+family = "oralytics"
+people = "people.csv"
+days = 8
+
+[evaluation]
+on = "trial"
+record_decisions = "test"
+
+[[agent]]
+name = "thompson"
+algorithm = "linear_thompson"
+action_centring = true
+allocation = "logistic"
+noise_sd = 60
+prior_sd = 30
+
+[[agent]]
+name = "never"
+algorithm = "rule"
+rule = "never"
+"#;
+
+fn folder(manifest: &str) -> Folder {
+    let folder = Folder::new();
+    folder.write("trial.toml", manifest);
+    folder.write("people.csv", PEOPLE);
+    folder
+}
+
+#[test]
+fn the_people_of_a_trial_are_its_evaluation() {
+    let folder = folder(MANIFEST);
+    folder.jitai(["run", "trial.toml", "--workers", "2"]).succeeded();
+    assert_eq!(folder.number("SELECT count(*) FROM run_summary WHERE status = 'completed'"), 8);
+    assert_eq!(folder.number("SELECT count(*) FROM evaluation_episode WHERE length = 16"), 48);
+    assert_eq!(folder.number("SELECT count(*) FROM decision"), 8 * 6 * 16);
+    let means = "SELECT count(*) FROM run_summary JOIN (SELECT job_key, avg(total_reward) AS mean \
+                 FROM evaluation_episode GROUP BY 1) USING (job_key) WHERE abs(mean_return - mean) < 1e-9";
+    assert_eq!(folder.number(means), 8);
+    // Rules do not depend on pooling.
+    let alike = "SELECT count(DISTINCT mean_return) FROM run_summary WHERE agent = 'never'";
+    assert_eq!(folder.number(alike), 2);
+    let apart = "SELECT count(DISTINCT mean_return) FROM run_summary WHERE agent = 'thompson'";
+    assert_eq!(folder.number(apart), 4);
+    folder.jitai(["run", "trial.toml"]).succeeded();
+    assert_eq!(folder.runs(), 8);
+    folder.jitai(["report", "trial.toml", "--out", "report"]).succeeded();
+    assert!(folder.read("report/index.html").contains("seconds of brushing"));
+}
+
+#[test]
+fn a_trial_gives_the_same_bits_on_any_number_of_workers() {
+    let (one, two) = (folder(MANIFEST), folder(MANIFEST));
+    one.jitai(["run", "trial.toml", "--workers", "1"]).succeeded();
+    two.jitai(["run", "trial.toml", "--workers", "2", "--shard", "1/2"]).succeeded();
+    two.jitai(["run", "trial.toml", "--workers", "2", "--shard", "2/2"]).succeeded();
+    let rows = |folder: &Folder| -> Vec<(String, i64, f64)> {
+        let store = folder.store();
+        let sql = "SELECT job_key, episode, total_reward FROM evaluation_episode ORDER BY 1, 2";
+        let mut rows = store.prepare(sql).unwrap();
+        let rows = rows.query_map([], |row| Ok((row.get(0)?, row.get(1)?, row.get(2)?))).unwrap();
+        rows.collect::<Result<_, _>>().unwrap()
+    };
+    let rows_of_one = rows(&one);
+    assert_eq!(rows_of_one.len(), 48);
+    assert_eq!(rows_of_one, rows(&two));
+}
+
+#[test]
+fn what_does_not_suit_a_trial_is_refused_with_a_sentence() {
+    let folder = folder(MANIFEST);
+    for (from, to, expected) in [
+        (
+            "on = \"trial\"\n",
+            "",
+            "a trial is evaluated on its people, and `on` of [evaluation] is \"test\"",
+        ),
+        (
+            "[trial]\npeople = 6\n",
+            "[trial]\npeople = 0\n",
+            "`people`: expected a whole number from 1",
+        ),
+        (
+            "\ndays = 8\ndecisions",
+            "\ndays = 9\ndecisions",
+            "`days` = 9 with `decisions_per_day` = 2 are 18 decisions of a person",
+        ),
+        (
+            "algorithm = \"rule\"\nrule = \"never\"",
+            "algorithm = \"ppo\"",
+            "agent `never`: ppo cannot act in a trial",
+        ),
+        (
+            "on = \"trial\"\n",
+            "on = \"trial\"\ntest_episodes = 3\n",
+            "no test follows a trial that is the evaluation",
+        ),
+        (
+            "pooling = [",
+            "people_file = \"rows.csv\"\npooling = [",
+            "`people_file`: seed 2 has no row for person 0",
+        ),
+        (
+            "entry = { every_days = 3, people = 2 }",
+            "entry = \"stays.csv\"",
+            "`entry`: it has 2 rows, and people = 6",
+        ),
+        (
+            "noise_sd = 60",
+            "noise_sd = 60\nbaseline_means = [1, 2]",
+            "`baseline_means` does not suit an environment with 5 features",
+        ),
+        (
+            "people = \"people.csv\"",
+            "people = \"none\"",
+            "the parameters of people come from a CSV file",
+        ),
+        ("people = \"people.csv\"\n", "", "missing key `people` in [environment]"),
+        (
+            "[environment]",
+            "[population]\nsigma = { uniform = [0, 1] }\n[environment]",
+            "[environment] names the file of people",
+        ),
+    ] {
+        let manifest = MANIFEST.replacen(from, to, 1);
+        assert_ne!(manifest, MANIFEST, "{from}");
+        folder.write("trial.toml", &manifest);
+        folder.write("stays.csv", "start_day,end_day\n0,8\n2,9\n");
+        folder.write("rows.csv", "seed,person,row\n1,0,3\n1,1,3\n1,2,3\n1,3,3\n1,4,3\n1,5,3\n");
+        folder.jitai(["check", "trial.toml"]).ended(2).says(expected);
+    }
+    // Without a trial, its people cannot be the evaluation.
+    let without = MANIFEST.split("[trial]").next().unwrap().to_owned()
+        + "[environment]"
+        + MANIFEST.split("[environment]").nth(1).unwrap();
+    folder.write("trial.toml", without);
+    folder.jitai(["check", "trial.toml"]).ended(2).says("the manifest has no [trial]");
+}
