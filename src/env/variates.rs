@@ -128,7 +128,7 @@ pub(super) fn beta(alpha: f64, beta: f64, word: u64) -> f64 {
 ///
 /// **Source**: Hörmann, "The transformed rejection method for generating Poisson random variables", 1993 (PTRS).
 /// Below a mean of 10, uniform numbers are multiplied until their product is below e^-mean.
-#[inline]
+#[inline(always)]
 pub(super) fn poisson(mean: f64, words: &mut Expansion) -> f64 {
     if mean < 10.0 {
         let least = math::exp(-mean);
@@ -163,6 +163,7 @@ pub(super) fn poisson(mean: f64, words: &mut Expansion) -> f64 {
 }
 
 /// ln n! of a whole number, with an error below 1e-9.
+#[inline(always)]
 fn ln_factorial(n: f64) -> f64 {
     if n < 10.0 {
         let product: f64 = (2..=n as u32).map(f64::from).product();

@@ -7,18 +7,23 @@
 //! **Source**: the error of the rule follows from the poles of the integrand; Trefethen and Weideman, "The
 //! exponentially convergent trapezoidal rule", SIAM Review 56, 2014.
 
-use std::f64::consts::{FRAC_1_SQRT_2, PI};
+use std::f64::consts::PI;
+use std::sync::OnceLock;
 
-/// The spread above which the rule runs over the logistic variable.
-const LARGE: f64 = 3.0;
+use crate::agent::linear_thompson::normal::NormalTable;
+
+/// The spread from which the rule runs over the logistic variable.
+const LARGE: f64 = 1.2;
 /// Logarithm of the error of the rule.
-const LOG_ERROR: f64 = -25.0;
-/// The largest standard normal deviate: both tails beyond it have a probability of 2e-11.
-const REACH: f64 = 6.7;
-/// The largest logistic variate: both tails beyond it have a probability of 2e-11.
-const LOGISTIC_REACH: f64 = 25.0;
+const LOG_ERROR: f64 = -23.5;
+/// The largest standard normal deviate: both tails beyond it have a probability of 6e-11.
+const REACH: f64 = 6.5;
+/// The largest logistic variate: both tails beyond it have a probability of 2e-10.
+const LOGISTIC_REACH: f64 = 23.0;
 /// Distance of nodes of the logistic variable.
-const LOGISTIC_STEP: f64 = 0.7;
+const LOGISTIC_STEP: f64 = 0.74;
+/// Number of nodes on each side of 0.
+const LOGISTIC_NODES: usize = (LOGISTIC_REACH / LOGISTIC_STEP) as usize;
 
 /// The mean of a logistic function of c + s X, for a standard normal X and s of at least 0.
 pub fn mean_of_logistic(centre: f64, spread: f64) -> f64 {
@@ -44,29 +49,44 @@ fn over_normal(centre: f64, spread: f64) -> f64 {
     let nodes = (REACH / step) as usize;
     let mut sum = logistic(centre);
     let mut weights = 1.0;
+    // exp(-x² / 2) at n steps is the product of exp(-step² / 2) to the powers 1, 3, 5, …
+    let first = libm::exp(-step * step / 2.0);
+    let (mut weight, mut factor) = (1.0, first);
     for node in 1..=nodes {
-        let x = node as f64 * step;
-        let weight = libm::exp(-x * x / 2.0);
-        sum += weight * (logistic(centre + spread * x) + logistic(centre - spread * x));
+        weight *= factor;
+        factor *= first * first;
+        let x = spread * (node as f64 * step);
+        sum += weight * (logistic(centre + x) + logistic(centre - x));
         weights += 2.0 * weight;
     }
     // The sum of the weights has the same tails.
     sum / weights
 }
 
+/// The weights of the nodes at and above 0, scaled so that their sum over all nodes is 1.
+fn logistic_weights() -> &'static [f64; LOGISTIC_NODES + 1] {
+    static WEIGHTS: OnceLock<[f64; LOGISTIC_NODES + 1]> = OnceLock::new();
+    WEIGHTS.get_or_init(|| {
+        let mut weights = [0.0; LOGISTIC_NODES + 1];
+        for (node, weight) in weights.iter_mut().enumerate() {
+            let tail = libm::exp(-(node as f64) * LOGISTIC_STEP);
+            *weight = tail / ((1.0 + tail) * (1.0 + tail));
+        }
+        let all = weights[0] + 2.0 * weights[1..].iter().sum::<f64>();
+        weights.map(|weight| weight / all)
+    })
+}
+
 fn over_logistic(centre: f64, spread: f64) -> f64 {
-    let nodes = (LOGISTIC_REACH / LOGISTIC_STEP) as usize;
-    let below = |y: f64| 0.5 * libm::erfc((y - centre) / spread * FRAC_1_SQRT_2);
-    let mut sum = 0.25 * below(0.0);
-    let mut weights = 0.25;
-    for node in 1..=nodes {
-        let y = node as f64 * LOGISTIC_STEP;
-        let tail = libm::exp(-y);
-        let weight = tail / ((1.0 + tail) * (1.0 + tail));
-        sum += weight * (below(y) + below(-y));
-        weights += 2.0 * weight;
+    let table = NormalTable::shared();
+    let [zero, others @ ..] = logistic_weights();
+    let (at, step) = (centre / spread, LOGISTIC_STEP / spread);
+    let mut sum = zero * table.below(at);
+    for (node, weight) in (1..).zip(others) {
+        let away = f64::from(node) * step;
+        sum += weight * (table.below(at + away) + table.below(at - away));
     }
-    sum / weights
+    sum
 }
 
 #[cfg(test)]
@@ -97,6 +117,6 @@ mod tests {
                 largest = largest.max(error);
             }
         }
-        assert!(largest < 3e-10, "{largest:e}");
+        assert!(largest < 5e-10, "{largest:e}");
     }
 }

@@ -128,6 +128,17 @@ impl Factored {
         self.solved.as_slice()
     }
 
+    /// R⁻¹x as [`Factored::whiten`] computes it, for regressors that are 0 before `start`: the entries from there on, as
+    /// those before are 0.
+    pub fn whiten_from(&mut self, start: usize, regressors: &[f64]) -> &[f64] {
+        let rest = self.solved.len() - start;
+        let mut solved = self.solved.rows_mut(start, rest);
+        solved.as_mut_slice().copy_from_slice(regressors);
+        let root = self.root.l_dirty().view((start, start), (rest, rest));
+        root.solve_lower_triangular_unchecked_mut(&mut solved);
+        &self.solved.as_slice()[start..]
+    }
+
     /// Replaces standard normal deviates z in place by coefficients m + R'⁻¹z.
     pub fn draw(&mut self, deviates: &mut [f64]) {
         self.solved.as_mut_slice().copy_from_slice(deviates);

@@ -207,9 +207,10 @@ impl Sampler {
             let block = first + message * width..first + (message + 1) * width;
             *mean += dot(&joint.mean()[block.clone()], features);
             self.row.clear();
-            self.row.resize(all, 0.0);
-            self.row[block].copy_from_slice(features);
-            self.whitened.extend_from_slice(joint.whiten(&self.row));
+            self.row.extend_from_slice(features);
+            self.row.resize(all - block.start, 0.0);
+            self.whitened.resize(message * all + block.start, 0.0);
+            self.whitened.extend_from_slice(joint.whiten_from(block.start, &self.row));
         }
         if let Some(logistic) = self.logistic {
             let effect = means[1] - means[0];

@@ -1,7 +1,5 @@
 //! Linear Thompson sampling in a trial: many people at once, and updates at calendar times.
 
-use std::collections::VecDeque;
-
 use crate::agent::Actions;
 use crate::agent::actor::{Actor, StudyUpdate};
 use crate::agent::layers::Shape;
@@ -37,19 +35,66 @@ pub struct LinearThompsonStudy {
 
 /// The data of a person.
 struct Person {
-    /// The sums over the decisions that have counted in an update.
+    /// The sums over the first decisions, those that have counted in an update, and their number.
     known: Posterior,
-    /// The decisions that no update has counted yet, in their order.
-    waiting: VecDeque<Row>,
+    counted: usize,
+    /// The steps of the trial at which the person's decisions were made, \[decisions\]; their actions and rewards; their
+    /// features, \[decisions, features\], and probabilities, \[decisions, actions\].
+    times: Vec<u32>,
+    actions: Vec<u8>,
+    rewards: Vec<f64>,
+    features: Vec<f64>,
+    probabilities: Vec<f64>,
 }
 
-/// A decision with its reward.
-#[derive(Clone, Debug, Default)]
-struct Row {
-    /// The number of the step of the trial.
-    time: u32,
-    decision: Decision,
-    reward: f64,
+impl Person {
+    fn new(known: Posterior) -> Person {
+        Person {
+            known,
+            counted: 0,
+            times: Vec::new(),
+            actions: Vec::new(),
+            rewards: Vec::new(),
+            features: Vec::new(),
+            probabilities: Vec::new(),
+        }
+    }
+
+    /// Records a decision with its reward.
+    fn push(&mut self, time: u32, decision: &Decision, reward: f64) {
+        self.times.push(time);
+        self.actions.push(decision.action.index() as u8);
+        self.rewards.push(reward);
+        self.features.extend_from_slice(&decision.features);
+        self.probabilities.extend_from_slice(&decision.probabilities);
+    }
+
+    /// Counts the decisions before a step; `row` is a buffer.
+    fn count(&mut self, before: u32, row: &mut Decision) {
+        while self.times.get(self.counted).is_some_and(|time| *time < before) {
+            let place = self.counted;
+            let of = |all: &[f64], width: usize, into: &mut Vec<f64>| {
+                into.clear();
+                into.extend_from_slice(&all[place * width..(place + 1) * width]);
+            };
+            of(&self.features, self.features.len() / self.times.len(), &mut row.features);
+            let actions = self.probabilities.len() / self.times.len();
+            of(&self.probabilities, actions, &mut row.probabilities);
+            row.action = Action::from_index(self.actions[place].into()).unwrap_or_default();
+            self.known.learn(row, self.rewards[place]);
+            self.counted += 1;
+        }
+    }
+
+    /// Whether the arrays belong to the same decisions.
+    fn fits(&self) -> bool {
+        let decisions = self.times.len();
+        let arrays = [self.actions.len(), self.rewards.len()];
+        let tables = [self.features.len(), self.probabilities.len()];
+        arrays.iter().all(|length| *length == decisions)
+            && tables.iter().all(|length| *length % decisions.max(1) == 0)
+            && self.counted <= decisions
+    }
 }
 
 impl LinearThompsonStudy {
@@ -67,7 +112,7 @@ impl LinearThompsonStudy {
         let shape = Shape { inputs: design.width(), actions };
         let prior = Posterior::prior(parameters, shape);
         let acting = Acting::new(prior.clone()).expect("a diagonal of positive numbers has a root");
-        let person = || Person { known: prior.without_data(), waiting: VecDeque::new() };
+        let person = || Person::new(prior.without_data());
         LinearThompsonStudy {
             sampler: Sampler::new(parameters, actions, seed),
             unavailable: parameters.unavailable,
@@ -142,9 +187,7 @@ impl Actor for LinearThompsonStudy {
     fn observe(&mut self, _: &Simulated, rewards: &[f64]) {
         for (person, reward) in rewards.iter().enumerate() {
             if self.chooses[person] && !reward.is_nan() {
-                let decision = self.decisions[person].clone();
-                let row = Row { time: self.time, decision, reward: *reward };
-                self.people[person].waiting.push_back(row);
+                self.people[person].push(self.time, &self.decisions[person], *reward);
             }
         }
         self.time += 1;
@@ -153,13 +196,10 @@ impl Actor for LinearThompsonStudy {
     fn update(&mut self, update: &StudyUpdate<'_>) {
         let place = update.agent.unwrap_or(0);
         let mut posterior = self.prior.clone();
+        let mut row = Decision::default();
         for (person, _) in update.people.iter().enumerate().filter(|(_, counts)| **counts) {
-            let Person { known, waiting } = &mut self.people[person];
-            while let Some(row) = waiting.front().filter(|row| row.time < update.before) {
-                known.learn(&row.decision, row.reward);
-                waiting.pop_front();
-            }
-            posterior.add(known);
+            self.people[person].count(update.before, &mut row);
+            posterior.add(&self.people[person].known);
         }
         self.acting[place].begin(&posterior);
         // Precisions grow from a prior that has a root.
@@ -173,6 +213,9 @@ impl Actor for LinearThompsonStudy {
     }
 }
 
-resumable!([] Row { parts time, decision, reward });
-resumable!([] Person { parts known, waiting });
+resumable!([] Person {
+    parts known, counted;
+    grown times, actions, rewards, features, probabilities;
+    check fits, "decisions of a person"
+});
 resumable!([] LinearThompsonStudy { each acting, people, decisions, chooses; parts time });

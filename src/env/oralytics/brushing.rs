@@ -2,6 +2,8 @@
 
 use std::sync::Arc;
 
+use pulp::{Simd, WithSimd};
+
 use crate::env::history::History;
 use crate::env::observation::{ObservationSpec, Observations};
 use crate::env::oralytics::feature::{Feature, Weights};
@@ -12,6 +14,7 @@ use crate::env::variates::Expansion;
 use crate::env::vector::{
     Action, ActionSpec, EpisodeStatus, LaneSet, LaneStreams, VectorEnvironment,
 };
+use crate::kernel::Isa;
 use crate::rng::open_unit_from_bits;
 use crate::state::resumable;
 
@@ -184,6 +187,7 @@ impl Brushing {
     }
 
     /// The features of the outcome of a lane's decision.
+    #[inline(always)]
     fn features(&self, lane: usize) -> Weights {
         let time = self.times[lane] as usize;
         let first = lane * self.parameters.horizon() as usize;
@@ -246,6 +250,7 @@ impl Brushing {
 
     /// Takes a decision whose outcome and next day are given: the seconds, and whether the app is opened on the next
     /// day if it begins. Returns the reward to learn from.
+    #[inline]
     pub fn force(&mut self, lane: usize, is_prompted: bool, seconds: f64, opens: bool) -> f64 {
         let cost = if is_prompted { self.cost(lane) } else { 0.0 };
         self.habituate(lane);
@@ -300,6 +305,7 @@ impl Brushing {
     }
 
     /// Takes one step in a running lane, with this word.
+    #[inline(always)]
     fn take(&mut self, lane: usize, is_prompted: bool, word: u64) -> f64 {
         let mut words = Expansion(word);
         let person = &self.people[self.rows[lane] as usize];
@@ -311,6 +317,30 @@ impl Brushing {
         let how = (test_bed, rounding);
         let seconds = person.brushes(&features, is_prompted, responsiveness, how, &mut words);
         self.force(lane, is_prompted, seconds, opens)
+    }
+}
+
+/// A step of the lanes that have drawn a word.
+struct Step<'a> {
+    lanes: &'a mut Brushing,
+    actions: &'a [Action],
+    rewards: &'a mut [f64],
+}
+
+impl WithSimd for Step<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, _: S) {
+        let Step { lanes, actions, rewards } = self;
+        for (lane, (action, reward)) in actions.iter().zip(rewards).enumerate() {
+            *reward = 0.0;
+            if lanes.drawn[lane] {
+                *reward = lanes.take(lane, action.index() > 0, lanes.words[lane]);
+            } else {
+                lanes.brushed[lane] = 0.0;
+            }
+        }
     }
 }
 
@@ -377,15 +407,7 @@ impl VectorEnvironment for Brushing {
             *drawn = *status == EpisodeStatus::Running;
         }
         streams.fill(LaneSet::All, &self.drawn, &mut self.words);
-        for lane in 0..lanes {
-            rewards[lane] = match self.drawn[lane] {
-                true => self.take(lane, actions[lane].index() > 0, self.words[lane]),
-                false => {
-                    self.brushed[lane] = 0.0;
-                    0.0
-                }
-            };
-        }
+        Isa::chosen().run(Step { lanes: self, actions, rewards });
     }
 
     fn statuses(&self) -> &[EpisodeStatus] {

@@ -26,6 +26,7 @@ pub(super) const MOST_SECONDS: f64 = 180.0;
 
 impl Person {
     /// The seconds of a brushing.
+    #[inline(always)]
     pub(super) fn brushes(
         &self,
         features: &Weights,
@@ -66,6 +67,7 @@ impl Person {
 /// The largest logarithm of a mean: far above the most seconds that count.
 const MOST_LOG: f64 = 10.0;
 
+#[inline(always)]
 fn dot(one: &Weights, other: &Weights) -> f64 {
     one.iter().zip(other).map(|(one, other)| one * other).sum()
 }
