@@ -75,6 +75,7 @@ pub struct Brushing {
     /// \[lanes, horizon\].
     seconds: Vec<f64>,
     prompts: Vec<f64>,
+    responsiveness: Vec<f64>,
     /// How often responsiveness has shrunk and not grown again.
     excesses: Vec<u32>,
     /// Whether the app was opened today, and yesterday.
@@ -116,6 +117,7 @@ impl Brushing {
             assigned: Vec::new(),
             seconds: vec![0.0; decisions],
             prompts: vec![0.0; decisions],
+            responsiveness: vec![1.0; lanes],
             excesses: vec![0; lanes],
             app_today: vec![false; lanes],
             app_before: vec![false; lanes],
@@ -239,13 +241,20 @@ impl Brushing {
         }
         let (brushing, prompts) = (self.average_brushing[lane], self.average_prompts[lane]);
         let is_excess = (brushing > GOOD_BRUSHING && prompts > MANY) || prompts > VERY_MANY;
-        let excesses = &mut self.excesses[lane];
-        *excesses = if is_excess { *excesses + 1 } else { excesses.saturating_sub(1) };
+        let (k, excesses) = (&mut self.responsiveness[lane], &mut self.excesses[lane]);
+        if is_excess {
+            *k *= habituation_factor;
+            *excesses += 1;
+        } else if *excesses > 0 {
+            // A person who has stopped responding responds fully again, however often that has happened.
+            *k = if habituation_factor == 0.0 { 1.0 } else { *k / habituation_factor };
+            *excesses -= 1;
+        }
     }
 
     /// The responsiveness of the person in a lane to prompts, 0 to 1.
     pub fn responsiveness(&self, lane: usize) -> f64 {
-        self.parameters.habituation_factor.powi(self.excesses[lane] as i32)
+        self.responsiveness[lane]
     }
 
     /// Takes a decision whose outcome and next day are given: the seconds, and whether the app is opened on the next
@@ -273,6 +282,7 @@ impl Brushing {
     pub fn begin(&mut self, lane: usize, row: u32) {
         self.rows[lane] = row;
         self.times[lane] = 0;
+        self.responsiveness[lane] = 1.0;
         self.excesses[lane] = 0;
         self.app_today[lane] = false;
         self.statuses[lane] = EpisodeStatus::Running;
@@ -489,7 +499,7 @@ impl Simulation for Brushing {
 }
 
 resumable!([] Brushing {
-    fixed times, rows, seconds, prompts, excesses, reported, brushed;
+    fixed times, rows, seconds, prompts, responsiveness, excesses, reported, brushed;
     each app_today, app_before, statuses, history;
     check fits, "people";
     then derive_all
@@ -557,7 +567,7 @@ mod tests {
         };
         let weeks = [true, true, false, false];
         assert_eq!(responsiveness(TestBed::V2, 0.5, weeks), [1.0, 0.5, 0.25, 0.5]);
-        assert_eq!(responsiveness(TestBed::V3, 0.0, weeks), [1.0, 0.0, 0.0, 0.0]);
+        assert_eq!(responsiveness(TestBed::V3, 0.0, weeks), [1.0, 0.0, 0.0, 1.0]);
         assert_eq!(responsiveness(TestBed::V2, 1.0, weeks), [1.0; 4]);
         assert_eq!(responsiveness(TestBed::V4, 0.5, weeks), [1.0; 4]);
     }
