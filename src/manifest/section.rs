@@ -181,12 +181,15 @@ mod tests {
     }
 
     #[test]
-    fn only_sigma_the_rule_and_outside_programs_must_be_given() {
+    fn few_keys_must_be_given() {
         let keys = Section::all().into_iter().flat_map(|section| section.keys());
         let required = keys.filter(|key| key.default.is_none()).map(|key| key.name);
         assert_eq!(
             required.collect::<Vec<_>>(),
-            ["sigma", "rule", "command", "version", "command", "version"]
+            [
+                "sigma", "rule", "command", "version", "people", "days", "people", "command",
+                "version"
+            ]
         );
     }
 }

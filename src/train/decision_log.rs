@@ -24,6 +24,9 @@ pub(super) struct DecisionLog {
     episodes: Vec<u32>,
     /// The lanes of the most recent decisions, whose rewards are still missing.
     acting: Vec<usize>,
+    /// In a trial, numbers that follow the state of every lane, \[lanes, 2\], and episodes are the numbers of lanes;
+    /// empty otherwise.
+    beside: Vec<f64>,
     /// The first failed allocation; nothing is recorded afterwards.
     refused: Option<OutOfMemory>,
 }
@@ -39,8 +42,15 @@ impl DecisionLog {
             begun: 0,
             episodes: Vec::new(),
             acting: Vec::new(),
+            beside: Vec::new(),
             refused: None,
         }
+    }
+
+    /// Records these numbers behind the state of every lane, \[lanes, 2\], in the next step of a trial.
+    pub(super) fn stand_beside(&mut self, numbers: impl Iterator<Item = [f64; 2]>) {
+        self.beside.clear();
+        self.beside.extend(numbers.flatten());
     }
 
     /// Reports a failed allocation. **Errors**: there was not enough memory for a decision.
@@ -56,6 +66,9 @@ impl DecisionLog {
 
     /// The number of the current episode in a lane, which is at `step`.
     fn episode(&mut self, lane: usize, step: u32) -> u32 {
+        if !self.beside.is_empty() {
+            return lane as u32 + 1;
+        }
         if step == 0 {
             self.begun += 1;
             self.episodes[lane] = self.begun;
@@ -94,6 +107,7 @@ impl StepObserver<Simulated> for DecisionLog {
             }
             let mut state = Vec::new();
             lanes.record_state(lane, &mut state);
+            state.extend(self.beside.get(2 * lane..2 * lane + 2).unwrap_or_default());
             let decision = Decision {
                 phase: self.phase,
                 episode,

@@ -19,6 +19,8 @@ pub struct Study {
     missing: Vec<bool>,
     /// The number of steps so far.
     time: u32,
+    /// The number of updates so far of the agent of everybody, or of each person's; it numbers the policy in force.
+    policies: Vec<u32>,
     /// Buffers: lanes that begin an episode, and people whose data count.
     entering: Vec<bool>,
     counting: Vec<bool>,
@@ -53,6 +55,7 @@ impl Study {
             rows,
             missing,
             time: 0,
+            policies: vec![0; if trial.pooling == Pooling::Full { 1 } else { people }],
             entering: vec![false; people],
             counting: vec![false; people],
         }
@@ -72,6 +75,16 @@ impl Study {
     pub fn days(&self) -> (u32, u32) {
         (self.time / self.calendar.per_day, self.calendar.days())
     }
+
+    /// The calendar day and the number of the policy in force for every person; see [`Study::NAMES`].
+    pub fn beside(&self) -> impl Iterator<Item = [f64; 2]> {
+        let (day, _) = self.days();
+        let policy = |person: usize| self.policies[person.min(self.policies.len() - 1)];
+        (0..self.people()).map(move |person| [f64::from(day), f64::from(policy(person))])
+    }
+
+    /// The names of the numbers that stand beside the recorded state in a trial.
+    pub const NAMES: [&str; 2] = ["calendar_day", "policy"];
 
     pub fn is_over(&self) -> bool {
         self.time >= self.calendar.days() * self.calendar.per_day
@@ -127,6 +140,7 @@ impl Study {
                     };
                 }
                 actor.update(&StudyUpdate { people: &self.counting, before, agent: None });
+                self.policies[0] += 1;
             }
             Pooling::None => {
                 for (person, stay) in self.stays.iter().enumerate() {
@@ -137,6 +151,7 @@ impl Study {
                         self.counting[person] = true;
                         let agent = Some(person);
                         actor.update(&StudyUpdate { people: &self.counting, before, agent });
+                        self.policies[person] += 1;
                     }
                 }
             }
@@ -161,7 +176,7 @@ impl Study {
     }
 }
 
-resumable!([] Study { parts time });
+resumable!([] Study { parts time; fixed policies });
 
 #[cfg(test)]
 mod tests {

@@ -157,6 +157,9 @@ impl Test {
         while !study.is_over() && !player.stop_requested() {
             study.begin_step(lanes, actor, &mut streams.environment);
             actor.act(lanes, &mut streams.actions, &mut actions, Some(&mut probabilities));
+            if let Some(log) = &mut player.log {
+                log.stand_beside(study.beside());
+            }
             player.chosen(lanes, &actions, &probabilities);
             lanes.step(&actions, &mut rewards, &mut streams.environment);
             player.paid(lanes, &rewards);
@@ -251,7 +254,10 @@ impl Test {
             true => self.costs,
         });
         let messages = self.environment.has_nothing().then_some(messages);
-        let state_names = self.environment.state_names();
+        let mut state_names = self.environment.state_names();
+        if self.study.is_some() {
+            state_names.extend(Study::NAMES.map(str::to_owned));
+        }
         if let Some(people) = &self.people {
             people.describe(&mut self.participants);
         }

@@ -57,6 +57,18 @@ fn the_people_of_a_trial_are_its_evaluation() {
     let means = "SELECT count(*) FROM run_summary JOIN (SELECT job_key, avg(total_reward) AS mean \
                  FROM evaluation_episode GROUP BY 1) USING (job_key) WHERE abs(mean_return - mean) < 1e-9";
     assert_eq!(folder.number(means), 8);
+    // Four people have entered by the fourth day; updates come every other day.
+    let days = "SELECT count(*) FROM decision WHERE episode = 3 AND step = 5 \
+                AND json_extract(state, '$.calendar_day') = 5";
+    assert_eq!(folder.number(days), 8);
+    let policy = |pooling: &str| {
+        format!(
+            "SELECT max(json_extract(state, '$.policy')) FROM decision JOIN parameter USING (job_key) \
+             WHERE name = 'trial.pooling' AND value = '{pooling}' AND episode = 3 AND step = 5"
+        )
+    };
+    // Everybody's agent on days 2 and 4; the third person's own, on the second day after the third.
+    assert_eq!([policy("full"), policy("none")].map(|sql| folder.number(&sql)), [2, 1]);
     // Rules do not depend on pooling.
     let alike = "SELECT count(DISTINCT mean_return) FROM run_summary WHERE agent = 'never'";
     assert_eq!(folder.number(alike), 2);
