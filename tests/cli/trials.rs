@@ -63,7 +63,7 @@ fn the_people_of_a_trial_are_its_evaluation() {
     assert_eq!(folder.number(days), 8);
     let policy = |pooling: &str| {
         format!(
-            "SELECT max(json_extract(state, '$.policy')) FROM decision JOIN parameter USING (job_key) \
+            "SELECT CAST(max(json_extract(state, '$.policy')) AS INTEGER) FROM decision JOIN parameter USING (job_key) \
              WHERE name = 'trial.pooling' AND value = '{pooling}' AND episode = 3 AND step = 5"
         )
     };

@@ -5,7 +5,7 @@ use crate::agent::actor::{Actor, StudyUpdate};
 use crate::agent::layers::Shape;
 use crate::agent::linear_thompson::posterior::{Acting, Decision};
 use crate::agent::linear_thompson::sampler::Sampler;
-use crate::agent::linear_thompson::{Design, LinearThompson, Posterior};
+use crate::agent::linear_thompson::{BanditDraw, Design, LinearThompson, Posterior};
 use crate::agent::unavailable::Unavailable;
 use crate::agent::weights::Weights;
 use crate::env::{Action, EpisodeStatus, Observations, Simulated, VectorEnvironment};
@@ -112,9 +112,11 @@ impl LinearThompsonStudy {
         let shape = Shape { inputs: design.width(), actions };
         let prior = Posterior::prior(parameters, shape);
         let acting = Acting::new(prior.clone()).expect("a diagonal of positive numbers has a root");
+        // Coefficients are drawn for each step: a trial has no episodes that begin together.
+        let by_step = LinearThompson { draw: BanditDraw::Step, ..parameters.clone() };
         let person = || Person::new(prior.without_data());
         LinearThompsonStudy {
-            sampler: Sampler::new(parameters, actions, seed),
+            sampler: Sampler::new(&by_step, actions, seed),
             unavailable: parameters.unavailable,
             acting: vec![acting; if is_pooled { 1 } else { people }],
             people: (0..people).map(|_| person()).collect(),
@@ -143,6 +145,7 @@ impl LinearThompsonStudy {
     /// The means of all coefficients of a person's posterior.
     pub fn means(&mut self, person: usize) -> Vec<f64> {
         let place = person.min(self.acting.len() - 1);
+        let _ = self.acting[place].refresh();
         self.acting[place].factored().iter().flat_map(|one| one.mean().to_vec()).collect()
     }
 }
@@ -156,6 +159,8 @@ impl Actor for LinearThompsonStudy {
         probabilities: Option<&mut [f64]>,
     ) {
         environment.observe(&mut self.observations);
+        // The factors are not saved. Precisions grow from a prior that has a root.
+        self.acting.iter_mut().for_each(|acting| _ = acting.refresh());
         let count = self.sampler.actions();
         for (person, action) in actions.iter_mut().enumerate() {
             // Drawn for everybody, so that choices do not depend on who is in the study.
@@ -202,8 +207,6 @@ impl Actor for LinearThompsonStudy {
             posterior.add(&self.people[person].known);
         }
         self.acting[place].begin(&posterior);
-        // Precisions grow from a prior that has a root.
-        let _ = self.acting[place].refresh();
     }
 
     /// The posterior of everybody; `None` if each person has one.
