@@ -91,11 +91,6 @@ impl Content {
         format!("{mark}{PREFIX}{}", known.sha256)
     }
 
-    /// Whether the text is invented.
-    pub fn is_synthetic(&self) -> bool {
-        self.0.as_ref().is_some_and(|known| known.is_synthetic)
-    }
-
     /// The content of a name of [`Content::name`], without its text.
     pub(super) fn named(name: &str) -> Option<Content> {
         if name == NONE {
@@ -155,7 +150,7 @@ mod tests {
         assert_eq!(one.to_string(), format!("\"{}\"", one.name()));
         assert!(Content::read(&NUMBER, "seven").is_err());
         let invented = read("# synthetic\n7");
-        assert!(invented.is_synthetic() && invented.name().starts_with("synthetic:sha256:"));
+        assert!(invented.name().starts_with("synthetic:sha256:"));
         assert_eq!(Content::named(&invented.name()), Some(invented));
     }
 }

@@ -27,7 +27,7 @@ pub(super) struct Test {
     people: Option<People>,
     /// The participants' parameters, set at the end of the test; memory is reserved from the first batch.
     participants: Vec<ParticipantValue>,
-    /// The cost of messages so far; maintained only if there are people.
+    /// The cost of messages so far; maintained only if costs differ.
     costs: f64,
     environment: Environment,
     /// The metric that is the share of terminated episodes.
@@ -220,8 +220,8 @@ impl Test {
         &'p mut self,
         pause: &'p dyn Fn() -> bool,
     ) -> (&'p mut Simulated, &'p mut RollStreams, Player<'p>) {
-        let Test { streams, counts, log, batch, people, costs, environment, .. } = self;
-        let costs = (people.is_some() || environment.costs_vary()).then_some(costs);
+        let Test { streams, counts, log, batch, costs, environment, .. } = self;
+        let costs = costs_differ(environment).then_some(costs);
         let (log, played) = (log.as_mut(), &mut batch.played[..]);
         (&mut batch.environment, streams, Player { counts, log, played, costs, pause })
     }
@@ -247,8 +247,8 @@ impl Test {
     /// The results, once all episodes are played.
     pub(super) fn finish(mut self) -> Tested {
         let (messages, actions) = (self.counts.messages(), self.counts.rows());
-        let is_summed = self.people.is_some() || self.environment.costs_vary();
-        let costs = self.environment.message_cost().map(|cost| match is_summed {
+        let differ = costs_differ(&self.environment);
+        let costs = self.environment.message_cost().map(|cost| match differ {
             // A product, as in the results of earlier jobs.
             false => cost * messages as f64,
             true => self.costs,
@@ -276,6 +276,11 @@ impl Test {
             description: self.environment.description(),
         }
     }
+}
+
+/// Whether messages can have other costs to other people or at other moments, so that each is summed.
+fn costs_differ(environment: &Environment) -> bool {
+    environment.differing() > 0 || environment.costs_vary()
 }
 
 /// Test episodes in progress; empty between two batches.
