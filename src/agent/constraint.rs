@@ -39,10 +39,11 @@ const LAYERS_BEFORE_GRU: Parameter = Parameter::Agent("layers_before_gru");
 const CURVE_STRIDE: Parameter = Parameter::Evaluation("curve_stride");
 
 /// Constraints on every algorithm that trains.
-pub const OF_TRAINING: &[Constraint] = &[CURVE_FITS, DECISIONS_FIT, FIRST_TRAINED];
+pub const OF_TRAINING: &[Constraint] =
+    &[CURVE_FITS, DECISIONS_FIT, DECISIONS_OF_EPISODES, FIRST_TRAINED];
 
 /// Constraints on every algorithm that does not train.
-pub const OF_TESTING: &[Constraint] = &[TEST_DECISIONS_FIT, FIRST_TESTED];
+pub const OF_TESTING: &[Constraint] = &[TEST_DECISIONS_FIT, DECISIONS_OF_EPISODES, FIRST_TESTED];
 
 /// The learning curve has at most as many points as a store should hold.
 const CURVE_FITS: Constraint = Constraint {
@@ -89,6 +90,20 @@ const DECISIONS_FIT: Constraint = Constraint {
 const TEST_DECISIONS_FIT: Constraint = Constraint {
     parameters: &[TEST_EPISODES, HORIZON, UNPAID_LAST_STEP, RECORD_DECISIONS],
     violation: |assignment| decisions_fit(assignment, 0),
+};
+
+/// Whether the results of single people are stored.
+const RECORD_EPISODES: Parameter = Parameter::Evaluation("record_episodes");
+
+/// Recorded decisions belong to recorded episodes.
+const DECISIONS_OF_EPISODES: Constraint = Constraint {
+    parameters: &[RECORD_EPISODES, RECORD_DECISIONS],
+    violation: |assignment| {
+        let violated = assignment.is_word(RECORD_EPISODES, "none")
+            && !assignment.is_word(RECORD_DECISIONS, "none");
+        let says = "leaves out the episodes of";
+        violated.then(|| assignment.contradiction(RECORD_EPISODES, says, RECORD_DECISIONS))
+    },
 };
 
 /// Numbers of first episodes whose mean return is a metric.

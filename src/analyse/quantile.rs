@@ -1,6 +1,7 @@
 //! Quantiles, among them the lower-quartile return.
 
 use super::undefined::{Undefined, at_least};
+use crate::job::metric::quantile_of_sorted;
 
 /// The quantile at `share`, from 0 to 1, by linear interpolation between the ordered values.
 ///
@@ -24,15 +25,6 @@ pub fn quantile(values: &[f64], share: f64) -> Result<f64, Undefined> {
 /// **Errors**: no values, or values that are not finite.
 pub fn lower_quartile(returns: &[f64]) -> Result<f64, Undefined> {
     quantile(returns, 0.25)
-}
-
-/// A quantile of at least one value, in ascending order.
-pub(super) fn quantile_of_sorted(sorted: &[f64], share: f64) -> f64 {
-    let place = share * (sorted.len() - 1) as f64;
-    let (below, part) = (place.floor(), place - place.floor());
-    let low = sorted[below as usize];
-    let high = sorted[(below as usize + 1).min(sorted.len() - 1)];
-    low + part * (high - low)
 }
 
 #[cfg(test)]

@@ -58,9 +58,8 @@ pub(super) fn run(arguments: &Arguments) -> Result<Exit, Error> {
 /// Checks the weights of a completed run; the error says what is wrong with them.
 fn check_weights(job: &Job, safetensors: Option<&[u8]>) -> Result<(), String> {
     let Some(safetensors) = safetensors else {
-        let has_weights = job.agent.algorithm().has_weights();
         let missing = "no weights are stored, although its algorithm learns";
-        return if has_weights { Err(missing.to_owned()) } else { Ok(()) };
+        return if job.has_weights() { Err(missing.to_owned()) } else { Ok(()) };
     };
     let weights = Weights::from_bytes(safetensors).map_err(|error| error.to_string())?;
     if !weights.are_finite() {

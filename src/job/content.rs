@@ -6,7 +6,10 @@ use serde_json::{Map, Value as Json};
 
 use super::identity::{Parts, agent_text, environment_text, people_text, text};
 use super::metric::TERMINATION_RATE;
-use super::{CanonicalForm, Evaluation, JobKey, MetricName, Scalar, Trial, Versions};
+use super::{
+    CanonicalForm, Evaluation, JobKey, MetricName, Pooling, RecordedEpisodes, Scalar, Trial,
+    Versions,
+};
 use crate::agent::{Agent, Algorithm, Engine, Task, Work};
 use crate::env::{Environment, Family, Scenario};
 use crate::key::{CanonicalError, Key, Keyed, Parameter, Value, free_key, read_object};
@@ -67,6 +70,13 @@ impl Job {
     /// The algorithm's name, as in the manifest.
     pub fn algorithm(&self) -> &'static str {
         self.agent.algorithm().name()
+    }
+
+    /// Whether the results have weights: not without episodes, and not where each person of a trial has an agent.
+    pub fn has_weights(&self) -> bool {
+        let is_one = self.trial.as_ref().is_none_or(|trial| trial.pooling == Pooling::Full);
+        let recorded = self.evaluation.record_episodes == RecordedEpisodes::All;
+        self.agent.algorithm().has_weights() && is_one && recorded
     }
 
     /// The metric that is the share of episodes that were terminated.

@@ -20,6 +20,9 @@ keys! {
         /// mean_return_first_140) is the mean return of the first n training episodes, or of the first n test
         /// episodes of an agent that does not train
         first_episodes: Vec<u32> = Vec::new(), before Vec::new(), in Kind::Counts { most: 20, max: 10_000_000 };
+        /// which results of single people are stored: "all", or "none", which leaves the metrics, the learning
+        /// curve and the counts of actions, without episodes, participants and weights
+        record_episodes: RecordedEpisodes = RecordedEpisodes::All, before RecordedEpisodes::All;
         /// what the agent is evaluated on: "test" episodes after its training, or the people of the "trial" in
         /// which it learned
         on: EvaluatedOn = EvaluatedOn::Test, before EvaluatedOn::Test;
@@ -65,6 +68,16 @@ impl From<TestActions> for Actions {
             TestActions::AsTrained => Actions::AsTrained,
             TestActions::Greedy => Actions::Greedy,
         }
+    }
+}
+
+choices! {
+    /// Whether the results of single people are stored.
+    pub enum RecordedEpisodes {
+        /// Episodes, participants and weights.
+        All = "all",
+        /// Metrics alone.
+        None = "none",
     }
 }
 

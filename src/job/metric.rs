@@ -79,7 +79,7 @@ metrics! {
     NET_RETURN = "mean_net_return", "mean return minus the cost of messages", Return, [Test, Analyses],
         "mean undiscounted return minus the cost of messages; absent if messages cost nothing";
     LOWER_QUARTILE_RETURN = "lower_quartile_return", "lower-quartile return", Return, [Analyses, Participants],
-        "lower quartile of the return over test episodes; computed when it is read";
+        "lower quartile of the return over test episodes; computed when it is read, and recorded where episodes are not";
     MEAN_LENGTH = "mean_length", "mean episode length", Steps, [Test, Curve, Analyses, Participants],
         "mean episode length";
     DISENGAGEMENT_RATE = "disengagement_rate", "episodes ended by disengagement", Share,
@@ -114,6 +114,15 @@ const FIRST_RETURN: MetricName = MetricName {
 /// episodes if the agent does not train.
 pub const fn first_return(episodes: u32) -> MetricName {
     MetricName { episodes, ..FIRST_RETURN }
+}
+
+/// The quantile of at least one value, in ascending order, by linear interpolation.
+pub fn quantile_of_sorted(sorted: &[f64], share: f64) -> f64 {
+    let place = share * (sorted.len() - 1) as f64;
+    let (below, part) = (place.floor(), place - place.floor());
+    let low = sorted[below as usize];
+    let high = sorted[(below as usize + 1).min(sorted.len() - 1)];
+    low + part * (high - low)
 }
 
 /// The metrics that occur in a place, except those of first episodes.

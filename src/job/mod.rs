@@ -18,7 +18,7 @@ mod trial;
 
 pub use condition::{Condition, Described, short_name};
 pub use content::{Job, JobError};
-pub use evaluation::{EvaluatedOn, Evaluation, RecordedDecisions, TestActions};
+pub use evaluation::{EvaluatedOn, Evaluation, RecordedDecisions, RecordedEpisodes, TestActions};
 pub use identity::{
     CanonicalForm, JobKey, Parts, Versions, agent_text, environment_text, people_text, text,
     without_seed,

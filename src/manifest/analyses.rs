@@ -20,7 +20,7 @@ use super::respelt::respelt;
 use super::source::{Located, Span};
 use super::sweep::{Node, Reader};
 use crate::job::metric::{MEAN_RETURN, metrics_with};
-use crate::job::{Condition, MetricName, MetricPlace};
+use crate::job::{Condition, MetricName, MetricPlace, RecordedEpisodes};
 use crate::key::{Distribution, Parameter, Value};
 
 /// The probability of context 1.
@@ -255,6 +255,14 @@ impl Checked<'_> {
                 let help = format!("list {episodes} in `evaluation.{LISTS}`");
                 faults.add(Fault::at(analysis.span, message).help(help));
             }
+        }
+        let kept = manifest.evaluation.get("record_episodes").unwrap_or_default();
+        if let Some(range) = &analysis.participants
+            && kept.contains(&Value::Choice(RecordedEpisodes::None.word()))
+        {
+            let message =
+                "`participants` needs episodes, and `record_episodes` of [evaluation] is \"none\"";
+            faults.add(Fault::at(range.span, message).help("remove record_episodes"));
         }
         if let Some(range) = &analysis.participants
             && !differ_in(manifest, range.value.parameter)

@@ -8,8 +8,8 @@ use super::section::ReportedExperiment;
 use super::winner::winners;
 use crate::analyse::declared::{carry_out, condense, reproduce, summarise_arms, varying};
 use crate::job::metric::LOWER_QUARTILE_RETURN;
-use crate::job::{Condition, DataPart, ParticipantRange};
-use crate::key::Parameter;
+use crate::job::{Condition, DataPart, ParticipantRange, RecordedEpisodes};
+use crate::key::{Parameter, Value};
 use crate::manifest::{Analysis, Faults, Manifest, Parameters, Published};
 use crate::plan;
 use crate::record::{DataSet, JobRecord, JobStatus};
@@ -180,5 +180,12 @@ fn query(manifest: &Manifest, data: &DataSet, analysis: &Analysis) -> DataQuery 
             columns.push(name);
         }
     }
-    DataQuery { experiment: data.experiment.clone(), conditions, columns, part: analysis.part() }
+    let none = Value::Choice(RecordedEpisodes::None.word());
+    let kept = manifest.evaluation.get("record_episodes").unwrap_or_default();
+    let part = match analysis.part() {
+        // Where episodes are not recorded, what is computed from them is.
+        DataPart::Returns if kept == [none] => DataPart::Metric(analysis.metric),
+        part => part,
+    };
+    DataQuery { experiment: data.experiment.clone(), conditions, columns, part }
 }

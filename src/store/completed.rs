@@ -224,7 +224,7 @@ fn add_metrics(
          JOIN metric_name ON metric_name.id = run_metric.metric
          -- Undefined for one episode; the file has 0.
          WHERE metric_name.name <> 'sd_return'
-            OR EXISTS (SELECT 1 FROM test_episode WHERE run = run_metric.run AND episode = 2)
+            OR (SELECT max(episode) FROM test_episode WHERE run = run_metric.run) IS NOT 1
          ORDER BY metric_name.name",
     )?;
     let ids: Vec<i64> = runs.keys().copied().collect();

@@ -74,8 +74,11 @@ const INVARIANTS: [Invariant; 7] = [
     Invariant {
         violation: "its test episodes do not match the declared number, counted from 1",
         sql: "SELECT job.key FROM run JOIN job ON job.id = run.job
-              WHERE status = 'completed' AND json_extract(canonical, '$.evaluation.test_episodes')
-                IS NOT (SELECT iif(count(*) = max(episode), count(*), -1) FROM test_episode
+              WHERE status = 'completed' AND CASE
+                    WHEN json_extract(canonical, '$.evaluation.record_episodes') = 'none' THEN 0
+                    ELSE ifnull(json_extract(canonical, '$.trial.people'),
+                        json_extract(canonical, '$.evaluation.test_episodes')) END
+                IS NOT (SELECT iif(count(*) = ifnull(max(episode), 0), count(*), -1) FROM test_episode
                     WHERE run = run.id)",
     },
     Invariant {
@@ -106,6 +109,7 @@ const INVARIANTS: [Invariant; 7] = [
         violation: "its number of actions does not match the steps of its test episodes",
         sql: "SELECT job.key FROM run JOIN job ON job.id = run.job
               WHERE status = 'completed' AND json_type(canonical, '$.environment.family') IS NULL
+                AND json_type(canonical, '$.evaluation.record_episodes') IS NULL
                 AND (SELECT sum(count) FROM action_count WHERE run = run.id)
                     IS NOT (SELECT sum(length) FROM test_episode WHERE run = run.id)",
     },
@@ -138,6 +142,7 @@ const OF_STEPS: &[Invariant] = &[
         violation: "its number of actions does not match the steps of its test episodes",
         sql: "SELECT job.key FROM run JOIN job ON job.id = run.job
               WHERE status = 'completed' AND json_type(canonical, '$.environment.family') IS NOT NULL
+                AND json_type(canonical, '$.evaluation.record_episodes') IS NULL
                 AND (SELECT sum(count) FROM action_total WHERE run = run.id)
                     IS NOT (SELECT sum(length) FROM test_episode WHERE run = run.id)",
     },
@@ -186,7 +191,8 @@ const OF_PARTICIPANTS: &[Invariant] = &[
                 (SELECT count(DISTINCT recorded.id >> 14) FROM recorded_participant AS recorded
                  WHERE recorded.id BETWEEN (run.id << 39) + (1 << 38)
                     AND (run.id << 39) + 549755813887)
-                <> CASE WHEN json_type(canonical, '$.population') IS NULL THEN 0
+                <> CASE WHEN json_type(canonical, '$.population') IS NULL
+                        OR json_type(canonical, '$.trial') IS NOT NULL THEN 0
                     ELSE (SELECT count(*) FROM test_episode WHERE run = run.id) END",
     },
 ];

@@ -73,6 +73,10 @@ pub(super) const MIGRATIONS: &[Migration] = &[
         name: "0012_other_families",
         sql: include_str!("../../migrations/0012_other_families.sql"),
     },
+    Migration {
+        name: "0013_leave_out_episodes",
+        sql: include_str!("../../migrations/0013_leave_out_episodes.sql"),
+    },
 ];
 
 /// The version of the schema that this program writes.

@@ -2,8 +2,13 @@
 
 use crate::agent::{Actor, OutOfMemory, StepObserver, reserve_exact};
 use crate::env::{Action, Environment, EpisodeStatus, LaneSet, Simulated, VectorEnvironment};
-use crate::job::metric::{MEAN_LENGTH, MEAN_RETURN, MESSAGE_RATE, NET_RETURN, SD_RETURN};
-use crate::job::{ActionCount, Decision, Metric, ParticipantValue, Phase, TestEpisode};
+use crate::job::metric::{
+    LOWER_QUARTILE_RETURN, MEAN_LENGTH, MEAN_RETURN, MESSAGE_RATE, NET_RETURN, SD_RETURN,
+    quantile_of_sorted,
+};
+use crate::job::{
+    ActionCount, Decision, Metric, ParticipantValue, Phase, RecordedEpisodes, TestEpisode,
+};
 use crate::job::{Job, MetricName};
 use crate::state::resumable;
 use crate::train::decision_log::DecisionLog;
@@ -34,6 +39,7 @@ pub(super) struct Test {
     terminated: MetricName,
     /// The trial whose people are the evaluation; `None` for people who come one after another.
     study: Option<Study>,
+    recorded: RecordedEpisodes,
 }
 
 /// The participants of a test. Their parameters do not depend on what happens in it.
@@ -76,6 +82,8 @@ pub(super) struct Tested {
     messages: Option<u64>,
     /// The total cost of messages; `None` if messages have no cost.
     costs: Option<f64>,
+    /// Whether the results of single people are stored.
+    pub(super) recorded: RecordedEpisodes,
 }
 
 impl Test {
@@ -109,6 +117,7 @@ impl Test {
             environment: environment.clone(),
             terminated: job.termination_metric(),
             study,
+            recorded: job.evaluation.record_episodes,
             batch: Batch { environment: task.tested(0), played: Vec::new() },
         }
     }
@@ -274,6 +283,7 @@ impl Test {
             participants,
             state_names,
             description: self.environment.description(),
+            recorded: self.recorded,
         }
     }
 }
@@ -382,6 +392,13 @@ impl Tested {
             let value = mean - costs / n;
             metrics.push(Metric { name: NET_RETURN, value });
         }
+        // Readers compute it from the episodes.
+        if self.recorded == RecordedEpisodes::None {
+            let mut returns: Vec<f64> = self.episodes.iter().map(|e| e.total_reward).collect();
+            returns.sort_unstable_by(f64::total_cmp);
+            let value = quantile_of_sorted(&returns, 0.25);
+            metrics.push(Metric { name: LOWER_QUARTILE_RETURN, value });
+        }
         metrics
     }
 
@@ -461,6 +478,7 @@ mod tests {
             terminated: DISENGAGEMENT_RATE,
             messages: Some(5),
             costs: Some(1.5 * 5.0),
+            recorded: RecordedEpisodes::None,
         };
         let value = |name: &str| tested.metrics().iter().find(|m| m.name == name).unwrap().value;
         assert_eq!(value("mean_return"), 30.0);
@@ -469,6 +487,7 @@ mod tests {
         assert!((value("disengagement_rate") - 1.0 / 3.0).abs() < 1e-12);
         assert_eq!(value("message_rate"), 0.25);
         assert_eq!(value("mean_net_return"), 30.0 - 1.5 * 5.0 / 3.0);
+        assert_eq!(value("lower_quartile_return"), 15.0);
         let first = tested.first_returns([1, 2].map(first_return).into_iter());
         let first: Vec<(MetricName, f64)> =
             first.map(|metric| (metric.name, metric.value)).collect();
@@ -476,7 +495,12 @@ mod tests {
         let mut found: Vec<MetricName> = tested.metrics().iter().map(|m| m.name).collect();
         found.sort_by_key(|name| METRICS.iter().position(|metric| metric == name));
         let of_tests = metrics_of(MetricPlace::Test);
-        assert_eq!(found, of_tests.filter(|name| *name != TERMINATION_RATE).collect::<Vec<_>>());
+        // The quartile is recorded where episodes are not.
+        let of_tests = of_tests.chain([LOWER_QUARTILE_RETURN]);
+        let mut of_tests: Vec<MetricName> =
+            of_tests.filter(|name| *name != TERMINATION_RATE).collect();
+        of_tests.sort_by_key(|name| METRICS.iter().position(|metric| metric == name));
+        assert_eq!(found, of_tests);
     }
 
     #[test]
@@ -491,6 +515,7 @@ mod tests {
             terminated: DISENGAGEMENT_RATE,
             messages: Some(0),
             costs: None,
+            recorded: RecordedEpisodes::All,
         };
         let names: Vec<MetricName> = tested.metrics().iter().map(|m| m.name).collect();
         let defined = [MEAN_RETURN, MEAN_LENGTH, DISENGAGEMENT_RATE, MESSAGE_RATE];

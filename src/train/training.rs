@@ -6,8 +6,7 @@ use crate::agent::{
     Actor, Learner, LearnerError, OutOfMemory, Start, StartError, StepObserver, StudyPlan,
     TrainedEpisode,
 };
-use crate::job::{Failure, FailureKind, Metric, Phase, Results};
-use crate::job::{Job, Pooling};
+use crate::job::{Failure, FailureKind, Job, Metric, Phase, Pooling, RecordedEpisodes, Results};
 use crate::state::resumable;
 use crate::train::curve::CurveRecorder;
 use crate::train::decision_log::DecisionLog;
@@ -195,7 +194,7 @@ pub(super) fn assemble(
     let mut metrics = tested.metrics();
     metrics.extend(first(&tested, &curve));
     participants.extend(tested.participants.iter());
-    Results {
+    let mut results = Results {
         metrics,
         description: tested.description,
         state_names: tested.state_names,
@@ -205,7 +204,11 @@ pub(super) fn assemble(
         episodes: tested.episodes,
         actions: tested.actions,
         weights,
+    };
+    if tested.recorded == RecordedEpisodes::None {
+        (results.episodes, results.participants, results.weights) = (Vec::new(), Vec::new(), None);
     }
+    results
 }
 
 /// The failure of a training whose learner failed after `episode` episodes.

@@ -81,6 +81,39 @@ fn the_people_of_a_trial_are_its_evaluation() {
 }
 
 #[test]
+fn a_trial_without_episodes_has_the_same_metrics() {
+    let folder = folder(MANIFEST);
+    let short =
+        MANIFEST.replace("record_decisions = \"test\"", "record_episodes = [\"all\", \"none\"]");
+    folder.write("short.toml", &short);
+    folder.jitai(["run", "short.toml", "--workers", "2"]).succeeded();
+    // Each value occurs with and without episodes: the mean, standard deviation, length, share of terminated
+    // episodes, messages, and the return minus their cost.
+    let alike = "SELECT sum(n) FROM (SELECT count(*) AS n FROM metric JOIN run_summary USING (job_key) \
+                 WHERE name <> 'lower_quartile_return' GROUP BY agent, seed, name, value) WHERE n % 2 = 0";
+    assert_eq!(folder.number(alike), 16 * 6);
+    let quartiles = "SELECT count(*) FROM metric WHERE name = 'lower_quartile_return'";
+    assert_eq!(folder.number(quartiles), 8);
+    assert_eq!(folder.number("SELECT count(*) FROM run_summary WHERE sd_return > 0"), 16);
+    assert_eq!(folder.number("SELECT count(DISTINCT job_key) FROM evaluation_episode"), 8);
+    folder.jitai(["doctor"]).succeeded();
+    // A report shows the same lower quartiles, from the episodes and from the metric.
+    folder.jitai(["report", "short.toml", "--out", "report"]).succeeded();
+    let arms = folder.read("report/tables/trial-arms.csv");
+    let as_all = |line: &str| line.replace("record_episodes=none", "record_episodes=all");
+    let mut lines: Vec<String> = arms.lines().skip(1).map(as_all).collect();
+    lines.sort();
+    assert_eq!(lines.len(), 8, "{arms}");
+    assert!(lines.chunks(2).all(|pair| pair[0] == pair[1]), "{arms}");
+    let both = MANIFEST.replace("record_decisions", "record_episodes = \"none\"\nrecord_decisions");
+    folder.write("both.toml", &both);
+    folder
+        .jitai(["check", "both.toml"])
+        .ended(2)
+        .says("`record_episodes` leaves out the episodes of");
+}
+
+#[test]
 fn a_trial_gives_the_same_bits_on_any_number_of_workers() {
     let (one, two) = (folder(MANIFEST), folder(MANIFEST));
     one.jitai(["run", "trial.toml", "--workers", "1"]).succeeded();
