@@ -4,9 +4,9 @@
     git clone https://github.com/StatisticalReinforcementLearningLab/oralytics-post-deployment-analysis
     python3 people.py oralytics_algorithm_design oralytics-post-deployment-analysis
 
-writes v2.csv, v2_daily.csv, v3.csv, v3_daily.csv and v4.csv into this folder, and which people the published trials of V2
-and V3 drew, v2_trials.csv and v3_trials.csv. The second clone is needed for v4.csv alone. It needs NumPy. The files have the terms of use of their repositories (GPL-3.0); do not share them with your
-manifests. Cite Trella et al., "Oralytics Reinforcement Learning Algorithm", arXiv 2406.13127, for V2 and V3, and
+writes v2.csv, v2_daily.csv, v3.csv, v3_daily.csv and v4.csv into this folder, and which people the published trials
+had: v2_trials.csv, v3_trials.csv and v4_trial.csv. The second clone is needed for V4 alone. It needs NumPy. The files
+have the terms of use of their repositories (GPL-3.0); do not share them with your manifests. Cite Trella et al., "Oralytics Reinforcement Learning Algorithm", arXiv 2406.13127, for V2 and V3, and
 Trella et al., "A Deployed Online Reinforcement Learning Algorithm In An Oral Health Clinical Trial", arXiv
 2409.02069, for V4. The files were last changed in the commits dd9947aa and f7154719.
 """
@@ -119,7 +119,7 @@ def later(folder, bed, base, name, dates=None):
 
 
 def trials(name, people):
-    """The rows of the people of the published trials: 100 seeds, 70 people each, drawn by NumPy's legacy generator."""
+    """The people of the published trials 0 to 99, as those of seeds 1 to 100: 70 rows, drawn by NumPy's legacy generator."""
     import numpy
 
     with open(pathlib.Path(__file__).parent / name, "w", encoding="utf-8", newline="\n") as file:
@@ -127,8 +127,16 @@ def trials(name, people):
         for seed in range(100):
             numpy.random.seed(seed)
             for person, row in enumerate(numpy.random.choice(people, 70)):
-                file.write(f"{seed},{person},{row}\n")
+                file.write(f"{seed + 1},{person},{row}\n")
     print(f"{name}: 100 trials")
+
+
+def everybody(name, people):
+    """Each person of a trial is the row of the same number, whatever the seed."""
+    with open(pathlib.Path(__file__).parent / name, "w", encoding="utf-8", newline="\n") as file:
+        file.write("person,row\n")
+        file.writelines(f"{person},{person}\n" for person in range(people))
+    print(f"{name}: {people} people")
 
 
 def main():
@@ -144,6 +152,7 @@ def main():
     if len(sys.argv) == 3:
         dates = {row["user_id"]: row for row in table(sys.argv[2], "v4_start_end_dates.csv")}
         later(sys.argv[2], "v4", "non_stat", "v4.csv", dates)
+        everybody("v4_trial.csv", 72)
 
 
 if __name__ == "__main__":

@@ -81,8 +81,13 @@ pub static STAYS: ContentForm = ContentForm {
 
 /// The form of a file of rows.
 pub static ROWS: ContentForm = ContentForm {
-    what: "a CSV file with the columns seed, person and row",
-    parse: |text| Ok(Arc::new(columns(text, &["seed", "person", "row"])?)),
+    what: "a CSV file with the columns person and row, and seed where seeds differ",
+    parse: |text| {
+        // Without seeds, the rows are those of every seed.
+        let wanted = ["person", "row", "seed"];
+        let has_seeds = columns(text, &wanted[2..]).is_ok();
+        Ok(Arc::new(columns(text, if has_seeds { &wanted } else { &wanted[..2] })?))
+    },
 };
 
 /// Whole numbers by row, in the order of the wanted columns.
@@ -199,12 +204,12 @@ impl Trial {
         let file: Option<Arc<Columns>> = self.people_file.parsed();
         let Some(file) = file else { return Ok(None) };
         let mut of_people = vec![None; self.people as usize];
-        for row in file.0.iter().filter(|row| row[0] == seed) {
-            let place = usize::try_from(row[1]).ok().and_then(|person| of_people.get_mut(person));
+        for row in file.0.iter().filter(|row| row.get(2).is_none_or(|of| *of == seed)) {
+            let place = usize::try_from(row[0]).ok().and_then(|person| of_people.get_mut(person));
             let place = place.ok_or_else(|| {
-                format!("seed {seed} has a person {}; people are numbered from 0", row[1])
+                format!("seed {seed} has a person {}; people are numbered from 0", row[0])
             })?;
-            *place = u32::try_from(row[2]).ok();
+            *place = u32::try_from(row[1]).ok();
         }
         let missing = of_people.iter().position(Option::is_none);
         match missing {
@@ -288,6 +293,8 @@ mod tests {
         let drawn = Trial { people_file, ..trial(2) };
         assert_eq!(drawn.rows(1), Ok(Some(vec![7, 4])));
         assert_eq!(drawn.rows(2), Err("seed 2 has no row for person 0".to_owned()));
+        let people_file = Content::read(&ROWS, "person,row\n1,3\n0,9\n").unwrap();
+        assert_eq!(Trial { people_file, ..trial(2) }.rows(5), Ok(Some(vec![9, 3])));
         assert_eq!(trial(2).rows(1), Ok(None));
         let fault = |text| Content::read(&ROWS, text).unwrap_err();
         assert_eq!(fault("seed,person\n"), "column `row` is missing");

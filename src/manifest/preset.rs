@@ -5,10 +5,12 @@ use toml::de::DeTable;
 use super::draft::Draft;
 use super::sweep::Reader;
 
-const PRESETS: [(&str, &str); 3] = [
+const PRESETS: [(&str, &str); 5] = [
     ("paper", include_str!("presets/paper.toml")),
     ("paper_text", include_str!("presets/paper_text.toml")),
     ("step_count_jitai", include_str!("presets/step_count_jitai.toml")),
+    ("oralytics_v2", include_str!("presets/oralytics_v2.toml")),
+    ("oralytics_v4", include_str!("presets/oralytics_v4.toml")),
 ];
 
 /// The presets' names.
@@ -37,7 +39,8 @@ mod tests {
             let mut reader = Reader::new(text);
             let draft = reader.draft(root.get_ref());
             assert!(reader.faults.is_empty(), "{name}: {:?}", reader.faults);
-            assert_eq!(draft.agents.len(), 2, "{name}");
+            let agents = if name.starts_with("oralytics") { 1 } else { 2 };
+            assert_eq!(draft.agents.len(), agents, "{name}");
         }
     }
 

@@ -1,5 +1,6 @@
 //! Published numbers, read from a CSV file beside the manifest, for comparison in the report.
 
+use std::collections::BTreeSet;
 use std::fs;
 use std::path::Path;
 
@@ -9,11 +10,12 @@ use toml::de::DeTable;
 use super::axis::ERROR_AXIS;
 use super::fault::{Fault, Faults};
 use super::parameter::named;
+use super::section::Section;
 use super::source::Span;
 use super::{Manifest, nearest};
 use crate::env::Family;
-use crate::job::MetricName;
-use crate::key::Parameter;
+use crate::job::{MetricName, Scalar};
+use crate::key::{Kind, Parameter, free_key};
 
 /// Maximum size of a file of published numbers in bytes.
 const MOST_BYTES: u64 = 10_000_000;
@@ -50,7 +52,7 @@ pub struct PublishedRow {
     /// The scenario, or `first - second` for a difference of two scenarios; empty for a rate of errors.
     pub scenario: String,
     /// The values of parameters.
-    pub parameters: Vec<(Parameter, f64)>,
+    pub parameters: Vec<(Parameter, Scalar)>,
     /// The metric; `None` for the rate at which the most likely context is wrong.
     pub metric: Option<MetricName>,
     /// The number.
@@ -78,13 +80,20 @@ impl PublishedRow {
         }
     }
 
-    /// The value of a parameter.
+    /// The value of a parameter, if it is a number.
     pub fn value_of(&self, parameter: Parameter) -> Option<f64> {
-        self.parameters.iter().find(|(known, _)| *known == parameter).map(|(_, value)| *value)
+        self.parameters.iter().find(|(known, _)| *known == parameter)?.1.number()
     }
 }
 
 impl Published {
+    /// The dotted names of the parameters that rows state.
+    pub fn stated(&self) -> Vec<String> {
+        let names = self.rows.iter().flat_map(|row| &row.parameters);
+        let names: BTreeSet<String> = names.map(|(parameter, _)| parameter.to_string()).collect();
+        names.into_iter().collect()
+    }
+
     /// Reads the file that a manifest names; `None` if it names no file.
     ///
     /// # Errors
@@ -229,7 +238,7 @@ fn row(
     };
     let given = parameters.iter().filter_map(|(place, parameter)| {
         let text = record.get(*place).filter(|text| !text.is_empty())?;
-        Some(number(&parameter.to_string(), text).map(|value| (*parameter, value)))
+        Some(scalar(*parameter, text).map(|value| (*parameter, value)))
     });
     let n = optional("n", |n| n >= 1.0 && n.fract() == 0.0, "a whole number above 0")?;
     let mut row = PublishedRow {
@@ -272,6 +281,30 @@ fn row(
     Ok(row)
 }
 
+/// The value of a parameter: a number, or a word or flag that a key of this name takes.
+///
+/// **Errors**: a description of what was expected.
+fn scalar(parameter: Parameter, text: &str) -> Result<Scalar, String> {
+    if let Some(number) = text.parse().ok().filter(|number: &f64| number.is_finite()) {
+        return Ok(Scalar::Real(number));
+    }
+    let keys = Section::all().into_iter().filter_map(|section| section.find(parameter.key()));
+    let keys = keys.map(|(_, key)| key).chain(free_key(parameter.key()));
+    let kinds: Vec<Kind> = keys.map(|key| key.kind).collect();
+    let json = text.parse().map_or_else(|_| text.into(), serde_json::Value::Bool);
+    let known = kinds.iter().find_map(|kind| match kind {
+        Kind::Flag | Kind::Choice(_) | Kind::Scalar => kind.value(&json),
+        _ => None,
+    });
+    known.map(|value| Scalar::from(&value)).ok_or_else(|| {
+        let expected = match kinds.first() {
+            Some(kind @ (Kind::Flag | Kind::Choice(_))) => kind.expectation(),
+            _ => "a number".to_owned(),
+        };
+        format!("`{parameter}`: expected {expected}, found {text:?}")
+    })
+}
+
 /// The position of the key for published numbers in a manifest's text.
 fn span_of_name(text: &str) -> Option<Span> {
     let (root, _) = DeTable::parse_recoverable(text);
@@ -296,6 +329,23 @@ mod tests {
         assert_eq!(first.sides(), Some([("dqn", "P-H-D"), ("dqn", "L-H-D")]));
         assert_eq!(first.value_of(Parameter::Environment("sigma")), Some(0.4));
         assert_eq!((first.value, first.p, first.n), (483.02, Some(0.0193), 3.0));
+    }
+
+    #[test]
+    fn rows_state_words_and_flags_as_well_as_numbers() {
+        let text = "value,n,stationary,effect_size,pooling\n1,3,true,small,none\n2,3,false,,full\n";
+        let published = Published::parse(Path::new("p.csv"), text).unwrap();
+        let stated = |row: usize| -> Vec<String> {
+            let values = published.rows[row].parameters.iter();
+            values.map(|(name, value)| format!("{name}={value}")).collect()
+        };
+        assert_eq!(
+            stated(0),
+            ["environment.stationary=1", "environment.effect_size=small", "trial.pooling=none"]
+        );
+        assert_eq!(stated(1), ["environment.stationary=0", "trial.pooling=full"]);
+        let stated = published.stated();
+        assert_eq!(stated[0], "environment.effect_size", "{stated:?}");
     }
 
     #[test]
@@ -329,6 +379,12 @@ mod tests {
             ("agent,scenario,value,n\na - b,P - L,1,3\n", "write ` - ` once"),
             ("value,n,metric\n1,3,speed\n", "there is no metric \"speed\""),
             ("value,n,margin\n1,3,0\n", "`margin`: expected a number above 0, found 0"),
+            ("value,n,stationary\n1,3,yes\n", "expected true or false, found \"yes\""),
+            (
+                "value,n,effect_size\n1,3,tiny\n",
+                "expected \"small\" or \"smaller\", found \"tiny\"",
+            ),
+            ("value,n,sigma\n1,3,low\n", "expected a number, found \"low\""),
         ] {
             let faults = Published::parse(Path::new("p.csv"), text).unwrap_err().to_string();
             assert!(faults.contains(expected), "{text}: {faults}");

@@ -202,7 +202,9 @@ impl Reader<'_> {
                 "`extends`: the environment of \"{name}\" is of the family {preset}, that of this manifest of {own}"
             );
             let fault = Fault::at(span.into(), message);
-            self.faults.add(fault.help("remove `extends`, and write out the agents"));
+            self.faults.add(fault.help(format!(
+                "write family = \"{preset}\" in [environment], or remove `extends` and write out the agents"
+            )));
         }
         inherited
     }

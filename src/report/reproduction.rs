@@ -75,6 +75,7 @@ mod tests {
     use super::*;
     use crate::analyse::declared::Comparison;
     use crate::analyse::{Agreement, Interval, Verdict};
+    use crate::job::Scalar;
 
     /// A tile of a heat map with a published value of 100, from which ours differs by `difference`.
     fn tile(difference: f64, verdict: Verdict) -> Comparison {
@@ -85,7 +86,7 @@ mod tests {
             return_unit: "steps",
             agent: "reinforce".into(),
             scenario: "P-H-D - L-H-D".into(),
-            settings: vec![("delta_d", 0.1), ("epsilon_d", 0.2)],
+            settings: vec![("delta_d", Scalar::Real(0.1)), ("epsilon_d", Scalar::Real(0.2))],
             published: 100.0,
             published_error: Ok(10.0),
             published_p: None,

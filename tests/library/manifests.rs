@@ -104,12 +104,54 @@ fn shipped() -> Vec<(&'static str, u64)> {
         ("experiments/bots/figure_5_readings.toml", 170),
         ("experiments/step_count.toml", 180),
         ("experiments/population.toml", 40),
+        ("experiments/oralytics/updates.toml", 160),
         ("experiments/paper/context_error.toml", 144),
         ("experiments/paper/disengagement.toml", 192),
         ("experiments/paper/hyperparameters.toml", 780),
         ("experiments/paper/learning_curves.toml", 18),
         ("experiments/paper/ten_seeds.toml", 480),
     ]
+}
+
+/// Manifests that need files of people, which are not shipped.
+const WITH_PEOPLE: [(&str, u64); 3] = [
+    ("experiments/oralytics/heat_maps_v2.toml", 120_000),
+    ("experiments/oralytics/heat_maps_v3.toml", 60_000),
+    ("experiments/oralytics/pooling.toml", 2000),
+];
+
+#[test]
+fn manifests_with_people_hold_with_invented_ones_and_ask_for_the_files() {
+    let folder = tempfile::tempdir().unwrap();
+    let put = |name: &str, text: &str| fs::write(folder.path().join(name), text).unwrap();
+    let source = Path::new("experiments/oralytics");
+    let read = |name: &str| fs::read_to_string(source.join(name)).unwrap();
+    for (path, _) in WITH_PEOPLE {
+        let name = Path::new(path).file_name().unwrap().to_str().unwrap();
+        put(name, &read(name));
+        let faults = manifest::load(&folder.path().join(name)).unwrap_err().to_string();
+        assert!(faults.contains("`people`") && faults.contains("v"), "{faults}");
+    }
+    for (name, like) in [
+        ("v2.csv", "synthetic_v2.csv"),
+        ("v2_daily.csv", "synthetic_v2_daily.csv"),
+        ("v3.csv", "synthetic_v3.csv"),
+        // They have weights of the day, as those of V3 must.
+        ("v3_daily.csv", "synthetic_v4.csv"),
+        ("v4.csv", "synthetic_v4.csv"),
+    ] {
+        put(name, &read(like));
+    }
+    let everybody =
+        |people: u32, row: fn(u32) -> String| -> String { (0..people).map(row).collect() };
+    let same = format!("person,row\n{}", everybody(72, |person| format!("{person},0\n")));
+    ["v2_trials.csv", "v3_trials.csv", "v4_trial.csv"].map(|name| put(name, &same));
+    for (path, jobs) in WITH_PEOPLE {
+        let name = Path::new(path).file_name().unwrap();
+        let manifest = manifest::load(&folder.path().join(name)).unwrap();
+        assert_eq!(plan::count(&manifest), jobs, "{path}");
+        assert!(manifest.source.contains(&format!("{jobs} jobs")), "{path}");
+    }
 }
 
 #[test]
@@ -125,7 +167,8 @@ fn every_shipped_manifest_is_valid_and_says_how_many_jobs_it_has() {
 
 #[test]
 fn every_manifest_of_experiments_is_tested_and_names_the_schema() {
-    for folder in ["experiments", "experiments/paper", "experiments/bots", "experiments/external"] {
+    let folders = ["", "/bots", "/external", "/oralytics", "/paper"];
+    for folder in folders.map(|below| format!("experiments{below}")) {
         for entry in fs::read_dir(folder).unwrap() {
             let path = entry.unwrap().path();
             // Published numbers and queries are not manifests.
@@ -133,7 +176,8 @@ fn every_manifest_of_experiments_is_tested_and_names_the_schema() {
             if !is_toml || path.ends_with("bots/published.toml") {
                 continue;
             }
-            let tested = shipped().iter().any(|(known, _)| Path::new(known) == path);
+            let mut all = shipped().into_iter().chain(WITH_PEOPLE);
+            let tested = all.any(|(known, _)| Path::new(known) == path);
             assert!(tested, "{}", path.display());
             let text = fs::read_to_string(&path).unwrap();
             let schema = text.lines().next().and_then(|line| line.strip_prefix("#:schema "));

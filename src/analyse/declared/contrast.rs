@@ -210,17 +210,17 @@ fn published_row<'p>(
     published: Option<&'p Published>,
     metric: MetricName,
     (name, sides): (&ArmId, &Sides),
-    (first, second): (&super::Arm<'_>, &super::Arm<'_>),
+    (first, second): (&super::Arm<'p>, &super::Arm<'p>),
 ) -> Option<&'p PublishedRow> {
     let words = words(sides);
     let difference = format!("{} - {}", words.0, words.1);
-    let number = |parameter: &str| {
-        let of = |arm: &super::Arm<'_>| arm.jobs.first()?.number(parameter);
+    let value = |parameter: &str| {
+        let of = |arm: &super::Arm<'p>| arm.jobs.first()?.setting(parameter);
         of(first).filter(|value| of(second) == Some(*value))
     };
     let ways = [(difference.as_str(), &*name.scenario), (&*name.agent, difference.as_str())];
     let found: Vec<&PublishedRow> =
-        ways.into_iter().flat_map(|of| rows(published, metric, of, name, &[], &number)).collect();
+        ways.into_iter().flat_map(|of| rows(published, metric, of, name, &[], &value)).collect();
     // A number with a p value is that of a test; others may be tiles of a map.
     found.iter().find(|row| row.p.is_some()).or(found.first()).copied()
 }

@@ -225,9 +225,9 @@ pub fn figure(
             CurvePoint { x: place(value), parameter: value, sample: here.sample(metric) }
         });
         let points = points.collect();
-        let number = |name: &str| arm.jobs.first()?.number(name);
+        let value = |name: &str| arm.jobs.first()?.setting(name);
         let of = (&*arm.name.agent, &*arm.name.scenario);
-        let published = published::rows(published, metric, of, &arm.name, &[&parameter], &number);
+        let published = published::rows(published, metric, of, &arm.name, &[&parameter], &value);
         let swept = parameter_named(&parameter);
         CurveLine {
             points,

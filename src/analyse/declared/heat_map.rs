@@ -1,10 +1,12 @@
 //! Means, or differences of means, over two parameters.
 
-use super::arm::{arms, by_value, decided_by};
+use std::cmp::Ordering;
+
+use super::arm::{arms, by_value, decided_by, implied};
 use super::pairs::{Pair, pairs};
 use super::published;
 use super::{Arm, ArmId};
-use crate::analyse::{Contrast, Design, Interval, Sample, Undefined};
+use crate::analyse::{Contrast, Design, Interval, Sample, TTest, Undefined, t_test};
 use crate::job::{Condition, MetricName};
 use crate::manifest::{HeatMap, Published, PublishedRow, Sides};
 use crate::record::JobRecord;
@@ -26,6 +28,21 @@ pub struct HeatFigure {
     pub y: (String, Vec<f64>),
     /// The tiles, row by row.
     pub tiles: Vec<HeatTile>,
+    /// How far the largest mean is ahead of the tiles around it; `None` for differences.
+    pub lead: Option<Lead>,
+}
+
+/// The lead of the tile with the largest mean over its neighbours, those at most one column and one row away.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Lead {
+    /// The place of the tile and of its closest neighbour, that with the smallest difference, among the tiles.
+    pub tiles: [usize; 2],
+    /// The test of their difference, and whether it is paired by seed.
+    pub test: TTest,
+    pub is_paired: bool,
+    /// The number of neighbours, and of those whose interval excludes 0.
+    pub neighbours: usize,
+    pub behind: usize,
 }
 
 /// The kind of values in a map.
@@ -82,8 +99,12 @@ pub fn figures(
     let zipped = [&axes.0, &axes.1].map(|axis| decided_by(axis, jobs)).concat();
     let along: Vec<&str> =
         [&axes.0, &axes.1, &by].into_iter().chain(&zipped).map(String::as_str).collect();
+    // Published numbers need not state what follows from what they state, such as a zipped key.
+    let implied = published.map_or_else(Vec::new, |all| implied(jobs, &all.stated()));
     let figure = |(name, ours): (ArmId, Vec<&JobRecord>)| {
-        figure(name, &axes, (sides, metric), &ours, published)
+        let mut stated = name.clone();
+        stated.settings.retain(|(key, _)| !implied.contains(key));
+        figure((name, &stated), &axes, (sides, metric), &ours, published)
     };
     let mut maps: Vec<HeatFigure> = match sides {
         Some(sides) => pairs(sides, jobs, &along)
@@ -98,7 +119,7 @@ pub fn figures(
 }
 
 fn figure(
-    name: ArmId,
+    (name, stated): (ArmId, &ArmId),
     (x, y): &(String, String),
     (sides, metric): (Option<&Sides>, MetricName),
     jobs: &[&JobRecord],
@@ -111,23 +132,29 @@ fn figure(
     let rows = by_value(y, jobs);
     let columns: Vec<f64> = by_value(x, jobs).into_iter().map(|(column, _)| column).collect();
     let mut tiles = Vec::new();
+    let mut samples = Vec::new();
     for (row, jobs) in &rows {
         let row = *row;
         let mut filled = by_value(x, jobs).into_iter().peekable();
         for &column in &columns {
             let here = filled.next_if(|(at, _)| *at == column).map(|(_, jobs)| jobs);
             let here = here.unwrap_or_default();
-            let number = |name: &str| here.first()?.number(name);
+            let value = |name: &str| here.first()?.setting(name);
             let of = (&*name.agent, contrast.as_str());
             // Numbers that state one axis only are not about a tile.
-            let known = published::rows(published, metric, of, &name, &[x, y], &number);
+            let known = published::rows(published, metric, of, stated, &[x, y], &value);
             let is_here = |published: &&&PublishedRow| {
                 [(x, column), (y, row)].iter().all(|(axis, value)| {
                     let mut stated = published.parameters.iter();
-                    stated.any(|(name, number)| name.to_string() == **axis && number == value)
+                    stated.any(|(name, stated)| {
+                        name.to_string() == **axis && stated.number() == Some(*value)
+                    })
                 })
             };
             let published = known.iter().find(is_here).map(|row| row.value);
+            if sides.is_none() {
+                samples.push(sample(here.clone(), metric));
+            }
             tiles.push(HeatTile { x: column, y: row, published, ..tile(&here, sides, metric) });
         }
     }
@@ -141,16 +168,52 @@ fn figure(
         y: (y.clone(), rows.into_iter().map(|(row, _)| row).collect()),
         subject: contrast + &settings.collect::<String>(),
         agent: name.agent.clone(),
+        lead: lead(&tiles, &samples),
         name,
         tiles,
     }
 }
 
-fn tile(jobs: &[&JobRecord], sides: Option<&Sides>, metric: MetricName) -> HeatTile {
-    let sample = |jobs: Vec<&JobRecord>| -> Sample {
-        let name = ArmId { agent: String::new(), scenario: String::new(), settings: Vec::new() };
-        Arm { name, jobs }.sample(metric)
+/// The lead of the largest mean; `samples` has one per tile. `None` without a neighbour or a test.
+fn lead(tiles: &[HeatTile], samples: &[Sample]) -> Option<Lead> {
+    let value = |place: &usize| tiles[*place].value.ok();
+    let known = (0..samples.len()).filter(|place| value(place).is_some());
+    let best = known.max_by(|one, other| {
+        let values = value(one).zip(value(other));
+        values.map_or(Ordering::Equal, |(one, other)| one.total_cmp(&other))
+    })?;
+    let width = tiles.iter().take_while(|tile| tile.y == tiles[0].y).count();
+    let is_near = |place: &usize| {
+        let away = |of: fn(usize, usize) -> usize| of(*place, width).abs_diff(of(best, width));
+        *place != best
+            && away(|place, width| place / width) < 2
+            && away(|place, width| place % width) < 2
     };
+    let design = |place: usize| Design::of(&samples[best], &samples[place]);
+    let test = |place: usize| {
+        let test = t_test(&samples[best], &samples[place], design(place));
+        test.ok().map(|test| (place, test))
+    };
+    let tests: Vec<(usize, TTest)> = (0..samples.len()).filter(is_near).filter_map(test).collect();
+    let (closest, nearest) =
+        tests.iter().min_by(|(_, one), (_, other)| one.difference.total_cmp(&other.difference))?;
+    Some(Lead {
+        tiles: [best, *closest],
+        test: *nearest,
+        is_paired: design(*closest) == Design::Matched,
+        neighbours: tests.len(),
+        behind: tests.iter().filter(|(_, test)| test.interval.low > 0.0).count(),
+    })
+}
+
+/// The results of the jobs of one tile.
+fn sample(jobs: Vec<&JobRecord>, metric: MetricName) -> Sample {
+    let name = ArmId { agent: String::new(), scenario: String::new(), settings: Vec::new() };
+    Arm { name, jobs }.sample(metric)
+}
+
+fn tile(jobs: &[&JobRecord], sides: Option<&Sides>, metric: MetricName) -> HeatTile {
+    let sample = |jobs| sample(jobs, metric);
     let (value, interval, seeds) = match sides {
         None => {
             let all = sample(jobs.to_vec());
@@ -167,4 +230,41 @@ fn tile(jobs: &[&JobRecord], sides: Option<&Sides>, metric: MetricName) -> HeatT
         }
     };
     HeatTile { x: 0.0, y: 0.0, value, interval, seeds, published: None }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_lead_is_over_the_tiles_around_the_largest_mean() {
+        // Two rows of four columns; the mean of the last tile is the second largest, and it is no neighbour.
+        let means = [1.0, 2.0, 4.0, 8.0, 30.0, 20.0, 9.0, 29.0];
+        let tiles: Vec<HeatTile> = (0..8)
+            .map(|place| HeatTile {
+                x: (place % 4) as f64,
+                y: (place / 4) as f64,
+                value: Ok(means[place]),
+                interval: Err(Undefined::NoSeeds),
+                seeds: 3,
+                published: None,
+            })
+            .collect();
+        // The seeds shift all tiles, those around the largest by other amounts.
+        let factors = [1.2, 1.3, 1.0, 1.0, 1.01, 0.5, 1.0, 1.0];
+        let sample = |place: usize| {
+            let of = |(seed, shift): (u64, f64)| (seed, means[place] + factors[place] * shift);
+            Sample::new([(1, -9.0), (2, 0.0), (3, 9.0)].map(of), 0, 0).unwrap()
+        };
+        let samples: Vec<Sample> = (0..8).map(sample).collect();
+        let Lead { tiles: places, test, is_paired, neighbours, behind } =
+            lead(&tiles, &samples).unwrap();
+        assert_eq!((places, is_paired, neighbours), ([4, 5], true, 3));
+        // Differences of 10 and -4.59, 0, 4.59, with two degrees of freedom: 4.3027 standard errors of 2.65.
+        assert!((test.difference - 10.0).abs() < 1e-12);
+        let half = 4.302_652_73 * 4.59 / 3_f64.sqrt();
+        assert!((test.interval.low - (10.0 - half)).abs() < 1e-6, "{test:?}");
+        assert_eq!(behind, 2);
+        assert_eq!(lead(&tiles, &[]), None);
+    }
 }

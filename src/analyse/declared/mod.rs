@@ -24,7 +24,7 @@ pub use action_choice::{ActionPanel, BinShares};
 pub use arm::{Arm, ArmId, condense, implied, is_at, varying};
 pub use contrast::{ContrastFigure, ContrastRow, Family};
 pub use curve::{ALPHA, Apart, CurveFigure, CurveLine, CurvePoint, Ends, Trends};
-pub use heat_map::{HeatFigure, HeatTile, Scale, heat_range};
+pub use heat_map::{HeatFigure, HeatTile, Lead, Scale, heat_range};
 pub use inference_error::{ErrorFigure, ErrorPoint};
 pub use learning_curve::{HighestEnd, LearningFigure, LearningLine, LearningPanel};
 pub use recovery::{RecoveryRow, ScenarioOptimum};

@@ -1,11 +1,11 @@
 //! Published numbers of the arms of an analysis.
 
 use super::arm::ArmId;
-use crate::job::MetricName;
+use crate::job::{MetricName, Scalar};
 use crate::manifest::{Published, PublishedRow};
 
 /// The published numbers of a metric about an agent and a scenario, or about their differences, at the settings of
-/// an arm. `number` is the value of a parameter in the jobs of the arm; along the parameters `along`, which every
+/// an arm. `value` is that of a parameter in the jobs of the arm; along the parameters `along`, which every
 /// number states, all values are numbers of the arm.
 pub(super) fn rows<'p>(
     published: Option<&'p Published>,
@@ -13,7 +13,7 @@ pub(super) fn rows<'p>(
     (agent, scenario): (&str, &str),
     arm: &ArmId,
     along: &[&str],
-    number: &dyn Fn(&str) -> Option<f64>,
+    value: &dyn Fn(&str) -> Option<&'p Scalar>,
 ) -> Vec<&'p PublishedRow> {
     let is_meant = |row: &&PublishedRow| {
         let names: Vec<String> = row.parameters.iter().map(|(name, _)| name.to_string()).collect();
@@ -22,8 +22,8 @@ pub(super) fn rows<'p>(
         (row.metric, row.agent.as_str(), row.scenario.as_str()) == (Some(metric), agent, scenario)
             && along.iter().all(|name| states(name))
             && arm.settings.iter().all(|(name, _)| states(name))
-            && values.all(|(name, (_, value))| {
-                along.contains(&name.as_str()) || number(name) == Some(*value)
+            && values.all(|(name, (_, stated))| {
+                along.contains(&name.as_str()) || value(name) == Some(stated)
             })
     };
     published.into_iter().flat_map(|published| &published.rows).filter(is_meant).collect()

@@ -8,7 +8,7 @@ use crate::analyse::{
     Agreement, Design, Estimate, Likeness, Sample, Undefined, Verdict, agreement, t_test,
 };
 use crate::env::inference_error;
-use crate::job::{MetricName, MetricUnit};
+use crate::job::{MetricName, MetricUnit, Scalar};
 use crate::key::Parameter;
 use crate::manifest::{Published, PublishedRow};
 use crate::record::JobRecord;
@@ -37,7 +37,7 @@ pub struct Comparison {
     /// The scenario, or both as `first - second`; empty where there is none.
     pub scenario: String,
     /// Further parameters: name and value.
-    pub settings: Vec<(&'static str, f64)>,
+    pub settings: Vec<(&'static str, Scalar)>,
     /// The published number.
     pub published: f64,
     /// Its standard error, if it can be derived.
@@ -178,7 +178,7 @@ pub fn reproduce(
             return_unit,
             agent: row.agent.clone(),
             scenario: row.scenario.clone(),
-            settings: settings.map(|(parameter, value)| (parameter.key(), *value)).collect(),
+            settings: settings.map(|(parameter, value)| (parameter.key(), value.clone())).collect(),
             published_p: row.p,
             margin: row.margin,
             ..comparison
@@ -196,8 +196,8 @@ fn arm(
     metric: MetricName,
 ) -> Option<Sample> {
     let is = |job: &&&JobRecord| {
-        let set = |(parameter, value): &(Parameter, f64)| {
-            job.number(&parameter.to_string()) == Some(*value)
+        let set = |(parameter, value): &(Parameter, Scalar)| {
+            job.setting(&parameter.to_string()) == Some(value)
         };
         *job.agent == *agent && job.scenario == scenario && row.parameters.iter().all(set)
     };

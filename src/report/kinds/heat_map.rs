@@ -3,9 +3,9 @@
 use crate::report::symbols;
 use std::collections::BTreeMap;
 
-use super::{Drawn, Sheet, amount, gap, is_rate, metric_words, parameter};
+use super::{Drawn, Sheet, amount, gap, gap_ends, is_rate, metric_words, parameter};
 use crate::analyse::Interval;
-use crate::analyse::declared::{ArmId, HeatFigure, HeatTile, Scale, heat_range};
+use crate::analyse::declared::{ArmId, HeatFigure, HeatTile, Lead, Scale, heat_range};
 use crate::job::Measure;
 use crate::report::data_table::{DataTable, Entry, exponential, shown, shown_ends, signed};
 use crate::report::escape::file_stem;
@@ -88,7 +88,8 @@ impl Drawn for Vec<HeatFigure> {
         };
         let range = format!("Values range from {least} to {most}; the largest is {place}");
         if map.scale == Scale::Mean {
-            return Some(range);
+            let lead = map.lead.as_ref().filter(|_| tied == 1).map(|lead| ahead(map, lead, metric));
+            return Some(range + &lead.unwrap_or_default());
         }
         let beyond = tiles().filter(|(_, tile, _)| tile.is_beyond_zero()).count();
         let beyond = match beyond {
@@ -106,6 +107,24 @@ impl Drawn for Vec<HeatFigure> {
              corrected)"
         ))
     }
+}
+
+/// The lead of the largest mean, as a clause.
+fn ahead(map: &HeatFigure, lead: &Lead, metric: Measure) -> String {
+    let Lead { tiles: [_, closest], test, is_paired, neighbours, behind } = lead;
+    let tile = &map.tiles[*closest];
+    format!(
+        ". It is {} ({}{}) ahead of the closest of its {neighbours} neighbours, at {} = {} and {} = {}, and {behind} \
+         of the {neighbours} intervals exclude 0; the same seeds chose the tile, which makes its lead too large on \
+         average",
+        gap(test.difference, metric),
+        gap_ends(test.interval, metric),
+        if *is_paired { ", t interval paired by seed" } else { ", t interval" },
+        symbols::short(&map.x.0),
+        parameter(tile.x),
+        symbols::short(&map.y.0),
+        parameter(tile.y),
+    )
 }
 
 /// Space on the left beside the rows' values.
@@ -486,6 +505,7 @@ mod tests {
             x: ("environment.sigma".into(), tiles.iter().map(|tile| tile.x).collect()),
             y: ("environment.delta_d".into(), vec![place]),
             tiles,
+            lead: None,
         }
     }
 
@@ -524,6 +544,18 @@ mod tests {
                 );
             }
         }
+    }
+
+    #[test]
+    fn the_largest_mean_is_beside_its_closest_neighbour() {
+        let t = crate::analyse::paired_t_test(&[(3.0, 2.0), (5.0, 3.0), (7.0, 3.5)]).unwrap();
+        let lead = Lead { tiles: [1, 0], test: t, is_paired: true, neighbours: 2, behind: 1 };
+        let map = HeatFigure { lead: Some(lead), ..map(&[100.0, 300.0, 200.0], 1.0) };
+        let found = vec![map].finds(RETURN, &Names::default()).unwrap();
+        let expected = "the largest is at σ = 2 and δ_d = 1 of a P. It is 2 (−1 to 5, t interval paired by seed) \
+                        ahead of the closest of its 2 neighbours, at σ = 1 and δ_d = 1, and 1 of the 2 intervals \
+                        exclude 0; the same seeds chose the tile, which makes its lead too large on average";
+        assert!(found.ends_with(expected), "{found}");
     }
 
     #[test]
