@@ -77,12 +77,14 @@ choices! {
 pub static STAYS: ContentForm = ContentForm {
     what: "a CSV file with the columns start_day and end_day",
     parse: |text| Ok(Arc::new(columns(text, &["start_day", "end_day"])?)),
+    canonical: None,
 };
 
 /// The form of a file of rows.
 pub static ROWS: ContentForm = ContentForm {
     what: "a CSV file with the columns seed, person and row",
     parse: |text| Ok(Arc::new(columns(text, &["seed", "person", "row"])?)),
+    canonical: None,
 };
 
 /// Whole numbers by row, in the order of the wanted columns.
