@@ -94,7 +94,11 @@ pub fn self_contained(of: &Manifest) -> Result<String, String> {
 
 #[cfg(test)]
 mod tests {
+    use super::super::parse;
     use super::*;
+
+    const VALID: &str = "format = 1\nname = \"t\"\nextends = \"paper\"\nscenarios = [\"C\"]\nseeds = 1\n\
+                         environment.sigma = 0.4\n";
 
     #[test]
     fn published_numbers_and_rows_are_files_and_inline_rows_are_not() {
@@ -114,14 +118,26 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         fs::write(folder.path().join("people.csv"), "delta_d\r\n0.1\r\n0.2\r\n").unwrap();
         let text = "format = 1\n# A comment.\npopulation.rows = \"people.csv\"\n";
-        let whole = self_contained(text, folder.path()).unwrap();
+        let of = |text: &str| Manifest {
+            source: text.to_owned(),
+            path: folder.path().join("m.toml").display().to_string(),
+            named_runs: vec![("run:3f".to_owned(), "{\"posterior\": 1}".to_owned())],
+            ..parse("t", VALID.as_bytes()).unwrap()
+        };
+        let whole = self_contained(&of(text)).unwrap();
         let read: toml::Table = toml::from_str(&whole).unwrap();
         let rows = read["population"]["rows"].as_str().unwrap();
         assert!(rows.starts_with("delta_d") && rows.ends_with("0.2\n"), "{rows:?}");
         assert!(whole.contains("# A comment."));
         let inline = "population.rows = [{ delta_d = 0.1 }]\n";
-        assert_eq!(self_contained(inline, folder.path()).unwrap(), inline);
-        let missing = self_contained("population.rows = \"other.csv\"", folder.path());
+        assert_eq!(self_contained(&of(inline)).unwrap(), inline);
+        let missing = self_contained(&of("population.rows = \"other.csv\""));
         assert!(missing.unwrap_err().contains("other.csv"));
+        let agents = "[[agent]]\nprior_from = \"none\"\n[[agent]]\nprior_from = [\"run:3f\", \"people.csv\"]\n";
+        let whole: toml::Table = toml::from_str(&self_contained(&of(agents)).unwrap()).unwrap();
+        let priors = |agent: usize| whole["agent"][agent]["prior_from"].clone();
+        assert_eq!(priors(0).as_str(), Some("none"));
+        assert_eq!(priors(1)[0].as_str(), Some("{\"posterior\": 1}\n"));
+        assert_eq!(priors(1)[1].as_str(), Some("delta_d\r\n0.1\r\n0.2\n"));
     }
 }

@@ -395,6 +395,7 @@ fn agents<'m>(
 
 #[cfg(test)]
 mod tests {
+    use super::super::load::parse;
     use super::*;
     use crate::plan;
 
