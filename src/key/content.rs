@@ -16,7 +16,7 @@ pub struct ContentForm {
     pub parse: fn(&str) -> Result<Parsed, String>,
     /// The part of a text by which it is known, as a text of the same form; `None` for the whole text. A form with
     /// such a part also takes `run:KEY`, a completed job of a store, whose policy has this form.
-    pub canonical: Option<fn(&str) -> Result<String, String>>,
+    pub canonical: Option<Canonical>,
 }
 
 impl ContentForm {
@@ -34,6 +34,9 @@ impl ContentForm {
 
 /// Stands before the key of a job.
 const RUN: &str = "run:";
+
+/// Returns the part of a text by which it is known; the error says what is wrong.
+pub type Canonical = fn(&str) -> Result<String, String>;
 
 /// What a text has been parsed to.
 pub type Parsed = Arc<dyn Any + Send + Sync>;

@@ -94,8 +94,13 @@ pub fn self_contained(of: &Manifest) -> Result<String, String> {
 
 #[cfg(test)]
 mod tests {
-    use super::super::parse;
+    use serde_json::json;
+
+    use super::super::load::parse_from;
+    use super::super::{Runs, parse};
     use super::*;
+    use crate::key::{Parameter, Value as KeyValue};
+    use crate::plan;
 
     const VALID: &str = "format = 1\nname = \"t\"\nextends = \"paper\"\nscenarios = [\"C\"]\nseeds = 1\n\
                          environment.sigma = 0.4\n";
@@ -139,5 +144,48 @@ mod tests {
         assert_eq!(priors(0).as_str(), Some("none"));
         assert_eq!(priors(1)[0].as_str(), Some("{\"posterior\": 1}\n"));
         assert_eq!(priors(1)[1].as_str(), Some("delta_d\r\n0.1\r\n0.2\n"));
+    }
+
+    #[test]
+    fn a_posterior_of_a_job_is_part_of_a_text_of_its_own() {
+        let text = format!(
+            "{VALID}[[agent]]\nname = \"a\"\nalgorithm = \"linear_thompson\"\nprior_from = [\"run:3f\", \"none\"]\n"
+        );
+        let policy = |key: &str| {
+            assert_eq!(key, "3f");
+            let (mean, precision) = ([[0.25, 0.5]; 4], [[[4.0, 1.0], [1.0, 2.0]]; 4]);
+            let posterior = json!({
+                "features": "linear", "action_centring": false, "mean": mean, "precision": precision,
+            });
+            Ok(json!({ "features": ["C"], "actions": 4, "posterior": posterior }).to_string())
+        };
+        let read = parse_from("t", text.as_bytes(), Runs(Some(&policy))).unwrap();
+        let frozen = parse("t", self_contained(&read).unwrap().as_bytes()).unwrap();
+        let keys = |of: &Manifest| plan::jobs(of).map(|one| one.job.key()).collect::<Vec<_>>();
+        assert_eq!(keys(&frozen), keys(&read));
+        let resolved = parse("t", read.resolved().as_bytes()).unwrap();
+        assert_eq!(keys(&resolved), keys(&read));
+        // The winner of a search over stored jobs has the text as well.
+        let bandit = read.agents.iter().find(|agent| agent.name == "a").unwrap();
+        let stored = |key| match key {
+            Parameter::Agent("prior_from") => {
+                let Some([KeyValue::Content(prior), _]) = bandit.parameters.get("prior_from")
+                else {
+                    panic!()
+                };
+                let key = Section::Agent(bandit.algorithm).find("prior_from").unwrap().1;
+                key.kind.value(&json!(prior.name()))
+            }
+            _ => None,
+        };
+        let text = VALID.replace("extends = \"paper\"\n", "") + &bandit.chosen(stored);
+        let chosen = parse("t", text.as_bytes()).unwrap();
+        assert!(keys(&read).contains(&keys(&chosen)[0]));
+        // Without a store, the value has no text.
+        let fault = parse("t", read.source.as_bytes()).unwrap_err().to_string();
+        assert!(
+            fault.contains("`run:3f` names a job of a store, and no store is read here"),
+            "{fault}"
+        );
     }
 }

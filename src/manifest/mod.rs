@@ -77,7 +77,7 @@ pub use set::{Overridden, Override, OverrideForm, load_with};
 pub use sides::Sides;
 pub use source::Position;
 pub(crate) use source::{Source, Span};
-pub use sweep::Runs;
 pub(crate) use sweep::{Node, single, unexpected, written_value};
+pub use sweep::{PolicyOf, Runs};
 pub(crate) use value_schema::value as value_schema;
 pub use varying::Varying;

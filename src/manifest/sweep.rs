@@ -44,7 +44,10 @@ pub(super) struct Reader<'t> {
 /// Where the values `run:KEY` of a manifest come from: a function from the key of a job to the text of its policy; by
 /// default nowhere.
 #[derive(Clone, Copy, Default)]
-pub struct Runs<'r>(pub Option<&'r dyn Fn(&str) -> Result<String, String>>);
+pub struct Runs<'r>(pub Option<&'r PolicyOf<'r>>);
+
+/// Returns the text of the policy of a job; the error says why there is none.
+pub type PolicyOf<'r> = dyn Fn(&str) -> Result<String, String> + 'r;
 
 impl fmt::Debug for Runs<'_> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
