@@ -74,8 +74,8 @@ struct Acting {
 
 /// A network or a bandit.
 enum By {
-    Network(Network),
-    Bandit(BanditPolicy),
+    Network(Box<Network>),
+    Bandit(Box<BanditPolicy>),
 }
 
 /// The actors of a network, and their buffers.
@@ -198,7 +198,7 @@ impl TrainedPolicy {
         let stream = Stream::new(stored.job.seed, Purpose::TestActions);
         if stored.job.agent.parameters::<LinearThompson>().is_some() {
             let (weights, bandit) = bandit_of(&stored).map_err(no_policy)?;
-            let acting = Mutex::new(Acting { stream, by: By::Bandit(bandit) });
+            let acting = Mutex::new(Acting { stream, by: By::Bandit(Box::new(bandit)) });
             return Ok(TrainedPolicy { stored, weights, acting });
         }
         let interface = stored.job.task().interface();
@@ -209,7 +209,7 @@ impl TrainedPolicy {
             let (_, policy) = network_of(&stored).map_err(no_policy)?;
             Ok(policy.actor(spec.observations(), actions))
         };
-        let by = By::Network(Network {
+        let by = By::Network(Box::new(Network {
             as_trained: actor(Actions::AsTrained)?,
             greedy: actor(Actions::Greedy)?,
             network,
@@ -217,7 +217,7 @@ impl TrainedPolicy {
             given: Given { rows: spec.observations(), interface, statuses: Vec::new() },
             actions: Vec::new(),
             numbers: Vec::new(),
-        });
+        }));
         Ok(TrainedPolicy { stored, weights, acting: Mutex::new(Acting { stream, by }) })
     }
 }
