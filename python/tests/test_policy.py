@@ -200,7 +200,7 @@ evaluation = {{ test_episodes = 4, record_decisions = "test" }}
 
 """
 
-# Every way to a probability: an integral over many actions or two, shares of draws, and the logistic function.
+# Every way to a probability: an integral, shares of draws, and the logistic function.
 OF_FOUR = {
     "plain": "",
     "biased": "action_bias = [0, -20, -30, 5]\npi_min = 0.05",
@@ -217,7 +217,7 @@ OF_TWO = {
     "steep": 'allocation = "logistic"\nlogistic_slope = 40\naction_bias = [0, 12]',
     "centred": 'allocation = "logistic"\naction_centring = true\nnoise_sd = 63.7',
 }
-# Scenario, environment, agents, and the observation of a recorded decision; the clock lags by a step.
+# Scenario, environment, agents, and the observation of a recorded decision; the clock lags.
 PLACES = {
     "four": (
         '"C-H-D"',

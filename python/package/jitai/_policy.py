@@ -69,8 +69,8 @@ class Policy:
     def values(self, observations: npt.ArrayLike) -> npt.NDArray[np.float32]:
         """The network's output for each action: values of a DQN, logits of a policy network.
 
-        For a bandit, the mean of each action's reward with its bias; with action centring, the means
-        of the effects.
+        For a bandit, the mean of each action's reward with its bias; with action centring, the
+        means of the effects.
         """
         rows, is_single = _rows(observations)
         values = self._policy.values(rows)
