@@ -173,11 +173,11 @@ pub mod environment {
 /// Policies: actors, decision rules, and the episodes that they play.
 pub mod policy {
     pub use crate::agent::{
-        ActionNetwork, Actions, Actor, Architecture, Choice, DecisionRule, NetworkActor,
-        NetworkPolicy, RuleParameters, RulePolicy, StackNames,
+        ActionNetwork, Actions, Actor, Architecture, BanditPolicy, Choice, DecisionRule,
+        NetworkActor, NetworkPolicy, RuleParameters, RulePolicy, StackNames,
     };
     pub use crate::optimum::NoOptimum;
-    pub use crate::portable::{PortableError, PortablePolicy, network_of, portable};
+    pub use crate::portable::{PortableError, PortablePolicy, bandit_of, network_of, portable};
     pub use crate::train::{RollStreams, Rollout, StepObserver, begin, play, roll};
 }
 

@@ -1,16 +1,20 @@
 //! Trained policies, which act on observations from any source.
 
 use std::io;
+use std::ops::Range;
 use std::path::PathBuf;
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
-use jitai::algorithm::Weights;
+use jitai::algorithm::{LinearThompson, Weights};
 use jitai::environment::{
     Action, ActionSpec, EpisodeStatus, Interface, LaneSet, LaneStreams, ObservationSpec,
     Observations, Purpose, Resumable, StateError, StateReader, StateWriter, Stream,
     VectorEnvironment,
 };
-use jitai::policy::{ActionNetwork, Actions, Actor, Choice, NetworkPolicy, network_of, portable};
+use jitai::policy::{
+    ActionNetwork, Actions, Actor, BanditPolicy, Choice, NetworkPolicy, bandit_of, network_of,
+    portable,
+};
 use jitai::results::{Reader, StoredWeights};
 use numpy::{PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray2, PyUntypedArrayMethods};
 use pyo3::exceptions::{PyKeyError, PyTypeError, PyValueError};
@@ -62,15 +66,84 @@ impl VectorEnvironment for Given {
     }
 }
 
-/// The actors of a policy, and their buffers.
+/// What chooses the actions of a policy, with the random stream that they are drawn from.
 struct Acting {
+    stream: Stream,
+    by: By,
+}
+
+/// A network or a bandit.
+enum By {
+    Network(Box<Network>),
+    Bandit(Box<BanditPolicy>),
+}
+
+/// The actors of a network, and their buffers.
+struct Network {
     given: Given,
     as_trained: Box<dyn Actor<Given>>,
     greedy: Box<dyn Actor<Given>>,
     network: Box<dyn ActionNetwork + Send>,
-    stream: Stream,
+    choice: Choice,
     actions: Vec<Action>,
     numbers: Vec<f32>,
+}
+
+impl Network {
+    fn act(&mut self, rows: &Rows, greedy: bool, stream: &mut Stream) -> Vec<i64> {
+        let Network { given, as_trained, greedy: best, actions, .. } = self;
+        actions.clear();
+        actions.resize(rows.count(), Action::NONE);
+        given.statuses.resize(rows.count(), EpisodeStatus::Running);
+        given.rows = rows.observations();
+        let actor = if greedy { best } else { as_trained };
+        actor.act(given, stream, actions, None);
+        actions.iter().map(|action| action.index() as i64).collect()
+    }
+
+    fn values(&mut self, rows: &Rows) -> &[f32] {
+        self.network.evaluate(&rows.observations(), &mut self.numbers);
+        &self.numbers
+    }
+}
+
+/// Observations in the precision in which they were given, and the moments of their one-hots.
+struct Rows {
+    spec: ObservationSpec,
+    letters: Vec<f64>,
+    moments: Vec<Option<u32>>,
+}
+
+impl Rows {
+    fn count(&self) -> usize {
+        self.moments.len()
+    }
+
+    /// The observation of a row.
+    fn row(&self, row: usize) -> (&[f64], Option<u32>) {
+        let width = self.spec.features.len();
+        (&self.letters[row * width..(row + 1) * width], self.moments[row])
+    }
+
+    fn part(&self, rows: Range<usize>) -> Rows {
+        let width = self.spec.features.len();
+        Rows {
+            spec: self.spec.clone(),
+            letters: self.letters[rows.start * width..rows.end * width].to_vec(),
+            moments: self.moments[rows].to_vec(),
+        }
+    }
+
+    /// The observations in the precision of networks.
+    fn observations(&self) -> Observations {
+        let mut observations = self.spec.observations();
+        for row in 0..self.count() {
+            let (letters, moment) = self.row(row);
+            let letters: Vec<f32> = letters.iter().map(|entry| *entry as f32).collect();
+            observations.push(&letters, moment);
+        }
+        observations
+    }
 }
 
 /// Number of rows between two looks at signals.
@@ -81,7 +154,6 @@ const PART: usize = 1 << 14;
 pub(crate) struct TrainedPolicy {
     stored: StoredWeights,
     weights: Weights,
-    choice: Choice,
     acting: Mutex<Acting>,
 }
 
@@ -94,6 +166,10 @@ impl TrainedPolicy {
         self.stored.job.task().observations()
     }
 
+    fn read(&self, observations: &PyReadonlyArray2<'_, f64>) -> PyResult<Rows> {
+        read(self.spec(), observations)
+    }
+
     fn actions(&self) -> usize {
         self.stored.job.task().interface().actions
     }
@@ -102,26 +178,29 @@ impl TrainedPolicy {
     fn in_parts<T: Send>(
         &self,
         py: Python<'_>,
-        rows: Observations,
-        compute: impl Fn(&mut Acting, Observations) -> Vec<T> + Sync,
+        rows: Rows,
+        compute: impl Fn(&mut Acting, &Rows) -> Vec<T> + Sync,
     ) -> PyResult<Vec<T>> {
-        let count = rows.rows();
+        let count = rows.count();
         if count <= PART {
-            return Ok(py.detach(|| compute(&mut self.lock(), rows)));
+            return Ok(py.detach(|| compute(&mut self.lock(), &rows)));
         }
         let mut results = Vec::with_capacity(count);
         for from in (0..count).step_by(PART) {
-            results.append(&mut py.detach(|| {
-                let mut part = self.spec().observations();
-                part.extend(&rows, from..count.min(from + PART));
-                compute(&mut self.lock(), part)
-            }));
+            let part = rows.part(from..count.min(from + PART));
+            results.append(&mut py.detach(|| compute(&mut self.lock(), &part)));
             py.check_signals()?;
         }
         Ok(results)
     }
 
     fn of_stored(stored: StoredWeights) -> PyResult<Self> {
+        let stream = Stream::new(stored.job.seed, Purpose::TestActions);
+        if stored.job.agent.parameters::<LinearThompson>().is_some() {
+            let (weights, bandit) = bandit_of(&stored).map_err(no_policy)?;
+            let acting = Mutex::new(Acting { stream, by: By::Bandit(Box::new(bandit)) });
+            return Ok(TrainedPolicy { stored, weights, acting });
+        }
         let interface = stored.job.task().interface();
         let spec = interface.observations.clone();
         let (weights, NetworkPolicy { network, choice, .. }) =
@@ -130,16 +209,16 @@ impl TrainedPolicy {
             let (_, policy) = network_of(&stored).map_err(no_policy)?;
             Ok(policy.actor(spec.observations(), actions))
         };
-        let acting = Acting {
+        let by = By::Network(Box::new(Network {
             as_trained: actor(Actions::AsTrained)?,
             greedy: actor(Actions::Greedy)?,
             network,
+            choice,
             given: Given { rows: spec.observations(), interface, statuses: Vec::new() },
-            stream: Stream::new(stored.job.seed, Purpose::TestActions),
             actions: Vec::new(),
             numbers: Vec::new(),
-        };
-        Ok(TrainedPolicy { stored, weights, choice, acting: Mutex::new(acting) })
+        }));
+        Ok(TrainedPolicy { stored, weights, acting: Mutex::new(Acting { stream, by }) })
     }
 }
 
@@ -177,34 +256,39 @@ impl TrainedPolicy {
     fn act<'py>(
         &self,
         py: Python<'py>,
-        observations: PyReadonlyArray2<'py, f32>,
+        observations: PyReadonlyArray2<'py, f64>,
         greedy: bool,
     ) -> PyResult<Bound<'py, PyArray1<i64>>> {
-        let rows = read(&self.spec(), &observations)?;
-        let actions = self.in_parts(py, rows, |acting, part| {
-            let Acting { given, as_trained, greedy: best, stream, actions, .. } = acting;
-            actions.clear();
-            actions.resize(part.rows(), Action::NONE);
-            given.statuses.resize(part.rows(), EpisodeStatus::Running);
-            given.rows = part;
-            let actor = if greedy { best } else { as_trained };
-            actor.act(given, stream, actions, None);
-            actions.iter().map(|action| action.index() as i64).collect()
+        let rows = self.read(&observations)?;
+        let choice = if greedy { Actions::Greedy } else { Actions::AsTrained };
+        let actions = self.in_parts(py, rows, |Acting { stream, by }, part| match by {
+            By::Network(network) => network.act(part, greedy, stream),
+            By::Bandit(bandit) => {
+                let mut act = |row| {
+                    let word = if greedy { 0 } else { stream.bits() };
+                    bandit.choose(choice, part.row(row), word).0.index() as i64
+                };
+                (0..part.count()).map(&mut act).collect()
+            }
         })?;
         Ok(PyArray1::from_vec(py, actions))
     }
 
-    /// The outputs of the network for every action, \[rows, actions\]: values or logits.
+    /// The outputs of the network for every action, \[rows, actions\]: values or logits; of a bandit, means of rewards.
     fn values<'py>(
         &self,
         py: Python<'py>,
-        observations: PyReadonlyArray2<'py, f32>,
+        observations: PyReadonlyArray2<'py, f64>,
     ) -> PyResult<Bound<'py, PyArray2<f32>>> {
-        let rows = read(&self.spec(), &observations)?;
-        let count = rows.rows();
-        let values = self.in_parts(py, rows, |acting, part| {
-            acting.network.evaluate(&part, &mut acting.numbers);
-            acting.numbers.clone()
+        let rows = self.read(&observations)?;
+        let count = rows.count();
+        let values = self.in_parts(py, rows, |acting, part| match &mut acting.by {
+            By::Network(network) => network.values(part).to_vec(),
+            By::Bandit(bandit) => {
+                let mut of =
+                    |row| bandit.values(part.row(row)).iter().map(|value| *value as f32).collect();
+                (0..part.count()).flat_map(|row| -> Vec<f32> { of(row) }).collect()
+            }
         })?;
         PyArray1::from_vec(py, values).reshape([count, self.actions()])
     }
@@ -213,25 +297,34 @@ impl TrainedPolicy {
     fn probabilities<'py>(
         &self,
         py: Python<'py>,
-        observations: PyReadonlyArray2<'py, f32>,
+        observations: PyReadonlyArray2<'py, f64>,
     ) -> PyResult<Bound<'py, PyArray2<f64>>> {
-        let values = self.values(py, observations)?.to_vec()?;
-        let actions = self.actions();
-        let rows = values.len() / actions;
-        let probabilities = py.detach(|| self.choice.probabilities(&values, actions));
-        PyArray1::from_vec(py, probabilities).reshape([rows, actions])
+        let rows = self.read(&observations)?;
+        let (count, actions) = (rows.count(), self.actions());
+        let probabilities = self.in_parts(py, rows, |acting, part| match &mut acting.by {
+            By::Network(network) => {
+                let values = network.values(part).to_vec();
+                network.choice.probabilities(&values, actions)
+            }
+            By::Bandit(bandit) => {
+                let mut of = |row| bandit.choose(Actions::AsTrained, part.row(row), 0).1.to_vec();
+                (0..part.count()).flat_map(&mut of).collect()
+            }
+        })?;
+        PyArray1::from_vec(py, probabilities).reshape([count, actions])
     }
 
     /// The weights by name.
     #[getter]
     fn weights<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
-        let arrays = self.weights.tensors.iter().map(|(name, tensor)| {
-            let values = PyArray1::from_slice(py, &tensor.values);
-            (name.clone(), values, tensor.shape.clone())
-        });
         let dict = PyDict::new(py);
-        for (name, values, shape) in arrays {
-            dict.set_item(name, values.call_method1("reshape", (shape,))?)?;
+        for (name, tensor) in &self.weights.tensors {
+            let values = PyArray1::from_slice(py, &tensor.values);
+            dict.set_item(name, values.call_method1("reshape", (tensor.shape.clone(),))?)?;
+        }
+        for (name, tensor) in &self.weights.doubles {
+            let values = PyArray1::from_slice(py, &tensor.values);
+            dict.set_item(name, values.call_method1("reshape", (tensor.shape.clone(),))?)?;
         }
         Ok(dict)
     }
@@ -248,7 +341,7 @@ fn no_policy(error: impl std::fmt::Display) -> PyErr {
 }
 
 /// Observations from rows whose one-hot entries are written out.
-fn read(spec: &ObservationSpec, given: &PyReadonlyArray2<'_, f32>) -> PyResult<Observations> {
+fn read(spec: ObservationSpec, given: &PyReadonlyArray2<'_, f64>) -> PyResult<Rows> {
     let (inputs, width) = (spec.inputs(), spec.features.len());
     let [rows, columns] = [given.shape()[0], given.shape()[1]];
     if columns != inputs {
@@ -261,9 +354,10 @@ fn read(spec: &ObservationSpec, given: &PyReadonlyArray2<'_, f32>) -> PyResult<O
     let values = given.as_slice().map_err(|_| {
         PyTypeError::new_err("observations: expected rows one after the other in memory")
     })?;
-    let mut observations = spec.observations();
+    let mut read = Rows { spec, letters: Vec::new(), moments: Vec::new() };
+    let one_hot = read.spec.one_hot;
     for (row, entries) in values.chunks_exact(inputs).enumerate().take(rows) {
-        if let Some(place) = entries.iter().position(|entry| !entry.is_finite()) {
+        if let Some(place) = entries.iter().position(|entry| !(*entry as f32).is_finite()) {
             return Err(PyValueError::new_err(format!(
                 "observations: entry {place} of row {row} is {}, not a finite number",
                 entries[place]
@@ -272,13 +366,14 @@ fn read(spec: &ObservationSpec, given: &PyReadonlyArray2<'_, f32>) -> PyResult<O
         let (features, times) = entries.split_at(width);
         let moment = times.iter().position(|entry| *entry == 1.0);
         let is_one_hot = times.iter().filter(|entry| **entry != 0.0).count() == 1;
-        if spec.one_hot > 0 && !(moment.is_some() && is_one_hot) {
+        if one_hot > 0 && !(moment.is_some() && is_one_hot) {
             return Err(PyValueError::new_err(format!(
                 "observations: the last {} entries of row {row} are not a one-hot of the time",
-                spec.one_hot
+                one_hot
             )));
         }
-        observations.push(features, moment.filter(|_| spec.one_hot > 0).map(|at| at as u32));
+        read.letters.extend_from_slice(features);
+        read.moments.push(moment.filter(|_| one_hot > 0).map(|at| at as u32));
     }
-    Ok(observations)
+    Ok(read)
 }

@@ -186,3 +186,141 @@ def test_a_one_hot_of_time_is_the_last_entries(tmp_path):
         with pytest.raises(ValueError, match="one-hot"):
             policy.act(wrong)
     assert Path(path).exists()
+
+
+BANDITS = """\
+format = 1
+name = "bandits"
+scenarios = [{scenario}]
+seeds = 1
+evaluation = {{ test_episodes = 4, record_decisions = "test" }}
+
+[environment]
+{environment}
+
+"""
+
+# Every way to a probability: an integral, shares of draws, and the logistic function.
+OF_FOUR = {
+    "plain": "",
+    "biased": "action_bias = [0, -20, -30, 5]\npi_min = 0.05",
+    "products": 'features = "interactions"\nprior_sd = 60',
+    "centred": "action_centring = true\npi_min = 0.05",
+    "smooth": "smoothing = 0.05\nprobability_draws = 300",
+    "both": "action_centring = true\nsmoothing = 0.02\npi_min = 0.01\nprobability_draws = 200",
+    "by_episode": 'draw = "episode"',
+}
+OF_TWO = {
+    "plain": "noise_sd = 1000",
+    "logistic": 'allocation = "logistic"\nlogistic_odds = 3\nlogistic_slope = 0.515',
+    "narrow": 'allocation = "logistic"\nlogistic_slope = 0.01\nprior_sd = 1',
+    "steep": 'allocation = "logistic"\nlogistic_slope = 40\naction_bias = [0, 12]',
+    "centred": 'allocation = "logistic"\naction_centring = true\nnoise_sd = 63.7',
+}
+# Scenario, environment, agents, and the observation of a recorded decision; the clock lags.
+PLACES = {
+    "four": (
+        '"C-H-D"',
+        "sigma = 0.4\nhorizon = 10",
+        OF_FOUR,
+        lambda row: [row.context, row.habituation, row.disengagement],
+    ),
+    "hot": (
+        '"C-H"',
+        "sigma = 0.4\nhorizon = 4\ntime_one_hot = true",
+        {"products": OF_FOUR["products"]},
+        lambda row: [row.context, row.habituation, *np.eye(4)[max(row.step - 1, 0)]],
+    ),
+    "two": (
+        '["time_of_day", "app"]',
+        'family = "oralytics"\ndays = 8\npeople = "people.csv"',
+        OF_TWO,
+        lambda row: [row.step % 2, json.loads(row.state)["app_before"]],
+    ),
+}
+
+
+@pytest.fixture(scope="session", params=PLACES)
+def bandits(request, tmp_path_factory):
+    """A store with a completed job of each bandit, the job keys by agent, and the observations."""
+    folder = tmp_path_factory.mktemp(request.param)
+    people = ROOT / "experiments" / "oralytics" / "synthetic_v2.csv"
+    (folder / "people.csv").write_bytes(people.read_bytes())
+    scenario, environment, agents, seen = PLACES[request.param]
+    text = BANDITS.format(scenario=scenario, environment=environment)
+    for name, keys in agents.items():
+        text += f'[[agent]]\nname = "{name}"\nalgorithm = "linear_thompson"\nepisodes = 6\n{keys}\n'
+    (folder / "bandits.toml").write_text(text)
+    ran = run("run", "bandits.toml", "--quiet", cwd=folder)
+    assert ran.returncode == 0, ran.stderr
+    with jitai.open(folder / "jitai.sqlite") as results:
+        keys = dict(results.runs()[["agent", "job_key"]].values)
+    assert len(keys) == len(agents)
+    return folder / "jitai.sqlite", keys, seen
+
+
+def test_the_reader_of_bandits_has_the_probabilities_of_the_program(bandits, tmp_path):
+    store, keys, seen = bandits
+    with jitai.open(store) as results:
+        decisions = results.decisions()
+    for agent, key in keys.items():
+        policy = jitai.Policy.from_store(store, key)
+        out = tmp_path / agent
+        exported = run("export", "--policy", key, "--out", str(out), "--store", str(store))
+        assert exported.returncode == 0, exported.stderr
+        assert [path.name for path in out.iterdir()] == ["policy.json"]
+        description = json.loads((out / "policy.json").read_text())
+        assert description == policy.description
+        reader = reader_of_bandits()["Bandit"](out)
+
+        one_hot = description["posterior"]["one_hot"]
+        chance = np.random.default_rng(3)
+        rows = chance.random((200, len(description["features"])))
+        if one_hot:
+            rows[:, -one_hot:] = np.eye(one_hot)[chance.integers(0, one_hot, 200)]
+        ours = policy.probabilities(rows)
+        theirs = np.array([reader.probabilities(row) for row in rows])
+        assert np.abs(ours - theirs).max() < 1e-9, agent
+        assert np.allclose(ours.sum(axis=1), 1) and ours.std(axis=0).max() > 1e-4
+        best = policy.values(rows).argmax(axis=1)
+        assert np.array_equal(policy.act(rows, greedy=True), best)
+
+        played = decisions[decisions.job_key == key]
+        assert len(played) >= 4 * 4
+        for row in played.itertuples():
+            # Observations have single precision.
+            observation = np.array(seen(row), np.float32)
+            recorded = np.array(json.loads(row.action_probabilities))
+            if agent == "by_episode":
+                # Given the coefficients of the episode, an action is certain.
+                assert set(recorded) == {0.0, 1.0}
+                continue
+            assert np.array_equal(policy.probabilities(observation), recorded)
+            assert np.abs(reader.probabilities(observation) - recorded).max() < 1e-9
+
+
+def reader_of_bandits():
+    """The names that the reader of docs/bandits.md defines."""
+    manual = (ROOT / "docs" / "bandits.md").read_text()
+    [code] = re.findall(r"```python\n(# A reader of bandits.*?)```", manual, re.DOTALL)
+    assert len(code.strip().splitlines()) <= 60
+    names: dict = {}
+    exec(compile(code, "docs/bandits.md", "exec"), names)
+    return names
+
+
+def test_chance_of_a_bandit_follows_its_probabilities(bandits):
+    store, keys, _ = bandits
+    policy = jitai.Policy.from_store(store, next(iter(keys.values())))
+    inputs = len(policy.description["features"])
+    row = np.zeros(inputs)
+    row[-1] = 1
+    expected = policy.probabilities(row)
+    policy.reset(1)
+    actions = policy.act(np.repeat(row[np.newaxis], 20_000, axis=0))
+    shares = np.bincount(actions, minlength=len(expected)) / len(actions)
+    assert (np.abs(shares - expected) < 5 * np.sqrt(expected / 20_000) + 1e-9).all()
+    policy.reset(1)
+    assert policy.act(row) == actions[0]
+    mean, precision = policy.weights["mean"], policy.weights["precision"]
+    assert np.allclose(np.einsum("rij,rj->ri", precision, mean), policy.weights["information"])

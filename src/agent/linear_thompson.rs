@@ -11,12 +11,14 @@
 //! et al., "Personalized HeartSteps", 2020, and Greenewald et al., "Action centered contextual
 //! bandits", 2017 (centring). The centring extends Liao et al. to several messages.
 
+mod bandit;
 mod features;
 mod learner;
 mod logistic;
 mod normal;
 mod policy;
 mod posterior;
+mod prior;
 mod regression;
 mod sampler;
 mod study;
@@ -25,14 +27,17 @@ mod tests;
 
 use crate::agent::unavailable::Unavailable;
 use crate::env::Action;
-use crate::key::{Keyed, Kind, choices, keys};
+use crate::key::{Content, Keyed, Kind, choices, keys};
 
+pub use bandit::BanditPolicy;
+pub use features::BanditFeatures;
 pub use learner::LinearThompsonLearner;
 pub use policy::LinearThompsonPolicy;
 pub use study::LinearThompsonStudy;
 
 pub(super) use features::Design;
 pub(super) use posterior::Posterior;
+pub(super) use prior::{Prior, subject_of};
 pub(super) use sampler::Sampler;
 
 /// One number per action.
@@ -113,6 +118,9 @@ keys! {
         /// what the agent does where no message can be sent: "masked", it makes no choice and learns
         /// from none, or "chosen", it chooses, and learns as if its choice had been taken
         unavailable: Unavailable = Unavailable::Masked, before Unavailable::Masked;
+        /// posterior of an earlier job, which is the prior of this one and replaces the keys prior_*, baseline_* and
+        /// effect_*
+        prior_from: Content = Content::default(), before Content::default(), in Kind::Content(&prior::PRIOR);
     }
 }
 
@@ -129,16 +137,6 @@ choices! {
         Thompson = "thompson",
         /// The posterior mean of a generalised logistic function of the effect.
         Logistic = "logistic",
-    }
-}
-
-choices! {
-    /// The regressors of the reward.
-    pub enum BanditFeatures {
-        /// An intercept, the features, and the one-hot of time if observations have one.
-        Linear = "linear",
-        /// Also the products of pairs of different features.
-        Interactions = "interactions",
     }
 }
 

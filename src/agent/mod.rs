@@ -69,8 +69,8 @@ pub use fused::{
 pub use layers::Shape;
 pub use learner::{Actions, Diverged, Learner, LearnerError, Span, TrainedEpisode};
 pub use linear_thompson::{
-    BanditAllocation, BanditDraw, BanditFeatures, BanditPosterior, BanditUpdate, LinearThompson,
-    LinearThompsonLearner, LinearThompsonPolicy, LinearThompsonStudy,
+    BanditAllocation, BanditDraw, BanditFeatures, BanditPolicy, BanditPosterior, BanditUpdate,
+    LinearThompson, LinearThompsonLearner, LinearThompsonPolicy, LinearThompsonStudy,
 };
 pub use memory::{OutOfMemory, reserve, reserve_exact};
 pub use network::{Activation, Engine, Recurrent};

@@ -6,8 +6,8 @@ use std::path::{Path, PathBuf};
 use serde_json::json;
 
 use crate::cli::output::{counted, shell_word};
-use crate::cli::{Error, Exit, trial};
-use crate::manifest::{self, Faults, Manifest, Overridden, Override, Published};
+use crate::cli::{Error, Exit, StoreArgument, trial};
+use crate::manifest::{self, Faults, Manifest, Overridden, Override, Published, Runs};
 use crate::plan::{self, Factors};
 use crate::report::splits;
 
@@ -24,6 +24,8 @@ pub(super) struct Arguments {
     /// Output format of the faults
     #[arg(long, value_enum, default_value = "text")]
     format: Format,
+    #[command(flatten)]
+    store: StoreArgument,
 }
 
 #[derive(Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
@@ -36,8 +38,9 @@ enum Format {
 
 pub(super) fn run(arguments: &Arguments) -> Result<Exit, Error> {
     let (mut valid, mut faulty) = (Vec::new(), Vec::new());
+    let posterior = |key: &str| arguments.store.posterior(key);
     for path in &arguments.manifests.paths {
-        match manifest::load_with(path, &arguments.manifests.set) {
+        match manifest::load_with(path, &arguments.manifests.set, Runs(Some(&posterior))) {
             Ok(read) => match Published::of(&read.manifest) {
                 Ok(_) => valid.push((path, read)),
                 Err(faults) => faulty.push(faults),
@@ -136,8 +139,8 @@ pub(super) struct ManifestArguments {
 
 impl ManifestArguments {
     /// Loads the manifests, or returns all their faults.
-    pub(super) fn load(&self) -> Result<Vec<Manifest>, Error> {
-        load_all(&self.paths, &self.set)
+    pub(super) fn load(&self, store: &StoreArgument) -> Result<Vec<Manifest>, Error> {
+        load_all(&self.paths, &self.set, store)
     }
 
     /// The arguments, quoted for a shell.
@@ -152,11 +155,13 @@ impl ManifestArguments {
 pub(super) fn load_all<P: AsRef<Path>>(
     paths: &[P],
     set: &[Override],
+    store: &StoreArgument,
 ) -> Result<Vec<Manifest>, Error> {
+    let posterior = |key: &str| store.posterior(key);
     let mut manifests = Vec::new();
     let mut faulty: Vec<Faults> = Vec::new();
     for path in paths {
-        match manifest::load_with(path.as_ref(), set) {
+        match manifest::load_with(path.as_ref(), set, Runs(Some(&posterior))) {
             Ok(Overridden { manifest, left_out }) => {
                 // The manifest is valid, whether or not somebody reads the hints.
                 let _ = hint(path.as_ref(), &left_out);

@@ -22,8 +22,8 @@ pub(super) struct Arguments {
     /// File format
     #[arg(long, value_enum, default_value = "csv", conflicts_with = "policy")]
     format: FileFormat,
-    /// Export the agent that this job trained instead of the views: policy.json, weights.safetensors
-    /// and policy.onnx (a prefix of the job key is enough)
+    /// Export the agent that this job trained instead of the views: policy.json, and weights.safetensors
+    /// and policy.onnx of a network (a prefix of the job key is enough)
     #[arg(long, value_name = "JOB KEY")]
     policy: Option<String>,
     /// Export only this experiment and its jobs; may be repeated
@@ -46,11 +46,8 @@ fn write_policy(key: &str, arguments: &Arguments) -> Result<Exit, Error> {
     let description = format!("{:#}\n", policy.description);
     folder::make(&arguments.out)?;
     // The description comes last, because it names the other files with their digests.
-    for (name, bytes) in [
-        ("weights.safetensors", &policy.weights[..]),
-        ("policy.onnx", &policy.onnx[..]),
-        ("policy.json", description.as_bytes()),
-    ] {
+    let files = policy.files.into_iter();
+    for (name, bytes) in files.chain([("policy.json", description.into_bytes())]) {
         let path = arguments.out.join(name);
         // Renamed once complete.
         let partial = arguments.out.join(format!("{name}.partial"));

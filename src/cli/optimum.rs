@@ -8,7 +8,7 @@ use std::path::PathBuf;
 use crate::cli::counting::Counting;
 use crate::cli::output::{Field, Format, Rows};
 use crate::cli::setting::{adjusted, sets, with_parameter};
-use crate::cli::{Error, Exit, check};
+use crate::cli::{Error, Exit, StoreArgument, check};
 use crate::env::StepCountModel;
 use crate::env::context_error;
 use crate::env::{self, Family, Population, Scenario, StepCount};
@@ -44,6 +44,8 @@ pub(super) struct Arguments {
     /// Output format
     #[arg(long, value_enum, default_value = "table")]
     format: Format,
+    #[command(flatten)]
+    store: StoreArgument,
 }
 
 const COLUMNS: [&str; 5] = ["scenario", "sigma", "context_error", "optimum", "optimum_error"];
@@ -52,7 +54,8 @@ pub(super) fn run(arguments: &Arguments) -> Result<Exit, Error> {
     if arguments.manifests.is_empty() {
         of_arguments(arguments)?;
     } else {
-        of_manifests(&check::load_all(&arguments.manifests, &[])?, arguments.format)?;
+        let manifests = check::load_all(&arguments.manifests, &[], &arguments.store)?;
+        of_manifests(&manifests, arguments.format)?;
     }
     Ok(Exit::Done)
 }

@@ -49,7 +49,7 @@ pub(super) struct Arguments {
 }
 
 pub(super) fn run(arguments: &Arguments) -> Result<Exit, Error> {
-    let manifests = arguments.manifests.load()?;
+    let manifests = arguments.manifests.load(&arguments.store)?;
     if arguments.resolved {
         for manifest in &manifests {
             write!(io::stdout(), "{}", manifest.resolved())?;

@@ -28,7 +28,7 @@ pub(super) struct Arguments {
 }
 
 pub(super) fn run(arguments: &Arguments) -> Result<Exit, Error> {
-    let manifests = arguments.manifests.load()?;
+    let manifests = arguments.manifests.load(&arguments.store)?;
     // Faults are reported before the folder is created.
     for manifest in &manifests {
         Published::of(manifest).map_err(|faults| Error::Manifests(vec![faults]))?;

@@ -99,7 +99,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<Exit, Error> {
     let stop = signals::stop_flag()
         .and_then(|stop| signals::end_in_time(stop.clone()).map(|()| stop))
         .map_err(|source| Error::Io { what: "listen for signals".to_owned(), source })?;
-    let manifests = arguments.manifests.load()?;
+    let manifests = arguments.manifests.load(&arguments.store)?;
     let mut selection = Selection::new(&manifests, arguments.filter.as_ref())?;
     if let Some(shard) = arguments.shard {
         selection = selection.shard(shard);

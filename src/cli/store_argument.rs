@@ -5,8 +5,9 @@ use std::path::PathBuf;
 use clap::Args;
 
 use crate::cli::output::shell_word;
+use crate::portable::bandit_posterior;
 use crate::schedule;
-use crate::store::{Command, Store, StoreError};
+use crate::store::{Command, Reader, Store, StoreError};
 
 const DEFAULT_STORE: &str = "jitai.sqlite";
 
@@ -22,6 +23,13 @@ impl StoreArgument {
     /// Opens the store for a command that changes it, and that it records.
     pub(super) fn open(&self) -> Result<Store, StoreError> {
         Ok(Store::open(&self.store)?.changed_by(this_command()))
+    }
+
+    /// The description of the policy of a completed bandit in the store, for keys that take a posterior.
+    pub(super) fn posterior(&self, key: &str) -> Result<String, String> {
+        let reader = Reader::open(&self.store).map_err(|error| error.to_string())?;
+        let stored = reader.weights(key).map_err(|error| error.to_string())?;
+        bandit_posterior(&stored).map_err(|error| error.to_string())
     }
 
     /// The option `--store` for a suggested command; empty if the command would use this store by

@@ -75,7 +75,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<Exit, Error> {
         Some(path) => Profile::load(path).map_err(|faults| Error::Manifests(vec![faults]))?,
         None => Profile::default(),
     };
-    let manifests = arguments.manifests.load()?;
+    let manifests = arguments.manifests.load(&arguments.store)?;
     let selection = Selection::new(&manifests, arguments.filter.as_ref())?;
     let program = this_program()?;
     let retry = if arguments.retry_failed { RetryFailed::Yes } else { RetryFailed::No };

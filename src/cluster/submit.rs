@@ -336,8 +336,7 @@ impl<'a> Cluster<'a> {
         let manifests = request.selection.manifests();
         for (place, manifest) in manifests.iter().enumerate() {
             // Tasks do not depend on files that can change meanwhile.
-            let text = manifest::self_contained(&manifest.source, manifest.folder())
-                .map_err(ClusterError::Companion)?;
+            let text = manifest::self_contained(manifest).map_err(ClusterError::Companion)?;
             write(&plan_file(&path, place + 1), &text)?;
         }
         for (number, chunk) in draft.chunks.iter().enumerate() {

@@ -77,6 +77,7 @@ choices! {
 pub static STAYS: ContentForm = ContentForm {
     what: "a CSV file with the columns start_day and end_day",
     parse: |text| Ok(Arc::new(columns(text, &["start_day", "end_day"])?)),
+    canonical: None,
 };
 
 /// The form of a file of rows.
@@ -88,6 +89,7 @@ pub static ROWS: ContentForm = ContentForm {
         let has_seeds = columns(text, &wanted[2..]).is_ok();
         Ok(Arc::new(columns(text, if has_seeds { &wanted } else { &wanted[..2] })?))
     },
+    canonical: None,
 };
 
 /// Whole numbers by row, in the order of the wanted columns.

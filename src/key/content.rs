@@ -14,7 +14,29 @@ pub struct ContentForm {
     pub what: &'static str,
     /// Parses a text; the error says what is wrong and in which line.
     pub parse: fn(&str) -> Result<Parsed, String>,
+    /// The part of a text by which it is known, as a text of the same form; `None` for the whole text. A form with
+    /// such a part also takes `run:KEY`, a completed job of a store, whose policy has this form.
+    pub canonical: Option<Canonical>,
 }
+
+impl ContentForm {
+    /// The admitted values, in words.
+    pub fn expectation(&self) -> String {
+        let run = if self.canonical.is_some() { ", \"run:\" and the key of a job" } else { "" };
+        format!("\"none\"{run}, or the name of {}", self.what)
+    }
+
+    /// The key of the job that a value names instead of a file.
+    pub fn run<'t>(&self, written: &'t str) -> Option<&'t str> {
+        written.strip_prefix(RUN).filter(|_| self.canonical.is_some())
+    }
+}
+
+/// Stands before the key of a job.
+const RUN: &str = "run:";
+
+/// Returns the part of a text by which it is known; the error says what is wrong.
+pub type Canonical = fn(&str) -> Result<String, String>;
 
 /// What a text has been parsed to.
 pub type Parsed = Arc<dyn Any + Send + Sync>;
@@ -57,6 +79,7 @@ impl Content {
     /// **Errors**: the text is not of this form.
     pub fn read(form: &ContentForm, text: &str) -> Result<Content, String> {
         let text = text.trim_start_matches('\u{feff}').replace("\r\n", "\n");
+        let text = form.canonical.map_or(Ok(text.clone()), |canonical| canonical(&text))?;
         let text = format!("{}\n", text.trim_end());
         let parsed = (form.parse)(&text)?;
         let sha256 = HEXLOWER.encode(&Sha256::digest(text.as_bytes()));
@@ -132,6 +155,7 @@ mod tests {
             Ok(number) => Ok(Arc::new(number)),
             Err(error) => Err(error.to_string()),
         },
+        canonical: None,
     };
 
     #[test]

@@ -318,7 +318,7 @@ impl Kind {
             }
             Kind::Distribution(of) => Distribution::expectation(of),
             Kind::Rows(_) => "\"none\", a list of tables, or the name of a CSV file".to_owned(),
-            Kind::Content(form) => format!("\"none\", or the name of {}", form.what),
+            Kind::Content(form) => form.expectation(),
         }
     }
 

@@ -1,65 +1,89 @@
 //! The files that a manifest reads.
 
 use std::fs;
-use std::path::Path;
 
-use toml_edit::{DocumentMut, Item, Value};
+use toml_edit::{DocumentMut, Item, TableLike, Value};
 
+use super::declared::Manifest;
 use super::section::Section;
-use crate::key::{Content, Kind, Rows};
+use crate::key::{Content, Key, Kind, Rows};
 
 /// The keys whose values can name files: section and key.
-fn file_keys() -> impl Iterator<Item = (&'static str, &'static str)> {
+fn file_keys() -> impl Iterator<Item = (&'static str, &'static Key)> {
     Section::all().into_iter().flat_map(|section| {
         let names_file = |kind: Kind| matches!(kind, Kind::Rows(_) | Kind::Content(_));
         let keys = section.keys().iter().filter(move |key| names_file(key.kind));
-        keys.map(move |key| (section.name(), key.name))
+        keys.map(move |key| (section.name(), key))
     })
 }
 
-/// The name of a file in a value of such a key; `None` for texts of files, and for none.
-fn file_name(text: &str) -> Option<&str> {
+/// The name of a file or a job in a value of such a key; `None` for texts of files, and for none.
+fn named(text: &str) -> Option<&str> {
     let is_name = !Rows::is_csv(text) && !Rows::is_none(text) && !Content::is_word_for_none(text);
     is_name.then_some(text)
+}
+
+/// Whether a value of a key names a job.
+fn is_run(key: &Key, name: &str) -> bool {
+    matches!(key.kind, Kind::Content(form) if form.run(name).is_some())
+}
+
+/// The values of a key in a section, or in each of its tables.
+fn values_mut<'m>(
+    manifest: &'m mut DocumentMut,
+    section: &str,
+    key: &str,
+) -> impl Iterator<Item = &'m mut Value> {
+    let tables: Vec<&mut dyn TableLike> = match manifest.get_mut(section) {
+        Some(Item::ArrayOfTables(tables)) => {
+            tables.iter_mut().map(|table| table as &mut dyn TableLike).collect()
+        }
+        Some(Item::Value(Value::Array(list))) => {
+            let tables = list.iter_mut().filter_map(Value::as_inline_table_mut);
+            tables.map(|table| table as &mut dyn TableLike).collect()
+        }
+        Some(table) => table.as_table_like_mut().into_iter().collect(),
+        None => Vec::new(),
+    };
+    let values = tables.into_iter().filter_map(move |table| table.get_mut(key)?.as_value_mut());
+    values.flat_map(|value| match value {
+        Value::Array(list) => list.iter_mut().collect::<Vec<_>>(),
+        other => vec![other],
+    })
 }
 
 /// The names of the files beside a manifest that its text reads: published numbers, and the files of people and
 /// trials. Empty for a text that is not TOML.
 pub fn companions(text: &str) -> Vec<String> {
-    let Ok(manifest) = toml::from_str::<toml::Table>(text) else { return Vec::new() };
-    let published = manifest.get("published").and_then(toml::Value::as_str);
+    let Ok(mut manifest) = text.parse::<DocumentMut>() else { return Vec::new() };
+    let published = manifest.get("published").and_then(Item::as_str);
     let mut names: Vec<String> = published.map(str::to_owned).into_iter().collect();
     for (section, key) in file_keys() {
-        let value = manifest.get(section).and_then(|section| section.get(key));
-        let texts = match value {
-            Some(toml::Value::Array(list)) => list.iter().filter_map(toml::Value::as_str).collect(),
-            Some(toml::Value::String(text)) => vec![text.as_str()],
-            Some(_) | None => Vec::new(),
-        };
-        names.extend(texts.into_iter().filter_map(file_name).map(str::to_owned));
+        let values = values_mut(&mut manifest, section, key.name);
+        let named = values.filter_map(|value| named(value.as_str()?));
+        names.extend(named.filter(|name| !is_run(key, name)).map(str::to_owned));
     }
     names
 }
 
-/// The text of a manifest of this folder with the texts of its files in the place of their names, except published
-/// numbers. Its jobs are the same.
+/// The text of a manifest with the texts of its files, except published numbers, and of the policies of jobs in the
+/// place of their names. Its jobs are the same.
 ///
 /// **Errors**: a file cannot be read; the name and the reason.
-pub fn self_contained(text: &str, folder: &Path) -> Result<String, String> {
+pub fn self_contained(of: &Manifest) -> Result<String, String> {
+    let text = &of.source;
     let Ok(mut manifest) = text.parse::<DocumentMut>() else { return Ok(text.to_owned()) };
     let mut has_files = false;
     for (section, key) in file_keys() {
-        let item = manifest.get_mut(section).and_then(|section| section.get_mut(key));
-        let Some(Item::Value(value)) = item else { continue };
-        let values = match value {
-            Value::Array(list) => list.iter_mut().collect(),
-            other => vec![other],
-        };
-        for value in values {
-            let Some(name) = value.as_str().and_then(file_name) else { continue };
-            let path = folder.join(name);
+        for value in values_mut(&mut manifest, section, key.name) {
+            let Some(name) = value.as_str().and_then(named) else { continue };
+            let path = of.folder().join(name);
             let unreadable = |error: std::io::Error| format!("{}: {error}", path.display());
-            let text = fs::read_to_string(&path).map_err(unreadable)?;
+            let text = match of.named_runs.iter().find(|(run, _)| is_run(key, name) && run == name)
+            {
+                Some((_, text)) => text.clone(),
+                None => fs::read_to_string(&path).map_err(unreadable)?,
+            };
             // A line break says that this is a text.
             *value = format!("{}\n", text.trim_start_matches('\u{feff}').trim_end()).into();
             has_files = true;
@@ -70,7 +94,16 @@ pub fn self_contained(text: &str, folder: &Path) -> Result<String, String> {
 
 #[cfg(test)]
 mod tests {
+    use serde_json::json;
+
+    use super::super::load::parse_from;
+    use super::super::{Runs, parse};
     use super::*;
+    use crate::key::{Parameter, Value as KeyValue};
+    use crate::plan;
+
+    const VALID: &str = "format = 1\nname = \"t\"\nextends = \"paper\"\nscenarios = [\"C\"]\nseeds = 1\n\
+                         environment.sigma = 0.4\n";
 
     #[test]
     fn published_numbers_and_rows_are_files_and_inline_rows_are_not() {
@@ -81,6 +114,8 @@ mod tests {
         let trial =
             "[trial]\nentry = \"stays.csv\"\n[environment]\npeople = [\"a.csv\", \"none\"]\n";
         assert_eq!(companions(trial), ["stays.csv", "a.csv"]);
+        let agents = "[[agent]]\nprior_from = [\"pilot/policy.json\", \"run:3f\", \"none\"]\n[[agent]]\nx = 1\n";
+        assert_eq!(companions(agents), ["pilot/policy.json"]);
     }
 
     #[test]
@@ -88,14 +123,69 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         fs::write(folder.path().join("people.csv"), "delta_d\r\n0.1\r\n0.2\r\n").unwrap();
         let text = "format = 1\n# A comment.\npopulation.rows = \"people.csv\"\n";
-        let whole = self_contained(text, folder.path()).unwrap();
+        let of = |text: &str| Manifest {
+            source: text.to_owned(),
+            path: folder.path().join("m.toml").display().to_string(),
+            named_runs: vec![("run:3f".to_owned(), "{\"posterior\": 1}".to_owned())],
+            ..parse("t", VALID.as_bytes()).unwrap()
+        };
+        let whole = self_contained(&of(text)).unwrap();
         let read: toml::Table = toml::from_str(&whole).unwrap();
         let rows = read["population"]["rows"].as_str().unwrap();
         assert!(rows.starts_with("delta_d") && rows.ends_with("0.2\n"), "{rows:?}");
         assert!(whole.contains("# A comment."));
         let inline = "population.rows = [{ delta_d = 0.1 }]\n";
-        assert_eq!(self_contained(inline, folder.path()).unwrap(), inline);
-        let missing = self_contained("population.rows = \"other.csv\"", folder.path());
+        assert_eq!(self_contained(&of(inline)).unwrap(), inline);
+        let missing = self_contained(&of("population.rows = \"other.csv\""));
         assert!(missing.unwrap_err().contains("other.csv"));
+        let agents = "[[agent]]\nprior_from = \"none\"\n[[agent]]\nprior_from = [\"run:3f\", \"people.csv\"]\n";
+        let whole: toml::Table = toml::from_str(&self_contained(&of(agents)).unwrap()).unwrap();
+        let priors = |agent: usize| whole["agent"][agent]["prior_from"].clone();
+        assert_eq!(priors(0).as_str(), Some("none"));
+        assert_eq!(priors(1)[0].as_str(), Some("{\"posterior\": 1}\n"));
+        assert_eq!(priors(1)[1].as_str(), Some("delta_d\r\n0.1\r\n0.2\n"));
+    }
+
+    #[test]
+    fn a_posterior_of_a_job_is_part_of_a_text_of_its_own() {
+        let text = format!(
+            "{VALID}[[agent]]\nname = \"a\"\nalgorithm = \"linear_thompson\"\nprior_from = [\"run:3f\", \"none\"]\n"
+        );
+        let policy = |key: &str| {
+            assert_eq!(key, "3f");
+            let (mean, precision) = ([[0.25, 0.5]; 4], [[[4.0, 1.0], [1.0, 2.0]]; 4]);
+            let posterior = json!({
+                "features": "linear", "action_centring": false, "mean": mean, "precision": precision,
+            });
+            Ok(json!({ "features": ["C"], "actions": 4, "posterior": posterior }).to_string())
+        };
+        let read = parse_from("t", text.as_bytes(), Runs(Some(&policy))).unwrap();
+        let frozen = parse("t", self_contained(&read).unwrap().as_bytes()).unwrap();
+        let keys = |of: &Manifest| plan::jobs(of).map(|one| one.job.key()).collect::<Vec<_>>();
+        assert_eq!(keys(&frozen), keys(&read));
+        let resolved = parse("t", read.resolved().as_bytes()).unwrap();
+        assert_eq!(keys(&resolved), keys(&read));
+        // The winner of a search over stored jobs has the text as well.
+        let bandit = read.agents.iter().find(|agent| agent.name == "a").unwrap();
+        let stored = |key| match key {
+            Parameter::Agent("prior_from") => {
+                let Some([KeyValue::Content(prior), _]) = bandit.parameters.get("prior_from")
+                else {
+                    panic!()
+                };
+                let key = Section::Agent(bandit.algorithm).find("prior_from").unwrap().1;
+                key.kind.value(&json!(prior.name()))
+            }
+            _ => None,
+        };
+        let text = VALID.replace("extends = \"paper\"\n", "") + &bandit.chosen(stored);
+        let chosen = parse("t", text.as_bytes()).unwrap();
+        assert!(keys(&read).contains(&keys(&chosen)[0]));
+        // Without a store, the value has no text.
+        let fault = parse("t", read.source.as_bytes()).unwrap_err().to_string();
+        assert!(
+            fault.contains("`run:3f` names a job of a store, and no store is read here"),
+            "{fault}"
+        );
     }
 }

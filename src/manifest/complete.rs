@@ -76,6 +76,7 @@ pub(super) fn complete(
         zips: zips.map(|zip| Zip { parameters: zip.value.clone() }).collect(),
         exclusions: exclusions.filter(|exclusion| !exclusion.conditions.is_empty()).collect(),
         analyses: draft.analyses.iter().map(|draft| draft.analysis.clone()).collect(),
+        named_runs: Vec::new(),
     }
 }
 

@@ -49,6 +49,8 @@ pub struct Manifest {
     pub exclusions: Vec<Exclusion>,
     /// Analyses for the report; not part of any job.
     pub analyses: Vec<Analysis>,
+    /// The values that name jobs of a store, each with the text of the job's policy.
+    pub named_runs: Vec<(String, String)>,
 }
 
 /// An agent of a manifest: a name and the values of its hyper-parameters.

@@ -10,7 +10,7 @@ use super::fault::{Fault, FaultList, Faults};
 use super::read::newer_format;
 use super::repair::{Repaired, decimal_lists, repaired};
 use super::source::{Source, Span};
-use super::sweep::Reader;
+use super::sweep::{Reader, Runs};
 use super::{check, complete};
 
 /// Maximum size of a manifest in bytes; ranges keep large sweeps short.
@@ -21,9 +21,14 @@ const MOST_BYTES: u64 = 10_000_000;
 /// # Errors
 /// Every fault of the file, with positions.
 pub fn load(path: &Path) -> Result<Manifest, Faults> {
+    load_from(path, Runs::default())
+}
+
+/// [`load`], with values that name jobs.
+pub(super) fn load_from(path: &Path, runs: Runs) -> Result<Manifest, Faults> {
     let label = path.display().to_string();
     let bytes = read(path).map_err(|fault| Faults::of_file(&label, fault))?;
-    parse(&label, &bytes)
+    parse_from(&label, &bytes, runs)
 }
 
 fn read(path: &Path) -> Result<Vec<u8>, Fault> {
@@ -55,7 +60,12 @@ fn read(path: &Path) -> Result<Vec<u8>, Fault> {
 /// # Errors
 /// Every fault of the text, with positions.
 pub fn parse(path: &str, bytes: &[u8]) -> Result<Manifest, Faults> {
-    let (manifest, mut faults, lost) = read_text(path, decode(path, bytes)?)?;
+    parse_from(path, bytes, Runs::default())
+}
+
+/// [`parse`], with values that name jobs.
+pub(super) fn parse_from(path: &str, bytes: &[u8], runs: Runs) -> Result<Manifest, Faults> {
+    let (manifest, mut faults, lost) = read_text(path, decode(path, bytes)?, runs)?;
     lost.into_iter().for_each(|(_, lost)| faults.append(lost));
     if faults.is_empty() {
         return Ok(manifest);
@@ -71,14 +81,14 @@ pub(super) type Checked = (Manifest, FaultList, Vec<(usize, FaultList)>);
 ///
 /// # Errors
 /// Every fault of a text whose notation or format is too faulty for a check of its content.
-pub(super) fn read_text(path: &str, text: &str) -> Result<Checked, Faults> {
+pub(super) fn read_text(path: &str, text: &str, runs: Runs) -> Result<Checked, Faults> {
     let repaired = repaired(text);
     let readable = repaired.as_ref().map_or(text, |repaired| &repaired.text);
     let Document { root, repeats, syntax, broken_at } = document(readable);
     if let Some(fault) = newer_format(root.get_ref()) {
         return Err(Faults::of_text(path, text, fault));
     }
-    let mut reader = Reader::new(readable);
+    let mut reader = Reader { runs, ..Reader::new(readable) };
     reader.folder = Path::new(path).parent().unwrap_or(Path::new("")).to_owned();
     let mut draft = reader.draft(root.get_ref());
     let mut faults = reader.faults;
@@ -90,7 +100,9 @@ pub(super) fn read_text(path: &str, text: &str) -> Result<Checked, Faults> {
         faults.append(syntax);
         return Err(in_original(faults, repaired, text).of(path, Source::new(text)));
     }
+    let named_runs = std::mem::take(&mut reader.named_runs);
     let manifest = complete::complete(&mut draft, path, text, &mut faults);
+    let manifest = Manifest { named_runs, ..manifest };
     let (manifest, lost) = check::check(&draft, manifest, &mut faults);
     if repaired.is_none() {
         if !faults.is_empty() {

@@ -78,5 +78,6 @@ pub use sides::Sides;
 pub use source::Position;
 pub(crate) use source::{Source, Span};
 pub(crate) use sweep::{Node, single, unexpected, written_value};
+pub use sweep::{PolicyOf, Runs};
 pub(crate) use value_schema::value as value_schema;
 pub use varying::Varying;

@@ -91,9 +91,10 @@ impl Reader<'_> {
         if Content::is_word_for_none(written) {
             return Some(Value::Content(Content::default()));
         }
-        let (text, of) = match written.contains('\n') {
-            true => (Ok(written.clone().into_owned()), String::new()),
-            false => (self.file(written), format!("`{written}`, ")),
+        let (text, of) = match (written.contains('\n'), form.run(written)) {
+            (true, _) => (Ok(written.clone().into_owned()), String::new()),
+            (false, Some(key)) => (self.run(written, key), format!("`{written}`, ")),
+            (false, None) => (self.file(written), format!("`{written}`, ")),
         };
         let content =
             text.and_then(|text| Content::read(form, &text).map_err(|says| format!("{of}{says}")));
@@ -104,6 +105,19 @@ impl Reader<'_> {
                 None
             }
         }
+    }
+
+    /// The text of the policy of a job.
+    fn run(&mut self, written: &str, key: &str) -> Result<String, String> {
+        let run = self.runs.0.ok_or_else(|| {
+            format!(
+                "`{written}` names a job of a store, and no store is read here; write the file that \
+                 `jitai export --policy {key}` makes, or its name"
+            )
+        })?;
+        let text = run(key).map_err(|says| format!("`{written}`: {says}"))?;
+        self.named_runs.push((written.to_owned(), text.clone()));
+        Ok(text)
     }
 
     /// The text of a file beside the manifest.

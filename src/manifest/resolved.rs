@@ -90,8 +90,10 @@ impl DeclaredAgent {
         for (key, values) in self.parameters.iter() {
             let value = value(self.parameters.section().parameter(key.name));
             let value = value.unwrap_or_else(|| values[0].clone());
+            // A declared value has the text of a file, which the value of a stored job lacks.
+            let value = values.iter().find(|declared| **declared == value).unwrap_or(&value);
             let comment = if values.len() > 1 { "  # chosen" } else { "" };
-            out += &format!("{} = {value}{comment}\n", key.name);
+            out += &format!("{} = {}{comment}\n", key.name, text_of(value));
         }
         out
     }
@@ -104,16 +106,19 @@ fn write_head(out: &mut String, agent: &DeclaredAgent) -> fmt::Result {
     label.iter().try_for_each(|label| writeln!(out, "label = {}", quoted(label)))
 }
 
-fn write_parameters(out: &mut String, parameters: &Parameters) -> fmt::Result {
-    // A manifest has the text of a file in place of its name.
-    let written = |value: &Value| match value {
+/// A value as a manifest writes it, with the text of a file in place of its name.
+fn text_of(value: &Value) -> String {
+    match value {
         Value::Content(content) => content.text().map_or_else(|| value.to_string(), quoted),
         value => value.to_string(),
-    };
+    }
+}
+
+fn write_parameters(out: &mut String, parameters: &Parameters) -> fmt::Result {
     parameters.iter().try_for_each(|(key, values)| match values {
-        [value] => writeln!(out, "{} = {}", key.name, written(value)),
+        [value] => writeln!(out, "{} = {}", key.name, text_of(value)),
         values => {
-            let values: Vec<String> = values.iter().map(written).collect();
+            let values: Vec<String> = values.iter().map(text_of).collect();
             writeln!(out, "{} = {}", key.name, list(&values))
         }
     })

@@ -13,10 +13,11 @@ use toml_edit::{Array, ArrayOfTables, DocumentMut, Item, Table, TableLike, Value
 use super::declared::Manifest;
 use super::edits::Edits;
 use super::fault::{Fault, Faults, nearest};
-use super::load::{load, parse, read_text};
+use super::load::{load_from, parse_from, read_text};
 use super::parameter::{is_in, parameters};
 use super::repair::slip;
 use super::source::Source;
+use super::sweep::Runs;
 use crate::job::short_name;
 use crate::key::printable;
 use crate::key::{Parameter, free_key};
@@ -82,8 +83,8 @@ pub struct Overridden {
 /// # Errors
 /// Every fault of the file; or the first override whose key the manifest cannot have; or every fault of the
 /// manifest with its overrides.
-pub fn load_with(path: &Path, overrides: &[Override]) -> Result<Overridden, Faults> {
-    let manifest = load(path)?;
+pub fn load_with(path: &Path, overrides: &[Override], runs: Runs) -> Result<Overridden, Faults> {
+    let manifest = load_from(path, runs)?;
     if overrides.is_empty() {
         return Ok(Overridden { manifest, left_out: Vec::new() });
     }
@@ -91,7 +92,7 @@ pub fn load_with(path: &Path, overrides: &[Override]) -> Result<Overridden, Faul
     let edited = with(&manifest, overrides).map_err(|fault| Faults::of_file(label, fault))?;
     let options: Vec<String> = edited.options.iter().map(|set| format!("--set {set}")).collect();
     let traced = |faults: Faults| faults.before_options(&edited.edits, &options, &manifest.source);
-    let (read, faults, lost) = read_text(label, &edited.text).map_err(traced)?;
+    let (read, faults, lost) = read_text(label, &edited.text, runs).map_err(traced)?;
     if !faults.is_empty() {
         return Err(traced(faults.of(label, Source::new(&edited.text))));
     }
@@ -106,7 +107,7 @@ pub fn load_with(path: &Path, overrides: &[Override]) -> Result<Overridden, Faul
     let left_out = left_out.collect();
     let text = without_analyses(&edited.text, lost.iter().map(|(place, _)| *place))
         .map_err(|fault| Faults::of_file(label, fault))?;
-    let manifest = parse(label, text.as_bytes()).map_err(traced)?;
+    let manifest = parse_from(label, text.as_bytes(), runs).map_err(traced)?;
     Ok(Overridden { manifest, left_out })
 }
 
@@ -394,6 +395,7 @@ fn agents<'m>(
 
 #[cfg(test)]
 mod tests {
+    use super::super::load::parse;
     use super::*;
     use crate::plan;
 

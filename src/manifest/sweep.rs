@@ -1,6 +1,7 @@
 //! Reads the values of a key: a single value, a list of values, or a range.
 
 use std::collections::HashSet;
+use std::fmt;
 use std::path::PathBuf;
 
 use serde_json::{Number, Value as Json};
@@ -32,8 +33,26 @@ pub(super) struct Reader<'t> {
     pub family: &'static Family,
     /// The folder that relative file names start from.
     pub folder: PathBuf,
+    /// Answers values that name jobs.
+    pub runs: Runs<'t>,
+    /// The jobs that values have named, each with the text that stands for it.
+    pub named_runs: Vec<(String, String)>,
     /// The number of values that further lists and ranges may have.
     pub values_left: u64,
+}
+
+/// Where the values `run:KEY` of a manifest come from: a function from the key of a job to the text of its policy; by
+/// default nowhere.
+#[derive(Clone, Copy, Default)]
+pub struct Runs<'r>(pub Option<&'r PolicyOf<'r>>);
+
+/// Returns the text of the policy of a job; the error says why there is none.
+pub type PolicyOf<'r> = dyn Fn(&str) -> Result<String, String> + 'r;
+
+impl fmt::Debug for Runs<'_> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str("Runs")
+    }
 }
 
 /// Whether the list of a sweep may repeat a value.
@@ -61,6 +80,8 @@ impl<'t> Reader<'t> {
             misplaced: Vec::new(),
             family: Family::first(),
             folder: PathBuf::new(),
+            runs: Runs::default(),
+            named_runs: Vec::new(),
             values_left: MOST_VALUES_IN_ALL,
         }
     }

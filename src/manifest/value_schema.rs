@@ -46,7 +46,7 @@ pub(crate) fn value(kind: Kind) -> Json {
         Kind::Distribution(of) => distribution(&number(of)),
         Kind::Rows(columns) => rows(columns),
         Kind::Content(form) => {
-            let description = format!("\"none\", the name of {}, or its text", form.what);
+            let description = format!("{}, or its text", form.expectation().replace(", or", ","));
             json!({ "type": "string", "description": description })
         }
     }

@@ -4,7 +4,7 @@ use data_encoding::HEXLOWER;
 use serde_json::{Value as Json, json};
 use sha2::{Digest, Sha256};
 
-use crate::agent::{Activation, Architecture, Choice};
+use crate::agent::{Activation, Architecture, BanditAllocation, Choice, LinearThompson, Weights};
 use crate::env::{Meaning, ObservationSpec};
 use crate::job::Job;
 use crate::store::StoredWeights;
@@ -52,14 +52,73 @@ pub fn digest(bytes: &[u8]) -> String {
     HEXLOWER.encode(&Sha256::digest(bytes))
 }
 
+/// The description of the job of a policy, followed by these entries.
+fn describe_job(stored: &StoredWeights, others: Json) -> Json {
+    let job = &stored.job;
+    let versions = job.versions();
+    let mut described = json!({
+        "format": FORMAT,
+        "job_key": stored.job_key.to_string(),
+        "seed": job.seed,
+        "algorithm": job.algorithm(),
+        "scenario": job.scenario.to_string(),
+        "versions": {
+            "jitai": env!("CARGO_PKG_VERSION"),
+            "environment": versions.environment,
+            "algorithm": versions.algorithm,
+        },
+        "job": serde_json::from_str::<Json>(&job.canonical()).unwrap_or_default(),
+        "features": describe_observations(job),
+        "actions": job.environment.actions(),
+    });
+    if let (Json::Object(all), Json::Object(others)) = (&mut described, others) {
+        all.extend(others);
+    }
+    described
+}
+
+/// The description of a bandit with these weights and deviates.
+pub(super) fn describe_bandit(stored: &StoredWeights, weights: &Weights, deviates: &[f64]) -> Json {
+    let job = &stored.job;
+    let of: LinearThompson = job.agent.parameters().unwrap_or_default();
+    let actions = job.task().interface().actions;
+    let mut bias = of.action_bias.clone();
+    bias.resize(actions, 0.0);
+    let values = |name: &str| weights.doubles.get(name).map_or(&[][..], |array| &array.values);
+    let width = weights.doubles.get("mean").map_or(1, |mean| mean.shape[1]);
+    let rows = |name: &str| values(name).chunks_exact(width).collect::<Vec<_>>();
+    let precisions = rows("precision");
+    let mut choice = match of.allocation {
+        BanditAllocation::Thompson => json!({ "rule": "thompson", "smoothing": of.smoothing }),
+        BanditAllocation::Logistic => json!({
+            "rule": "logistic", "lower": of.logistic_lower, "upper": of.logistic_upper,
+            "slope": of.logistic_slope, "odds": of.logistic_odds,
+        }),
+    };
+    choice["bias"] = json!(bias);
+    choice["pi_min"] = json!(of.pi_min);
+    choice["deviates"] = json!(deviates.chunks_exact(actions).collect::<Vec<_>>());
+    describe_job(
+        stored,
+        json!({
+            "posterior": {
+                "features": of.features.word(),
+                "action_centring": of.action_centring,
+                "one_hot": job.task().observations().one_hot,
+                "mean": rows("mean"),
+                "precision": precisions.chunks_exact(width).collect::<Vec<_>>(),
+            },
+            "choice": choice,
+        }),
+    )
+}
+
 /// The description of a policy, which refers to its other files, the weights and the graph.
 pub(super) fn describe(
     stored: &StoredWeights,
     (architecture, choice): (&Architecture, Choice),
     [weights, onnx]: [&[u8]; 2],
 ) -> Json {
-    let job = &stored.job;
-    let versions = job.versions();
     let stacks: Vec<Json> = architecture
         .stacks
         .iter()
@@ -75,27 +134,17 @@ pub(super) fn describe(
         }
         Choice::Softmax => ("logits", json!({ "rule": "softmax" })),
     };
-    json!({
-        "format": FORMAT,
-        "job_key": stored.job_key.to_string(),
-        "seed": job.seed,
-        "algorithm": job.algorithm(),
-        "scenario": job.scenario.to_string(),
-        "versions": {
-            "jitai": env!("CARGO_PKG_VERSION"),
-            "environment": versions.environment,
-            "algorithm": versions.algorithm,
-        },
-        "job": serde_json::from_str::<Json>(&job.canonical()).unwrap_or_default(),
-        "features": describe_observations(job),
-        "actions": job.environment.actions(),
-        "network": { "activation": activation, "stacks": stacks, "output": output },
-        "choice": choice,
-        "files": {
-            "weights": { "name": "weights.safetensors", "sha256": digest(weights) },
-            "onnx": { "name": "policy.onnx", "sha256": digest(onnx) },
-        },
-    })
+    describe_job(
+        stored,
+        json!({
+            "network": { "activation": activation, "stacks": stacks, "output": output },
+            "choice": choice,
+            "files": {
+                "weights": { "name": "weights.safetensors", "sha256": digest(weights) },
+                "onnx": { "name": "policy.onnx", "sha256": digest(onnx) },
+            },
+        }),
+    )
 }
 
 #[cfg(test)]

@@ -9,19 +9,19 @@ mod protobuf;
 
 use serde_json::Value as Json;
 
-use crate::agent::{NetworkPolicy, Weights, WeightsError};
+use crate::agent::{BanditPolicy, LinearThompson, NetworkPolicy, Weights, WeightsError};
 use crate::store::StoredWeights;
 pub use description::digest;
 
 /// A policy as files.
 #[derive(Clone, Debug)]
 pub struct PortablePolicy {
-    /// The meaning of observations and actions, the architecture, and the provenance of the policy.
+    /// `policy.json`: the meaning of observations and actions, the architecture or the posterior, and the provenance of
+    /// the policy.
     pub description: Json,
-    /// `weights.safetensors`: arrays by name, \[inputs, outputs\] and \[outputs\].
-    pub weights: Vec<u8>,
-    /// `policy.onnx`.
-    pub onnx: Vec<u8>,
+    /// The other files of a network with their names: `weights.safetensors`, arrays by name, \[inputs, outputs\] and
+    /// \[outputs\]; and `policy.onnx`. A bandit has none.
+    pub files: Vec<(&'static str, Vec<u8>)>,
 }
 
 /// Why the policy of a job cannot be exported.
@@ -38,6 +38,26 @@ pub enum PortableError {
         key: String,
         /// The algorithm.
         algorithm: &'static str,
+    },
+    /// The job's agent is no bandit, so that it has no posterior.
+    #[error(
+        "job {key} has no posterior: its agent has the algorithm `{algorithm}`, and only jobs of `linear_thompson` \
+         have one"
+    )]
+    NoBandit {
+        /// The job.
+        key: String,
+        /// The algorithm.
+        algorithm: &'static str,
+    },
+    /// The job is a trial in which each person has a bandit.
+    #[error(
+        "job {key} has no common posterior: in its trial, each person has an agent (`pooling = \"none\"`); a trial \
+         with `pooling = \"full\"` has one"
+    )]
+    NotPooled {
+        /// The job.
+        key: String,
     },
     /// The network has a recurrent memory.
     #[error(
@@ -90,11 +110,45 @@ pub fn network_of(stored: &StoredWeights) -> Result<(Weights, NetworkPolicy), Po
     Ok((weights, policy))
 }
 
+/// The policy of a completed bandit with the weights that hold its posterior.
+///
+/// **Errors**: the job has another agent, or an agent for each person of a trial, or the weights do not fit.
+pub fn bandit_of(stored: &StoredWeights) -> Result<(Weights, BanditPolicy), PortableError> {
+    let key = || stored.job_key.to_string();
+    let job = &stored.job;
+    let parameters: LinearThompson = job
+        .agent
+        .parameters()
+        .ok_or_else(|| PortableError::NoBandit { key: key(), algorithm: job.algorithm() })?;
+    let bytes = stored.safetensors.as_ref();
+    let bytes = bytes.ok_or_else(|| PortableError::NotPooled { key: key() })?;
+    let read = || {
+        let weights = Weights::from_bytes(bytes)?;
+        let policy = BanditPolicy::new(&parameters, &job.task().interface(), &weights, job.seed)?;
+        Ok((weights, policy))
+    };
+    read().map_err(|error| PortableError::Weights { key: key(), error })
+}
+
+/// The description of a completed bandit without the draws of its probabilities: all that another bandit takes as its
+/// prior.
+///
+/// **Errors**: as [`bandit_of`].
+pub fn bandit_posterior(stored: &StoredWeights) -> Result<String, PortableError> {
+    let (weights, _) = bandit_of(stored)?;
+    Ok(description::describe_bandit(stored, &weights, &[]).to_string())
+}
+
 /// The policy of a completed job as files.
 ///
-/// **Errors**: the job has no network, or the network has a memory or does not state its layers, or
-/// the weights do not fit.
+/// **Errors**: the job has neither a network nor a posterior, or the network has a memory or does not state its
+/// layers, or the weights do not fit.
 pub fn portable(stored: &StoredWeights) -> Result<PortablePolicy, PortableError> {
+    if stored.job.agent.parameters::<LinearThompson>().is_some() {
+        let (weights, policy) = bandit_of(stored)?;
+        let description = description::describe_bandit(stored, &weights, policy.deviates());
+        return Ok(PortablePolicy { description, files: Vec::new() });
+    }
     let (weights, NetworkPolicy { choice, architecture, .. }) = network_of(stored)?;
     let architecture = architecture.filter(|architecture| architecture.fits(&weights));
     let architecture = architecture.ok_or_else(|| PortableError::NoLayers {
@@ -105,7 +159,8 @@ pub fn portable(stored: &StoredWeights) -> Result<PortablePolicy, PortableError>
     let weights = weights.to_bytes();
     let files = [&weights[..], &onnx[..]];
     let description = description::describe(stored, (&architecture, choice), files);
-    Ok(PortablePolicy { description, weights, onnx })
+    let files = vec![("weights.safetensors", weights), ("policy.onnx", onnx)];
+    Ok(PortablePolicy { description, files })
 }
 
 pub use description::describe_observations;

@@ -19,12 +19,13 @@ mod questions;
 use examples::{cell, fill_store, jitai, run};
 use questions::questions;
 
-const DOCUMENTS: [&str; 33] = [
+const DOCUMENTS: [&str; 34] = [
     "README.md",
     "CONTRIBUTING.md",
     "docs/agents.md",
     "docs/analysis.md",
     "docs/architecture.md",
+    "docs/bandits.md",
     "docs/browse.md",
     "docs/cluster.md",
     "docs/commands.md",

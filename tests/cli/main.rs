@@ -21,6 +21,7 @@ mod outside_environments;
 mod own_environments;
 mod pipes;
 mod planning;
+mod priors;
 mod reading;
 mod reporting;
 mod same_bits;

@@ -13,10 +13,11 @@ from jitai._jitai import TrainedPolicy
 
 
 class Policy:
-    """The network that a completed job trained, for observations of its scenario.
+    """The network or the bandit that a completed job trained, for observations of its scenario.
 
     ``act`` takes the same actions as the program, to the bit: by default as the policy was trained,
-    including exploration, or the best actions if ``greedy``.
+    including exploration, or the best actions if ``greedy``. A bandit draws its coefficients for
+    each decision, and does not learn.
     """
 
     def __init__(self, policy: TrainedPolicy) -> None:
@@ -36,12 +37,16 @@ class Policy:
 
     @property
     def description(self) -> dict[str, Any]:
-        """The meaning of observations and actions, and the architecture: ``policy.json``."""
+        """``policy.json``: observations and actions, and the architecture or the posterior."""
         return self._policy.describe()
 
     @property
-    def weights(self) -> dict[str, npt.NDArray[np.float32]]:
-        """Arrays by name: ``….weight`` is [inputs, outputs], ``….bias`` is [outputs]."""
+    def weights(self) -> dict[str, npt.NDArray[np.float32] | npt.NDArray[np.float64]]:
+        """Arrays by name: ``….weight`` is [inputs, outputs], ``….bias`` is [outputs].
+
+        A bandit has ``mean``, ``precision`` and ``information``, the precision times the mean, with
+        the regressions as the first axis.
+        """
         return self._policy.weights
 
     @property
@@ -62,7 +67,11 @@ class Policy:
         return int(actions[0]) if is_single else actions
 
     def values(self, observations: npt.ArrayLike) -> npt.NDArray[np.float32]:
-        """The network's output for each action: values of a DQN, logits of a policy network."""
+        """The network's output for each action: values of a DQN, logits of a policy network.
+
+        For a bandit, the mean of each action's reward with its bias; with action centring, the
+        means of the effects.
+        """
         rows, is_single = _rows(observations)
         values = self._policy.values(rows)
         return values[0] if is_single else values
@@ -77,14 +86,12 @@ class Policy:
         return f"<jitai.Policy of job {self.job_key}>"
 
 
-def _rows(observations: npt.ArrayLike) -> tuple[npt.NDArray[np.float32], bool]:
+def _rows(observations: npt.ArrayLike) -> tuple[npt.NDArray[np.float64], bool]:
     """Observations as rows, and whether the input was a single observation."""
     given = np.asarray(observations)
     if given.dtype.kind not in "fiub":
         raise TypeError(f"observations: expected numbers, found {given.dtype}")
-    # Numbers that are too large become infinite, and are rejected later.
-    with np.errstate(over="ignore", invalid="ignore"):
-        rows = np.ascontiguousarray(given, np.float32)
+    rows = np.ascontiguousarray(given, np.float64)
     if given.ndim == 1:
         return rows[np.newaxis], True
     if given.ndim != 2:

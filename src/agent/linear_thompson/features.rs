@@ -1,7 +1,17 @@
 //! The features of a state, on which the reward is regressed.
 
-use crate::agent::linear_thompson::BanditFeatures;
 use crate::env::{ObservationSpec, Observations};
+use crate::key::choices;
+
+choices! {
+    /// The regressors of the reward.
+    pub enum BanditFeatures {
+        /// An intercept, the features, and the one-hot of time if observations have one.
+        Linear = "linear",
+        /// Also the products of pairs of different features.
+        Interactions = "interactions",
+    }
+}
 
 /// The mapping from observations to features.
 #[derive(Clone, Debug)]
@@ -14,7 +24,20 @@ pub struct Design {
 impl Design {
     /// The mapping for observations with this specification.
     pub fn new(features: BanditFeatures, spec: &ObservationSpec) -> Self {
-        Design { features, letters: spec.features.len(), one_hot: spec.one_hot }
+        Design::of(features, spec.features.len(), spec.one_hot)
+    }
+
+    /// The number of regressions of an agent with this number of actions, and the number of regressors of each.
+    ///
+    /// With action centring, the regressors are blocks of features: one for the baseline, one for the probability of
+    /// each action but action 0, and one for its centred indicator, whose coefficients are the effects.
+    pub fn regressors(width: usize, actions: usize, is_centred: bool) -> (usize, usize) {
+        if is_centred { (1, (2 * actions - 1) * width) } else { (actions, width) }
+    }
+
+    /// The mapping for observations of this number of letters, and a one-hot of this length.
+    pub fn of(features: BanditFeatures, letters: usize, one_hot: usize) -> Self {
+        Design { features, letters, one_hot }
     }
 
     /// Number of features of a state.

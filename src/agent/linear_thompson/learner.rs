@@ -52,7 +52,7 @@ impl<Env: VectorEnvironment> LinearThompsonLearner<Env> {
             updates: 0,
             learned: prior.clone(),
             known: prior.clone(),
-            acting: Acting::new(prior).expect("a diagonal of positive numbers has a root"),
+            acting: Acting::new(prior).expect("a prior is positive definite"),
             drawn: Vec::new(),
             decision: Decision::among(actions),
             environment,

@@ -6,6 +6,8 @@ use nalgebra::{DMatrix, DVector};
 
 use crate::agent::Shape;
 use crate::agent::linear_thompson::LinearThompson;
+use crate::agent::linear_thompson::features::Design;
+use crate::agent::linear_thompson::prior::Prior;
 use crate::agent::linear_thompson::regression::{Factored, NotPositiveDefinite, Regression};
 use crate::agent::unavailable::certain;
 use crate::agent::weights::{Tensor, Weights, WeightsError};
@@ -54,10 +56,13 @@ impl Posterior {
     /// The prior of an agent whose states have this number of features.
     pub fn prior(parameters: &LinearThompson, features: Shape) -> Self {
         let (count, width) = regressors(parameters, features);
-        let prior = prior(parameters, features.inputs, width);
+        let regressions = match parameters.prior_from.parsed::<Prior>() {
+            Some(earlier) => earlier.regressions().to_vec(),
+            None => vec![prior(parameters, features.inputs, width); count],
+        };
         Posterior {
             noise_variance: parameters.noise_sd * parameters.noise_sd,
-            regressions: vec![prior; count],
+            regressions,
             row: Vec::new(),
         }
     }
@@ -152,12 +157,8 @@ impl Posterior {
 }
 
 /// The number of regressions of an agent, and the number of regressors of each.
-///
-/// With action centring, the regressors are blocks of features: one for the baseline, one for the probability of each
-/// action but action 0, and one for its centred indicator, whose coefficients are the effects.
 fn regressors(parameters: &LinearThompson, features: Shape) -> (usize, usize) {
-    let Shape { inputs, actions } = features;
-    if parameters.action_centring { (1, (2 * actions - 1) * inputs) } else { (actions, inputs) }
+    Design::regressors(features.inputs, features.actions, parameters.action_centring)
 }
 
 /// The prior of a regression with this number of regressors, in blocks of `features`: the first block has the prior of

@@ -142,14 +142,21 @@ impl Sampler {
         probabilities.iter_mut().for_each(|p| *p = self.pi_min + rest * *p);
     }
 
-    /// Computes the posterior mean of the utility of each action.
-    fn expect(&mut self, acting: &mut Acting, features: &[f64]) {
+    /// The posterior mean of the utility of each action.
+    pub fn expect(&mut self, acting: &mut Acting, features: &[f64]) -> &[f64] {
         if self.is_centred {
-            return self.utilities(acting.factored()[0].mean(), features);
+            self.utilities(acting.factored()[0].mean(), features);
+        } else {
+            self.utilities.copy_from_slice(&self.bias);
+            let each = self.utilities.iter_mut().zip(acting.factored());
+            each.for_each(|(sum, one)| *sum += one.predict(features));
         }
-        self.utilities.copy_from_slice(&self.bias);
-        let each = self.utilities.iter_mut().zip(acting.factored());
-        each.for_each(|(sum, one)| *sum += one.predict(features));
+        &self.utilities
+    }
+
+    /// The deviates of draws, \[draws, actions\]; empty if no draws are needed.
+    pub fn deviates(&self) -> &[f64] {
+        &self.deviates
     }
 
     /// Computes the utility of each action, given coefficients of all regressions. Actions are compared by

@@ -111,7 +111,7 @@ impl LinearThompsonStudy {
         let actions = environment.action_spec().count;
         let shape = Shape { inputs: design.width(), actions };
         let prior = Posterior::prior(parameters, shape);
-        let acting = Acting::new(prior.clone()).expect("a diagonal of positive numbers has a root");
+        let acting = Acting::new(prior.clone()).expect("a prior is positive definite");
         // Coefficients are drawn for each step: a trial has no episodes that begin together.
         let by_step = LinearThompson { draw: BanditDraw::Step, ..parameters.clone() };
         let person = || Person::new(prior.without_data());

@@ -1,6 +1,7 @@
 //! The declarations of an algorithm, and the agent of a job.
 
 use std::any::TypeId;
+use std::borrow::Cow;
 use std::fmt;
 use std::marker::PhantomData;
 
@@ -148,7 +149,7 @@ pub struct Unsuited {
     /// What the environment has, as in "4 actions".
     pub environment: String,
     /// What the hyper-parameter must be.
-    pub says: &'static str,
+    pub says: Cow<'static, str>,
 }
 
 /// Fails unless an environment has the expected number of lanes, and actions to choose among.

@@ -1,16 +1,18 @@
 //! The registration of linear Thompson sampling.
 
+use std::sync::Arc;
+
 use crate::agent::actor::Actor;
 use crate::agent::constraint::EPISODES;
 use crate::agent::layers::Shape;
 use crate::agent::learner::{Actions, Learner};
 use crate::agent::linear_thompson::{
     BanditAllocation, BanditDraw, BanditPosterior, Design, LinearThompson, LinearThompsonLearner,
-    LinearThompsonPolicy, LinearThompsonStudy, Posterior, Sampler,
+    LinearThompsonPolicy, LinearThompsonStudy, Posterior, Prior, Sampler, subject_of,
 };
 use crate::agent::weights::{Weights, WeightsError};
 use crate::env::{Interface, VectorEnvironment};
-use crate::key::{Constraint, Parameter, Size, Violation};
+use crate::key::{Assignment, Constraint, Key, KeyType, Keyed, Parameter, Size, Value, Violation};
 
 use super::algorithm::{
     AlgorithmParameters, Start, StartError, StudyPlan, Task, Unsuited, Work, unless_fit,
@@ -28,6 +30,10 @@ const SMOOTHING: Parameter = Parameter::Agent("smoothing");
 const LOWER: Parameter = Parameter::Agent("logistic_lower");
 const UPPER: Parameter = Parameter::Agent("logistic_upper");
 const PI_MIN: Parameter = Parameter::Agent("pi_min");
+const PRIOR_FROM: Parameter = Parameter::Agent("prior_from");
+const PRIOR_MEAN: Parameter = Parameter::Agent("prior_mean");
+const PRIOR_SD: Parameter = Parameter::Agent("prior_sd");
+const FEATURES: Parameter = Parameter::Agent("features");
 const WARM_UP: Parameter = Parameter::Agent("warm_up");
 const UPDATE: Parameter = Parameter::Agent("update");
 const POSTERIOR: Parameter = Parameter::Agent("posterior");
@@ -93,6 +99,55 @@ impl AlgorithmParameters for LinearThompson {
             },
         },
         Constraint {
+            parameters: &[
+                PRIOR_FROM,
+                PRIOR_MEAN,
+                PRIOR_SD,
+                BASELINE_MEANS,
+                BASELINE_SDS,
+                EFFECT_MEANS,
+                EFFECT_SDS,
+            ],
+            violation: |assignment| {
+                prior_of(assignment)?;
+                let is_given = |key: &&Key| {
+                    let value = assignment.value(Parameter::Agent(key.name));
+                    value.is_some_and(|value| key.default().as_ref() != Some(value))
+                        && key.name != PRIOR_FROM.key()
+                };
+                let replaced = LinearThompson::KEYS.iter().find(is_given)?;
+                Some(Violation::Impossible {
+                    says: format!(
+                        "`prior_from` is the whole prior, and `{}` is given, too",
+                        replaced.name
+                    ),
+                    help: "remove one of them; another [[agent]] can have the other prior"
+                        .to_owned(),
+                })
+            },
+        },
+        Constraint {
+            parameters: &[PRIOR_FROM, FEATURES, CENTRING],
+            violation: |assignment| {
+                let (design, is_centred) = prior_of(assignment)?.design();
+                let differs = |key: &str, of_prior: String, of_agent: String| {
+                    (of_prior != of_agent).then(|| {
+                        Violation::Contradiction(format!(
+                            "the posterior of `prior_from` has {key} = {of_prior}, and this agent has {key} = {of_agent}"
+                        ))
+                    })
+                };
+                differs("features", design.to_value().to_string(), assignment.shown(FEATURES))
+                    .or_else(|| {
+                        differs(
+                            "action_centring",
+                            is_centred.to_string(),
+                            assignment.shown(CENTRING),
+                        )
+                    })
+            },
+        },
+        Constraint {
             parameters: &[UPDATE, WARM_UP],
             violation: |assignment| {
                 let never = assignment.is_word(UPDATE, "once") && assignment.whole(WARM_UP) == 0;
@@ -127,13 +182,23 @@ impl AlgorithmParameters for LinearThompson {
     }
 
     const IN_TRIALS: bool = true;
-    const SUITED: &'static [Parameter] =
-        &[ACTION_BIAS, PI_MIN, ALLOCATION, BASELINE_MEANS, BASELINE_SDS, EFFECT_MEANS, EFFECT_SDS];
+    const SUITED: &'static [Parameter] = &[
+        ACTION_BIAS,
+        PI_MIN,
+        ALLOCATION,
+        BASELINE_MEANS,
+        BASELINE_SDS,
+        EFFECT_MEANS,
+        EFFECT_SDS,
+        PRIOR_FROM,
+    ];
 
-    fn unsuited(&self, Interface { actions, observations }: &Interface) -> Option<Unsuited> {
+    fn unsuited(&self, interface: &Interface) -> Option<Unsuited> {
+        let Interface { actions, observations } = interface;
         let is_biased = self.action_bias.iter().any(|bias| *bias != 0.0);
-        let unsuited =
-            |key, says| Some(Unsuited { key, environment: format!("{actions} actions"), says });
+        let unsuited = |key, says: &'static str| {
+            Some(Unsuited { key, environment: format!("{actions} actions"), says: says.into() })
+        };
         if self.allocation == BanditAllocation::Logistic && *actions != 2 {
             return unsuited(ALLOCATION, "the logistic allocation is for two actions");
         }
@@ -148,13 +213,23 @@ impl AlgorithmParameters for LinearThompson {
             lists.into_iter().find(|(_, list)| !list.is_empty() && list.len() != width)
         {
             let environment = format!("{width} features, the intercept among them");
-            return Some(Unsuited { key, environment, says: "it needs one number per feature" });
+            let says = "it needs one number per feature".into();
+            return Some(Unsuited { key, environment, says });
         }
         if is_biased && self.action_bias.len() != *actions {
             return unsuited(ACTION_BIAS, "it needs one number per action");
         }
         if self.pi_min * *actions as f64 > 1.0 {
             return unsuited(PI_MIN, "it must not exceed 1 divided by the number of actions");
+        }
+        let prior = self.prior_from.parsed::<Prior>();
+        if !self.prior_from.is_none() && prior.as_ref().is_none_or(|prior| !prior.suits(interface))
+        {
+            let says = match prior {
+                Some(prior) => format!("it is of {}", prior.subject()).into(),
+                None => "a job of a store has only its digest; run its manifest".into(),
+            };
+            return Some(Unsuited { key: PRIOR_FROM, environment: subject_of(interface), says });
         }
         None
     }
@@ -203,6 +278,14 @@ impl AlgorithmParameters for LinearThompson {
         actions: Actions,
     ) -> Result<Box<dyn Actor>, WeightsError> {
         trained(self, &task.interface(), weights, actions, task.seed)
+    }
+}
+
+/// The posterior that `prior_from` names.
+fn prior_of(assignment: &Assignment) -> Option<Arc<Prior>> {
+    match assignment.value(PRIOR_FROM)? {
+        Value::Content(content) => content.parsed(),
+        _ => None,
     }
 }
 

@@ -6,8 +6,11 @@ use crate::env::oralytics::feature::Feature;
 use crate::key::ContentForm;
 
 /// The form of the file.
-pub static PEOPLE: ContentForm =
-    ContentForm { what: "a CSV file of people", parse: |text| Ok(Arc::new(Table::parse(text)?)) };
+pub static PEOPLE: ContentForm = ContentForm {
+    what: "a CSV file of people",
+    parse: |text| Ok(Arc::new(Table::parse(text)?)),
+    canonical: None,
+};
 
 /// The most people of a file.
 const MOST_PEOPLE: usize = 10_000;
