@@ -45,6 +45,9 @@ keys! {
         dropout: f64 = 0.0, in Kind::PROBABILITY;
         /// probability that the outcome of a decision does not reach the algorithm
         missing_outcomes: f64 = 0.0, in Kind::PROBABILITY;
+        /// probability that a person's phone does not report before a decision, so that the algorithm sees the last
+        /// reported observation; the first decision is always reported
+        unreported: f64 = 0.0, before 0.0, in Kind::PROBABILITY;
     }
 }
 

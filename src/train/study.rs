@@ -1,7 +1,7 @@
 //! A trial in progress: who is in the study on a day, and when the agent learns.
 
 use crate::agent::{Actor, StudyUpdate};
-use crate::env::{EpisodeStatus, LaneSet, LaneStreams, Simulated, VectorEnvironment};
+use crate::env::{EpisodeStatus, LaneSet, LaneStreams, Reports, Simulated, VectorEnvironment};
 use crate::job::{Calendar, Pooling, Stay, Trial, UpdateData};
 use crate::rng::{Purpose, Stream};
 use crate::state::resumable;
@@ -76,15 +76,32 @@ impl Study {
         (self.time / self.calendar.per_day, self.calendar.days())
     }
 
-    /// The calendar day and the number of the policy in force for every person; see [`Study::NAMES`].
+    /// The calendar day and the number of the policy in force for every person.
     pub fn beside(&self) -> impl Iterator<Item = [f64; 2]> {
         let (day, _) = self.days();
         let policy = |person: usize| self.policies[person.min(self.policies.len() - 1)];
         (0..self.people()).map(move |person| [f64::from(day), f64::from(policy(person))])
     }
 
-    /// The names of the numbers that stand beside the recorded state in a trial.
-    pub const NAMES: [&str; 2] = ["calendar_day", "policy"];
+    /// The names of the numbers that stand behind the recorded state in a trial: those of [`Study::beside`], after
+    /// whether the phone reported.
+    pub fn names(&self) -> impl Iterator<Item = String> {
+        let reported = (self.trial.unreported > 0.0).then_some("reported");
+        reported.into_iter().chain(["calendar_day", "policy"]).map(str::to_owned)
+    }
+
+    /// Whether people's phones report before each decision; `None` if they always do.
+    pub fn reports(trial: &Trial, seed: u64) -> Option<Reports> {
+        if trial.unreported == 0.0 {
+            return None;
+        }
+        let decisions = trial.decisions() as usize;
+        let of_person = |person| {
+            let mut stream = Stream::of_person(seed, Purpose::Reports, person);
+            (0..decisions).map(move |_| stream.unit() >= trial.unreported)
+        };
+        Some(Reports { decisions, reported: (0..trial.people).flat_map(of_person).collect() })
+    }
 
     pub fn is_over(&self) -> bool {
         self.time >= self.calendar.days() * self.calendar.per_day
