@@ -178,3 +178,77 @@ impl Simulation for Reported {
 }
 
 resumable!([] Reported { parts real, seen; each is_reported, exact, states, read });
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::env::contract;
+    use crate::env::step_count::StepCount;
+    use crate::rng::{Purpose, Stream};
+
+    const HORIZON: u32 = 5;
+
+    fn plain(lanes: usize) -> PhysicalActivity {
+        let parameters =
+            StepCount { horizon: HORIZON, time_one_hot: true, ..StepCount::paper(0.6) };
+        PhysicalActivity::new(&parameters, &"P-H-D".parse().unwrap(), lanes)
+    }
+
+    fn of(lanes: usize, reported: &[bool]) -> Reported {
+        let (decisions, reported) = (HORIZON as usize, reported.into());
+        Reported::new(Box::new(plain(lanes)), Reports { decisions, reported })
+    }
+
+    #[test]
+    fn agents_see_the_last_report_while_the_truth_goes_on() {
+        let streams = || LaneStreams::PerLane(vec![Stream::new(1, Purpose::Person); 2]);
+        let (mut one, mut other) = (streams(), streams());
+        // The second entry of a person is the decision after the first step.
+        let all = [[false, false, false, true, false], [false, true, true, false, false]];
+        let last = [[0, 0, 0, 3, 3], [0, 1, 2, 2, 2]];
+        let (mut truth, mut lanes) = (plain(2), of(2, all.as_flattened()));
+        truth.reset(LaneSet::All, &mut one);
+        lanes.reset(LaneSet::All, &mut other);
+        let mut seen = truth.observation_spec().observations();
+        let (mut history, mut states) = (Vec::new(), Vec::new());
+        let actions = [2, 3].map(|number| Action::from_index(number).unwrap());
+        for step in 0..HORIZON as usize {
+            truth.observe(&mut seen);
+            history.push(seen.clone());
+            states.push(truth.clone());
+            lanes.observe(&mut seen);
+            for lane in 0..2 {
+                let reported = last[lane][step];
+                assert_eq!(seen.row(lane), history[reported].row(lane), "{lane}, {step}");
+                assert_eq!(seen.moment(lane), history[reported].moment(lane));
+                let mut exact = Vec::new();
+                lanes.exact_features(lane, &seen, &mut exact);
+                assert!(exact.iter().zip(seen.row(lane)).all(|(one, other)| *one as f32 == *other));
+                let (mut state, mut expected) = (Vec::new(), Vec::new());
+                lanes.record_state(lane, &mut state);
+                states[reported].record_state(lane, &mut expected);
+                expected.push(f64::from(u8::from(reported == step)));
+                assert_eq!(state, expected);
+                // A rule reads the same state.
+                let simulation: &dyn Simulation = &lanes;
+                let read: &PhysicalActivity = simulation.downcast().unwrap();
+                assert_eq!(read.context(lane), states[reported].context(lane));
+                assert_eq!(read.times()[lane], reported as u32);
+                assert_eq!(read.habituation()[lane], states[reported].habituation()[lane]);
+                assert_eq!(lanes.time(lane), step as u32);
+            }
+            let mut rewards = [[0.0; 2]; 2];
+            truth.step(&actions, &mut rewards[0], &mut one);
+            lanes.step(&actions, &mut rewards[1], &mut other);
+            assert_eq!(rewards[0], rewards[1]);
+            assert_eq!(truth.statuses(), lanes.statuses());
+        }
+    }
+
+    #[test]
+    fn the_contract_is_kept() {
+        // The contract compares lanes with each other, so that everybody has the same reports.
+        let reported = [true, false, true, false, false];
+        contract::check(|lanes| of(lanes, &reported.repeat(lanes)), 60).unwrap();
+    }
+}

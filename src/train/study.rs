@@ -220,6 +220,21 @@ mod tests {
     }
 
     #[test]
+    fn phones_do_not_report_at_their_rate() {
+        let unreported = Trial { unreported: 0.25, missing_outcomes: 0.5, ..trial(1000, 8) };
+        let reports = Study::reports(&unreported, 3).unwrap();
+        let silent = reports.reported.iter().filter(|reported| !**reported).count();
+        assert_eq!((reports.decisions, reports.reported.len()), (8, 8000));
+        assert!((silent as f64 - 2000.0).abs() < 4.0 * 1500f64.sqrt(), "{silent}");
+        // Other realities have other words.
+        let without = Trial { unreported: 0.0, ..unreported.clone() };
+        assert_eq!(Study::new(&without, 3).missing, Study::new(&unreported, 3).missing);
+        let alone = Trial { missing_outcomes: 0.0, ..unreported };
+        assert_eq!(Study::reports(&alone, 3), Some(reports));
+        assert_eq!(Study::reports(&without, 3), None);
+    }
+
+    #[test]
     fn missing_outcomes_are_hidden_at_their_rate() {
         let mut study = Study::new(&Trial { missing_outcomes: 0.25, ..trial(1000, 8) }, 3);
         let mut hidden = 0;

@@ -1,7 +1,9 @@
 //! The test episodes of a trained agent and their results.
 
 use crate::agent::{Actor, OutOfMemory, StepObserver, reserve_exact};
-use crate::env::{Action, Environment, EpisodeStatus, LaneSet, Reported, Simulated, VectorEnvironment};
+use crate::env::{
+    Action, Environment, EpisodeStatus, LaneSet, Reported, Simulated, VectorEnvironment,
+};
 use crate::job::metric::{MEAN_LENGTH, MEAN_RETURN, MESSAGE_RATE, NET_RETURN, SD_RETURN};
 use crate::job::{ActionCount, Decision, Metric, ParticipantValue, Phase, TestEpisode};
 use crate::job::{Job, MetricName};
