@@ -205,20 +205,20 @@ mod tests {
         let (mut one, mut other) = (streams(), streams());
         // The second entry of a person is the decision after the first step.
         let all = [[false, false, false, true, false], [false, true, true, false, false]];
-        let last = [[0, 0, 0, 3, 3], [0, 1, 2, 2, 2]];
+        // The step of the last report of each person.
+        let last = [[0, 0], [0, 1], [0, 2], [3, 2], [3, 2]];
         let (mut truth, mut lanes) = (plain(2), of(2, all.as_flattened()));
         truth.reset(LaneSet::All, &mut one);
         lanes.reset(LaneSet::All, &mut other);
         let mut seen = truth.observation_spec().observations();
         let (mut history, mut states) = (Vec::new(), Vec::new());
         let actions = [2, 3].map(|number| Action::from_index(number).unwrap());
-        for step in 0..HORIZON as usize {
+        for (step, last) in last.iter().enumerate() {
             truth.observe(&mut seen);
             history.push(seen.clone());
             states.push(truth.clone());
             lanes.observe(&mut seen);
-            for lane in 0..2 {
-                let reported = last[lane][step];
+            for (lane, reported) in last.iter().copied().enumerate() {
                 assert_eq!(seen.row(lane), history[reported].row(lane), "{lane}, {step}");
                 assert_eq!(seen.moment(lane), history[reported].moment(lane));
                 let mut exact = Vec::new();

@@ -199,7 +199,7 @@ decisions_per_day = 2
 entry = { every_days = 2, people = 2 }
 update_data = "in_study"
 update_lag_days = 1
-outage = [4, 4]
+outage = [4, 5]
 missing_outcomes = 1
 
 [environment]
@@ -252,7 +252,7 @@ fn a_program_hears_the_calendar_of_its_trial() {
         day(2, "0,1,2,3"),
         update(3, "0,1,2,3", 2, "null"),
         day(3, "2,3"),
-        // An outage: no update on day 4.
+        // An outage: no update on days 4 and 5.
         day(4, "2,3"),
     ];
     // Everybody leaves before the second day.
@@ -324,17 +324,23 @@ fn a_program_that_plays_a_rule_meets_the_people_of_the_rule() {
 }
 
 #[test]
-fn a_program_that_does_not_know_trials_fails_with_what_it_lacks() {
-    let folder = Folder::new();
-    folder.write("program.sh", PROGRAM.replace(",\"trials\":true", ""));
-    folder.write("trial.toml", OUTSIDE);
-    folder.jitai(["run", "trial.toml"]).ended(1).says("1 completed in all, 1 failed");
-    let sql = "SELECT failure_message FROM run_summary WHERE failure_kind = 'external'";
-    let message: String = folder.store().query_row(sql, [], |row| row.get(0)).unwrap();
-    assert!(message.contains("expected `trials` = true in \"ready\""), "{message}");
-    // A fault of its choices is a failure on a day.
-    folder.write("program.sh", PROGRAM.replace("/1/g", "/7/g"));
-    folder.jitai(["run", "trial.toml", "--retry-failed"]).ended(1);
-    let message: String = folder.store().query_row(sql, [], |row| row.get(0)).unwrap();
-    assert!(message.contains("expected an action from 0 to 3 for lane 0, found 7"), "{message}");
+fn a_program_that_does_not_act_as_trials_need_fails_with_the_reason() {
+    for (from, to, expected) in [
+        (
+            ",\"trials\":true",
+            "",
+            "expected `trials` = true in \"ready\", because the job is a trial",
+        ),
+        ("/1/g", "/7/g", "expected an action from 0 to 3 for lane 0, found 7"),
+        ("printf '%s\\n' \"$line\"", "exit 3;", "exited with code 3 in the trial, on day 0"),
+    ] {
+        let folder = Folder::new();
+        assert!(PROGRAM.contains(from), "{from}");
+        folder.write("program.sh", PROGRAM.replacen(from, to, 1));
+        folder.write("trial.toml", OUTSIDE);
+        folder.jitai(["run", "trial.toml"]).ended(1).says("1 completed in all, 1 failed");
+        let sql = "SELECT failure_message FROM run_summary WHERE failure_kind = 'external'";
+        let message: String = folder.store().query_row(sql, [], |row| row.get(0)).unwrap();
+        assert!(message.contains(expected), "{message}");
+    }
 }

@@ -96,6 +96,7 @@ fn shipped() -> Vec<(&'static str, u64)> {
         ("experiments/bandits.toml", 920),
         ("experiments/external/outside.toml", 21),
         ("experiments/external/cartpole.toml", 12),
+        ("experiments/external/trial.toml", 9),
         ("experiments/external/two_messages.toml", 48),
         ("experiments/memory.toml", 1080),
         ("experiments/unavailable.toml", 160),
