@@ -48,7 +48,7 @@ impl Reported {
         let lanes = real.lanes();
         let mut seen = real.observation_spec().observations();
         real.observe(&mut seen);
-        let read = real.downcast().map(|lanes: &PhysicalActivity| lanes.clone());
+        let read = real.downcast().cloned();
         let (is_reported, present) = (vec![true; lanes], seen.clone());
         let exact = vec![Vec::new(); lanes];
         let states = exact.clone();

@@ -63,13 +63,25 @@ pub fn misfit(job: &Job, description: &Description) -> Option<String> {
         return Some(too_large(size));
     }
     let evaluation = &job.evaluation;
+    let longest = u64::from(job.environment.longest_episode());
+    let (training, test) = match &job.trial {
+        Some(trial) if trial.decisions() != longest => {
+            return Some(format!(
+                "`days` times `decisions_per_day` of [trial] are {} decisions of a person; an episode of the \
+                 environment has {longest}",
+                trial.decisions()
+            ));
+        }
+        Some(trial) => (0, trial.people),
+        None => (job.agent.episodes(), evaluation.test_episodes),
+    };
     let episodes = [
-        (evaluation.record_decisions.of_training(), job.agent.episodes()),
-        (evaluation.record_decisions.of_test(), evaluation.test_episodes),
+        (evaluation.record_decisions.of_training(), training),
+        (evaluation.record_decisions.of_test(), test),
     ];
     let recorded = episodes.into_iter().filter(|(is_recorded, _)| *is_recorded);
     let episodes = recorded.map(|(_, episodes)| u64::from(episodes)).sum();
-    let size = recorded_decisions(episodes, u64::from(job.environment.longest_episode()));
+    let size = recorded_decisions(episodes, longest);
     size.is_too_large().then(|| too_large(&size))
 }
 

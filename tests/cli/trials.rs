@@ -332,7 +332,7 @@ fn a_program_that_does_not_act_as_trials_need_fails_with_the_reason() {
             "expected `trials` = true in \"ready\", because the job is a trial",
         ),
         ("/1/g", "/7/g", "expected an action from 0 to 3 for lane 0, found 7"),
-        ("printf '%s\\n' \"$line\"", "exit 3;", "exited with code 3 in the trial, on day 0"),
+        ("while hear; do", "while hear; do exit 3", "exited with code 3 in the trial, on day 0"),
     ] {
         let folder = Folder::new();
         assert!(PROGRAM.contains(from), "{from}");
