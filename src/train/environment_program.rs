@@ -64,16 +64,9 @@ pub fn misfit(job: &Job, description: &Description) -> Option<String> {
     }
     let evaluation = &job.evaluation;
     let longest = u64::from(job.environment.longest_episode());
-    let (training, test) = match &job.trial {
-        Some(trial) if trial.decisions() != longest => {
-            return Some(format!(
-                "`days` times `decisions_per_day` of [trial] are {} decisions of a person; an episode of the \
-                 environment has {longest}",
-                trial.decisions()
-            ));
-        }
-        Some(trial) => (0, trial.people),
-        None => (job.agent.episodes(), evaluation.test_episodes),
+    let (training, test, longest) = match &job.trial {
+        Some(trial) => (0, trial.people, trial.decisions().min(longest)),
+        None => (job.agent.episodes(), evaluation.test_episodes, longest),
     };
     let episodes = [
         (evaluation.record_decisions.of_training(), training),

@@ -391,6 +391,14 @@ mod tests {
             assert_eq!(undisturbed.state_names[5..], ["reported", "calendar_day", "policy"]);
             let silent = |decision: &&crate::job::Decision| decision.state[5] == 0.0;
             assert!(undisturbed.decisions.iter().filter(silent).count() > 10);
+            for pair in undisturbed.decisions.windows(2).filter(|pair| silent(&&pair[1])) {
+                assert_eq!(pair[0].episode, pair[1].episode, "the first decision is reported");
+                assert_eq!(pair[0].state[..5], pair[1].state[..5]);
+                // The same observation and policy give the same probabilities.
+                if pair[0].state[7] == pair[1].state[7] {
+                    assert_eq!(pair[0].probabilities, pair[1].probabilities);
+                }
+            }
             for span in [1, 3] {
                 let (results, interruptions) = tested(&job, Some(span), started);
                 assert!(interruptions > 2 && results == undisturbed, "every {span} steps");
