@@ -10,7 +10,7 @@ use crate::agent::{Actions, Weights};
 use crate::cli::output::{counted, shell_word};
 use crate::cli::store_argument::this_command;
 use crate::cli::{Error, Exit, StoreArgument};
-use crate::job::Job;
+use crate::job::{Job, Pooling};
 use crate::key::printable;
 use crate::store::{self, Diagnosis, Finding, Salvaged, Store};
 
@@ -58,7 +58,9 @@ pub(super) fn run(arguments: &Arguments) -> Result<Exit, Error> {
 /// Checks the weights of a completed run; the error says what is wrong with them.
 fn check_weights(job: &Job, safetensors: Option<&[u8]>) -> Result<(), String> {
     let Some(safetensors) = safetensors else {
-        let has_weights = job.agent.algorithm().has_weights();
+        // Where each person of a trial has an agent, no weights are stored.
+        let has_many = job.trial.as_ref().is_some_and(|trial| trial.pooling == Pooling::None);
+        let has_weights = job.agent.algorithm().has_weights() && !has_many;
         let missing = "no weights are stored, although its algorithm learns";
         return if has_weights { Err(missing.to_owned()) } else { Ok(()) };
     };

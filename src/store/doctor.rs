@@ -74,7 +74,9 @@ const INVARIANTS: [Invariant; 7] = [
     Invariant {
         violation: "its test episodes do not match the declared number, counted from 1",
         sql: "SELECT job.key FROM run JOIN job ON job.id = run.job
-              WHERE status = 'completed' AND json_extract(canonical, '$.evaluation.test_episodes')
+              WHERE status = 'completed'
+                AND coalesce(json_extract(canonical, '$.trial.people'),
+                    json_extract(canonical, '$.evaluation.test_episodes'))
                 IS NOT (SELECT iif(count(*) = max(episode), count(*), -1) FROM test_episode
                     WHERE run = run.id)",
     },
@@ -122,7 +124,8 @@ const OF_DECISIONS: [Invariant; 2] = [
     Invariant {
         violation: "its recorded decisions do not match its declaration: one per step",
         sql: "SELECT job.key FROM run JOIN job ON job.id = run.job
-              WHERE status = 'completed' AND json_type(canonical, '$.environment.family') IS NULL AND
+              WHERE status = 'completed' AND json_type(canonical, '$.environment.family') IS NULL
+                AND json_type(canonical, '$.trial') IS NULL AND
                 (SELECT total(steps) FROM recorded_decision AS recorded
                  WHERE recorded.id BETWEEN (run.id << 39) + (1 << 38)
                     AND (run.id << 39) + 549755813887)
@@ -154,7 +157,8 @@ const OF_STEPS: &[Invariant] = &[
               WHERE status = 'completed' AND
                 (SELECT count(*) FROM recorded_step WHERE recorded_step.run = run.id AND phase = 1)
                 <> CASE WHEN json_extract(canonical, '$.evaluation.record_decisions') IN ('test', 'all')
-                        AND json_type(canonical, '$.environment.family') IS NOT NULL
+                        AND coalesce(json_type(canonical, '$.environment.family'),
+                            json_type(canonical, '$.trial')) IS NOT NULL
                     THEN (SELECT sum(length) FROM test_episode WHERE run = run.id) ELSE 0 END",
     },
 ];
@@ -186,7 +190,8 @@ const OF_PARTICIPANTS: &[Invariant] = &[
                 (SELECT count(DISTINCT recorded.id >> 14) FROM recorded_participant AS recorded
                  WHERE recorded.id BETWEEN (run.id << 39) + (1 << 38)
                     AND (run.id << 39) + 549755813887)
-                <> CASE WHEN json_type(canonical, '$.population') IS NULL THEN 0
+                <> CASE WHEN json_type(canonical, '$.population') IS NULL
+                    OR json_type(canonical, '$.trial') IS NOT NULL THEN 0
                     ELSE (SELECT count(*) FROM test_episode WHERE run = run.id) END",
     },
 ];

@@ -76,6 +76,7 @@ fn the_people_of_a_trial_are_its_evaluation() {
     assert_eq!(folder.number(apart), 4);
     folder.jitai(["run", "trial.toml"]).succeeded();
     assert_eq!(folder.runs(), 8);
+    folder.jitai(["doctor"]).succeeded();
     folder.jitai(["report", "trial.toml", "--out", "report"]).succeeded();
     assert!(folder.read("report/index.html").contains("seconds of brushing"));
 }
@@ -295,8 +296,13 @@ fn a_program_that_plays_a_rule_meets_the_people_of_the_rule() {
     let folder = Folder::new();
     folder.write("program.sh", PROGRAM);
     let uncertain = "missing_outcomes = 0.3\ndropout = 0.1\nunreported = 0.4";
-    let manifest =
-        OUTSIDE.replace("missing_outcomes = 1", uncertain).replace("people = 4", "people = 9");
+    let manifest = OUTSIDE
+        .replace("missing_outcomes = 1", uncertain)
+        .replace("people = 4", "people = 9")
+        .replace(
+            "[evaluation]",
+            "[population]\nepsilon_h = { uniform = [0.01, 0.2] }\n\n[evaluation]",
+        );
     folder.write("trial.toml", manifest.replace("seeds = 1", "seeds = 3"));
     folder.jitai(["run", "trial.toml"]).succeeded().says("6 jobs run, 6 completed in all");
     for (view, columns) in [
@@ -317,6 +323,7 @@ fn a_program_that_plays_a_rule_meets_the_people_of_the_rule() {
         assert_eq!(count(&format!("{rule} EXCEPT {outside}")), 0, "{view}");
         assert_eq!(count(&format!("{outside} EXCEPT {rule}")), 0, "{view}");
     }
+    folder.jitai(["doctor"]).succeeded();
     let silent =
         "SELECT count(*) FROM decision WHERE json_extract(state, '$.reported') = 0 AND step = ";
     assert_eq!(folder.number(&format!("{silent}0")), 0);
