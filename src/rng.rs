@@ -36,6 +36,8 @@ pub enum Purpose {
     Reality = 10,
     /// Standard normal deviates from which a bandit computes the probabilities that it declares.
     ProbabilityDraws = 12,
+    /// Whether the phone of a person in a trial reports before a decision.
+    Reports = 14,
     /// Coefficients that a bandit draws for an episode; the seed is a word of the stream that chooses
     /// actions.
     EpisodeDraws = 13,

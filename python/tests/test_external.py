@@ -360,3 +360,68 @@ def test_the_ppo_of_stable_baselines_beats_tailored_messages(tmp_path):
     assert means["sb3_ppo"] > 2 * means["tailored"]
     curve = "SELECT max(episode) FROM learning_curve WHERE metric = 'mean_return'"
     assert rows(tmp_path, curve) == [(1000,)]
+
+
+def in_trial(folder, program: str, agents: str, changes: dict[str, str] | None = None):
+    text = (SHIPPED / "trial.toml").read_text().replace('"python3"', f'"{sys.executable}"')
+    for old, new in (changes or {}).items():
+        assert old in text
+        text = text.replace(old, new)
+    (folder / "trial.toml").write_text(text)
+    (folder / "trial_bandit.py").write_text(program)
+    return run("run", "trial.toml", "--filter", f"agent={agents}", cwd=folder)
+
+
+def test_the_program_of_the_manual_learns_in_the_shipped_trial(tmp_path):
+    program = (SHIPPED / "trial_bandit.py").read_text()
+    manual = (ROOT / "docs" / "external.md").read_text()
+    assert re.findall(r"```python\n(.*?)```", manual, re.DOTALL) == [program]
+    ran = in_trial(tmp_path, program, "greedy")
+    assert ran.returncode == 0, ran.stderr
+    sql = (
+        "SELECT DISTINCT round(action_probability, 6) FROM decision"
+        " WHERE json_extract(state, '$.calendar_day') {} ORDER BY 1"
+    )
+    # The data of the first day count on the third.
+    assert rows(tmp_path, sql.format("= 0")) == [(0.25,)]
+    assert rows(tmp_path, sql.format(">= 2")) == [(0.05,), (0.85,)]
+
+
+def test_a_trial_asks_for_the_people_in_the_study_and_hides_missing_outcomes(tmp_path):
+    program = """
+import numpy as np
+from jitai import external
+job = external.connect(trials=True)
+assert job.left == 0 and job.message["trial"]["people"] == 40
+class Agent:
+    asked, seen, hidden = [], 0, 0
+    def act(self, people, observations):
+        assert observations.shape == (len(people), 3) and job.decision in (0, 1)
+        self.asked.append((job.day, people.max() // 10))
+        self.people = people
+        return np.ones(len(people), int)
+    def observe(self, people, actions, rewards):
+        assert (people == self.people).all() and set(actions) == {1}
+        self.seen, self.hidden = self.seen + len(people), self.hidden + np.isnan(rewards).sum()
+    def update(self, day, people, before, agent):
+        assert before == day - 1 and agent is None and len(people) == min((day + 6) // 7, 4) * 10
+agent = Agent()
+job.trial(agent)
+assert {group for day, group in agent.asked if day < 21} == {0, 1, 2}
+assert 0.05 < agent.hidden / agent.seen < 0.15
+"""
+    rule = {'rule = "tailored"': 'rule = "untailored"'}
+    ran = in_trial(tmp_path, program, "greedy|tailored", rule)
+    assert ran.returncode == 0, ran.stderr
+    sql = "SELECT count(DISTINCT mean_return), count(*) FROM run_summary GROUP BY seed"
+    assert rows(tmp_path, sql) == [(1, 2)] * 3
+
+
+def test_a_program_without_trials_is_refused_in_one(tmp_path):
+    program = "from jitai import external\njob = external.connect()\njob.test(lambda seen: [0] * len(seen))"
+    assert in_trial(tmp_path, program, "greedy").returncode == 1
+    assert 'expected `trials` = true in "ready"' in failure(tmp_path)
+    (tmp_path / "jitai.sqlite").unlink()
+    program = "from jitai import external\njob = external.connect(trials=True)\njob.trial(None)"
+    assert with_program(tmp_path, program).returncode == 1
+    assert "the job is no trial: train, and call test()" in failure(tmp_path)

@@ -77,18 +77,20 @@ pub fn has_gru(assignment: &Assignment) -> bool {
 
 /// Number of test episodes.
 const TEST_EPISODES: Parameter = Parameter::Evaluation("test_episodes");
+/// Number of people in a trial; manifests without a trial have no such key.
+const PEOPLE: Parameter = Parameter::Trial("people");
 /// Which decisions are recorded.
 const RECORD_DECISIONS: Parameter = Parameter::Evaluation("record_decisions");
 
 /// The number of decisions of an agent that trains is at most what a job can record.
 const DECISIONS_FIT: Constraint = Constraint {
-    parameters: &[EPISODES, TEST_EPISODES, HORIZON, UNPAID_LAST_STEP, RECORD_DECISIONS],
+    parameters: &[EPISODES, TEST_EPISODES, PEOPLE, HORIZON, UNPAID_LAST_STEP, RECORD_DECISIONS],
     violation: |assignment| decisions_fit(assignment, assignment.whole(EPISODES)),
 };
 
 /// The number of decisions of an agent that does not train is at most what a job can record.
 const TEST_DECISIONS_FIT: Constraint = Constraint {
-    parameters: &[TEST_EPISODES, HORIZON, UNPAID_LAST_STEP, RECORD_DECISIONS],
+    parameters: &[TEST_EPISODES, PEOPLE, HORIZON, UNPAID_LAST_STEP, RECORD_DECISIONS],
     violation: |assignment| decisions_fit(assignment, 0),
 };
 
@@ -130,7 +132,11 @@ fn first_fit(assignment: &Assignment, episodes: Parameter) -> Option<Violation> 
 }
 
 fn decisions_fit(assignment: &Assignment, training_episodes: u64) -> Option<Violation> {
-    let test = assignment.whole(TEST_EPISODES);
+    // A trial has an episode per person and no training.
+    let (training_episodes, test) = match assignment.value(PEOPLE) {
+        Some(_) => (0, assignment.whole(PEOPLE)),
+        None => (training_episodes, assignment.whole(TEST_EPISODES)),
+    };
     let episodes = if assignment.is_word(RECORD_DECISIONS, "all") {
         test.saturating_add(training_episodes)
     } else if assignment.is_word(RECORD_DECISIONS, "test") {

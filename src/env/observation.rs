@@ -129,6 +129,15 @@ impl Observations {
         self.moments.extend_from_slice(others.moments.get(rows).unwrap_or_default());
     }
 
+    /// Replaces a row by the same row of other observations of the same shape.
+    pub fn copy_row(&mut self, row: usize, others: &Observations) {
+        let features = row * self.width..(row + 1) * self.width;
+        self.features[features].copy_from_slice(others.row(row));
+        if let Some(moment) = others.moment(row) {
+            self.moments[row] = moment;
+        }
+    }
+
     /// Removes and returns all rows with their one-hots expanded: \[rows, width + one_hot\]. Copies nothing
     /// if there is no one-hot.
     pub fn take_written_out(&mut self) -> Vec<f32> {

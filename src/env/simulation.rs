@@ -78,15 +78,20 @@ pub trait Simulation: VectorEnvironment + Any + fmt::Debug + Send {
         let _ = lane;
         Vec::new()
     }
+
+    /// The simulation whose state a rule reads instead of this one's; `None`, the default, for this one's.
+    fn shown(&self) -> Option<&dyn Any> {
+        None
+    }
 }
 
 /// A simulation of any family.
 pub type Simulated = Box<dyn Simulation>;
 
 impl dyn Simulation {
-    /// The simulation, if it is of this type.
+    /// The simulation, or the one that it shows instead, if it is of this type.
     pub fn downcast<S: Simulation>(&self) -> Option<&S> {
-        (self as &dyn Any).downcast_ref()
+        self.shown().unwrap_or(self as &dyn Any).downcast_ref()
     }
 
     /// The simulation to change, if it is of this type.

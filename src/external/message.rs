@@ -47,8 +47,15 @@ pub enum ToProgram<'a> {
         /// Number of lanes.
         lanes: usize,
     },
-    /// The observations of running lanes of the test; the answer is [`FromProgram::Choices`].
+    /// The observations of running lanes of the test, or of the people in a trial; the answer is
+    /// [`FromProgram::Choices`].
     Act {
+        /// The calendar day of a trial.
+        #[serde(skip_serializing_if = "Option::is_none")]
+        day: Option<u32>,
+        /// The decision of the day, from 0.
+        #[serde(skip_serializing_if = "Option::is_none")]
+        decision: Option<u32>,
         /// The running lanes, in ascending order.
         lanes: &'a [usize],
         /// \[lanes, entries\].
@@ -56,6 +63,26 @@ pub enum ToProgram<'a> {
         /// \[lanes\]: whether a message can be sent; absent if it always can.
         #[serde(skip_serializing_if = "Option::is_none")]
         available: Option<&'a [bool]>,
+    },
+    /// The rewards of a step of a trial. The message has no answer.
+    Rewards {
+        /// The lanes of the step, in ascending order.
+        lanes: &'a [usize],
+        /// \[lanes\]: the actions that were taken: 0 where no message could be sent.
+        actions: &'a [usize],
+        /// \[lanes\]: null for outcomes that do not reach the agent.
+        rewards: &'a [Option<f64>],
+    },
+    /// An agent of a trial is updated. The message has no answer.
+    Update {
+        /// The calendar day.
+        day: u32,
+        /// The people whose data count: the numbers of their lanes.
+        people: &'a [usize],
+        /// The data of days before this one count.
+        before: u32,
+        /// The person whose own agent is updated; null for an agent of everybody.
+        agent: Option<usize>,
     },
     /// The job is done. The message has no answer.
     End {},
@@ -96,6 +123,9 @@ pub enum FromProgram {
         /// Number of lanes in which it trains.
         #[serde(default = "one")]
         lanes: usize,
+        /// Whether it acts in trials.
+        #[serde(default)]
+        trials: bool,
     },
     /// Requests new training episodes.
     Reset(Reset),
@@ -241,7 +271,7 @@ mod tests {
 
     #[test]
     fn messages_are_read_with_their_defaults() {
-        let ready = FromProgram::Ready { protocol: 1, lanes: 1 };
+        let ready = FromProgram::Ready { protocol: 1, lanes: 1, trials: false };
         assert_eq!(read(r#"{"type":"ready","protocol":1}"#).unwrap(), ready);
         assert_eq!(read(r#"{"type":"reset"}"#).unwrap(), FromProgram::Reset(Reset::default()));
         let step = Step { actions: vec![Some(3), None], probabilities: None };
@@ -278,7 +308,13 @@ mod tests {
     #[test]
     fn messages_are_written_on_one_line() {
         let rows = Rows { values: &[0.5, 1.0, 0.1, 2.0], width: 2, only: Some(&[1]) };
-        let act = ToProgram::Act { lanes: &[1], observations: rows, available: None };
+        let act = ToProgram::Act {
+            day: None,
+            decision: None,
+            lanes: &[1],
+            observations: rows,
+            available: None,
+        };
         let written = serde_json::to_string(&act).unwrap();
         assert_eq!(written, r#"{"type":"act","lanes":[1],"observations":[[0.1,2.0]]}"#);
         assert_eq!(serde_json::to_string(&ToProgram::End {}).unwrap(), r#"{"type":"end"}"#);

@@ -5,7 +5,7 @@
 
 use std::sync::Arc;
 
-use crate::key::{Content, ContentForm, Kind, choices, keys};
+use crate::key::{Content, ContentForm, Kind, choices, keys, read_csv};
 
 keys! {
     /// A trial: people who enter by a calendar, and an agent that learns from them at calendar times.
@@ -45,6 +45,9 @@ keys! {
         dropout: f64 = 0.0, in Kind::PROBABILITY;
         /// probability that the outcome of a decision does not reach the algorithm
         missing_outcomes: f64 = 0.0, in Kind::PROBABILITY;
+        /// probability that a person's phone does not report before a decision, so that the algorithm sees the last
+        /// reported observation; the first decision is always reported
+        unreported: f64 = 0.0, before 0.0, in Kind::PROBABILITY;
     }
 }
 
@@ -78,6 +81,7 @@ pub static STAYS: ContentForm = ContentForm {
     what: "a CSV file with the columns start_day and end_day",
     parse: |text| Ok(Arc::new(columns(text, &["start_day", "end_day"])?)),
     canonical: None,
+    help: None,
 };
 
 /// The form of a file of rows.
@@ -90,6 +94,7 @@ pub static ROWS: ContentForm = ContentForm {
         Ok(Arc::new(columns(text, if has_seeds { &wanted } else { &wanted[..2] })?))
     },
     canonical: None,
+    help: None,
 };
 
 /// Whole numbers by row, in the order of the wanted columns.
@@ -97,33 +102,24 @@ struct Columns(Vec<Vec<u64>>);
 
 /// Reads these columns of a CSV file; others are not read.
 fn columns(text: &str, wanted: &[&str]) -> Result<Columns, String> {
-    let mut reader = csv::ReaderBuilder::new()
-        .comment(Some(b'#'))
-        .trim(csv::Trim::All)
-        .from_reader(text.as_bytes());
-    let broken = |error: csv::Error| match error.position() {
-        Some(at) => format!("line {}: {error}", at.line()),
-        None => error.to_string(),
-    };
-    let names = reader.headers().map_err(broken)?.clone();
-    let place = |name: &&str| {
-        let place = names.iter().position(|found| found == *name);
-        place.ok_or_else(|| format!("column `{name}` is missing"))
-    };
-    let places: Vec<usize> = wanted.iter().map(place).collect::<Result<_, _>>()?;
-    let mut rows = Vec::new();
-    for record in reader.records() {
-        let record = record.map_err(broken)?;
-        let line = record.position().map_or(0, csv::Position::line);
-        let number = |place: &usize| {
-            let (name, written) = (&names[*place], &record[*place]);
-            let number = written.parse().ok().filter(|number: &u64| *number <= i64::MAX as u64);
-            number.ok_or_else(|| {
-                format!("line {line}: `{name}`: expected a whole number, found {written}")
-            })
+    let begin = |names: &csv::StringRecord| {
+        let place = |name: &&str| {
+            let place = names.iter().position(|found| found == *name);
+            place.ok_or_else(|| format!("column `{name}` is missing"))
         };
-        rows.push(places.iter().map(number).collect::<Result<_, _>>()?);
-    }
+        let places: Vec<usize> = wanted.iter().map(place).collect::<Result<_, _>>()?;
+        Ok((places, Vec::new()))
+    };
+    let push = |(places, rows): &mut (Vec<usize>, Vec<Vec<u64>>), record: &csv::StringRecord| {
+        let number = |(place, name): (&usize, &&str)| {
+            let written = &record[*place];
+            let number = written.parse().ok().filter(|number: &u64| *number <= i64::MAX as u64);
+            number.ok_or_else(|| format!("`{name}`: expected a whole number, found {written}"))
+        };
+        rows.push(places.iter().zip(wanted).map(number).collect::<Result<_, _>>()?);
+        Ok(())
+    };
+    let (_, rows) = read_csv(text, begin, push)?;
     if rows.is_empty() { Err("expected at least one row".to_owned()) } else { Ok(Columns(rows)) }
 }
 

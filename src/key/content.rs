@@ -17,6 +17,8 @@ pub struct ContentForm {
     /// The part of a text by which it is known, as a text of the same form; `None` for the whole text. A form with
     /// such a part also takes `run:KEY`, a completed job of a store, whose policy has this form.
     pub canonical: Option<Canonical>,
+    /// What to do where the file is missing.
+    pub help: Option<&'static str>,
 }
 
 impl ContentForm {
@@ -156,6 +158,7 @@ mod tests {
             Err(error) => Err(error.to_string()),
         },
         canonical: None,
+        help: None,
     };
 
     #[test]

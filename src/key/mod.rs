@@ -30,5 +30,5 @@ pub use free::{WithFreeKeys, free_key, free_keys, free_values};
 pub use number_range::NumberRange;
 pub use parameter::Parameter;
 pub use printable::{hidden, printable, quoted};
-pub use rows::{Column, MOST_ROWS, Rows, RowsError};
+pub use rows::{Column, MOST_ROWS, Rows, RowsError, read_csv};
 pub use value::{Kind, Value};

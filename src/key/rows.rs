@@ -120,27 +120,17 @@ impl Rows {
     /// **Errors**: the text is not such a file, a column is unknown, or a number is outside its range.
     pub fn from_csv(known: &'static [Column], text: &str) -> Result<Rows, RowsError> {
         let fault = |says: String| RowsError { span: None, says };
-        let mut reader =
-            csv::ReaderBuilder::new().trim(csv::Trim::All).from_reader(text.as_bytes());
-        let broken = |error: csv::Error| match error.position() {
-            Some(at) => fault(format!("line {}: {error}", at.line())),
-            None => fault(error.to_string()),
+        let begin = |names: &csv::StringRecord| {
+            Builder::new(known, &names.iter().map(str::to_owned).collect::<Vec<_>>())
         };
-        let names: Vec<String> =
-            reader.headers().map_err(broken)?.iter().map(str::to_owned).collect();
-        let mut builder = Builder::new(known, &names).map_err(fault)?;
-        for record in reader.records() {
-            let record = record.map_err(broken)?;
-            let line = record.position().map_or(0, csv::Position::line);
+        let push = |builder: &mut Builder, record: &csv::StringRecord| {
             for (column, written) in record.iter().enumerate() {
                 let number = written.parse().ok().filter(|number: &f64| number.is_finite());
-                builder
-                    .push(column, number.map(|number| number + 0.0), written)
-                    .map_err(|says| fault(format!("line {line}: {says}")))?;
+                builder.push(column, number.map(|number| number + 0.0), written)?;
             }
-            builder.end_row().map_err(fault)?;
-        }
-        builder.finish().map_err(fault)
+            builder.end_row()
+        };
+        read_csv(text, begin, push).and_then(Builder::finish).map_err(fault)
     }
 
     /// Reads a list of tables with equal keys.
@@ -182,6 +172,32 @@ impl Rows {
         }
         builder.finish().map_err(|says| RowsError { span: None, says })
     }
+}
+
+/// Reads a CSV file: `begin` receives the names of its columns, and `push` each row. Lines that begin with # are
+/// comments.
+///
+/// **Errors**: the text is not such a file, or a function returns an error; errors of rows name the line.
+pub fn read_csv<T>(
+    text: &str,
+    begin: impl FnOnce(&csv::StringRecord) -> Result<T, String>,
+    mut push: impl FnMut(&mut T, &csv::StringRecord) -> Result<(), String>,
+) -> Result<T, String> {
+    let mut reader = csv::ReaderBuilder::new()
+        .comment(Some(b'#'))
+        .trim(csv::Trim::All)
+        .from_reader(text.as_bytes());
+    let broken = |error: csv::Error| match error.position() {
+        Some(at) => format!("line {}: {error}", at.line()),
+        None => error.to_string(),
+    };
+    let mut read = begin(reader.headers().map_err(broken)?)?;
+    for record in reader.records() {
+        let record = record.map_err(broken)?;
+        let line = record.position().map_or(0, csv::Position::line);
+        push(&mut read, &record).map_err(|says| format!("line {line}: {says}"))?;
+    }
+    Ok(read)
 }
 
 /// The target of a column that is read.
@@ -335,6 +351,6 @@ mod tests {
             "`delta_d`: expected a number from 0 to 1, found something else"
         );
         let many = format!("delta_d\n{}", "0\n".repeat(MOST_ROWS + 1));
-        assert_eq!(csv(&many), "expected at most 10000 rows");
+        assert_eq!(csv(&many), "line 10002: expected at most 10000 rows");
     }
 }

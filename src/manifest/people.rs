@@ -96,12 +96,17 @@ impl Reader<'_> {
             (false, Some(key)) => (self.run(written, key), format!("`{written}`, ")),
             (false, None) => (self.file(written), format!("`{written}`, ")),
         };
+        let is_missing = text.is_err();
         let content =
             text.and_then(|text| Content::read(form, &text).map_err(|says| format!("{of}{says}")));
         match content {
             Ok(content) => Some(Value::Content(content)),
             Err(says) => {
-                self.faults.add(Fault::at(node.span().into(), format!("`{name}`: {says}")));
+                let fault = Fault::at(node.span().into(), format!("`{name}`: {says}"));
+                self.faults.add(match form.help.filter(|_| is_missing) {
+                    Some(help) => fault.help(help),
+                    None => fault,
+                });
                 None
             }
         }

@@ -126,7 +126,8 @@ const OF_DECISIONS: [Invariant; 2] = [
     Invariant {
         violation: "its recorded decisions do not match its declaration: one per step",
         sql: "SELECT job.key FROM run JOIN job ON job.id = run.job
-              WHERE status = 'completed' AND json_type(canonical, '$.environment.family') IS NULL AND
+              WHERE status = 'completed' AND json_type(canonical, '$.environment.family') IS NULL
+                AND json_type(canonical, '$.trial') IS NULL AND
                 (SELECT total(steps) FROM recorded_decision AS recorded
                  WHERE recorded.id BETWEEN (run.id << 39) + (1 << 38)
                     AND (run.id << 39) + 549755813887)
@@ -159,7 +160,8 @@ const OF_STEPS: &[Invariant] = &[
               WHERE status = 'completed' AND
                 (SELECT count(*) FROM recorded_step WHERE recorded_step.run = run.id AND phase = 1)
                 <> CASE WHEN json_extract(canonical, '$.evaluation.record_decisions') IN ('test', 'all')
-                        AND json_type(canonical, '$.environment.family') IS NOT NULL
+                        AND coalesce(json_type(canonical, '$.environment.family'),
+                            json_type(canonical, '$.trial')) IS NOT NULL
                     THEN (SELECT sum(length) FROM test_episode WHERE run = run.id) ELSE 0 END",
     },
 ];

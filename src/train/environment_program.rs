@@ -63,13 +63,18 @@ pub fn misfit(job: &Job, description: &Description) -> Option<String> {
         return Some(too_large(size));
     }
     let evaluation = &job.evaluation;
+    let longest = u64::from(job.environment.longest_episode());
+    let (training, test, longest) = match &job.trial {
+        Some(trial) => (0, trial.people, trial.decisions().min(longest)),
+        None => (job.agent.episodes(), evaluation.test_episodes, longest),
+    };
     let episodes = [
-        (evaluation.record_decisions.of_training(), job.agent.episodes()),
-        (evaluation.record_decisions.of_test(), evaluation.test_episodes),
+        (evaluation.record_decisions.of_training(), training),
+        (evaluation.record_decisions.of_test(), test),
     ];
     let recorded = episodes.into_iter().filter(|(is_recorded, _)| *is_recorded);
     let episodes = recorded.map(|(_, episodes)| u64::from(episodes)).sum();
-    let size = recorded_decisions(episodes, u64::from(job.environment.longest_episode()));
+    let size = recorded_decisions(episodes, longest);
     size.is_too_large().then(|| too_large(&size))
 }
 

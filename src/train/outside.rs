@@ -1,5 +1,5 @@
 //! A job whose agent is an outside program. jitai counts every episode of its training and plays
-//! its test.
+//! its test, or plays its trial.
 //!
 //! In: a job, the declaration of its program, and a [`TrainingControl`]. Out: an [`Outcome`], as for any job.
 //! There are no checkpoints, because the state of a program cannot be saved: a stopped job starts over.
@@ -9,6 +9,7 @@ mod choice;
 mod lanes;
 mod record;
 mod testing;
+mod trial;
 
 use serde_json::{Map, Value as Json, json};
 
@@ -72,8 +73,13 @@ impl Session<'_> {
     ) -> Result<Test, Broken> {
         self.program.send(&assignment(self.job, external));
         let lanes = self.ready()?;
-        self.train(lanes, record)?;
-        let test = testing::play(self.job, self.program, self.stop)?;
+        let test = match &self.job.trial {
+            Some(trial) => trial::play(self.job, trial, self.program, record.control)?,
+            None => {
+                self.train(lanes, record)?;
+                testing::play(self.job, self.program, self.stop)?
+            }
+        };
         self.program.send(&ToProgram::End {});
         Ok(test)
     }
@@ -82,7 +88,7 @@ impl Session<'_> {
     fn ready(&mut self) -> Result<usize, ProgramError> {
         const READY: &str = "\"ready\"";
         let message = self.program.receive(READY, "before training", self.stop)?;
-        let FromProgram::Ready { protocol, lanes } = message else {
+        let FromProgram::Ready { protocol, lanes, trials } = message else {
             return Err(unexpected(self.program, &message, READY));
         };
         if protocol != PROTOCOL {
@@ -95,6 +101,11 @@ impl Session<'_> {
         if !(1..=MOST_LANES).contains(&lanes) {
             let fault = format!("`lanes`: expected a number from 1 to {MOST_LANES}, found {lanes}");
             return Err(self.program.broke(fault));
+        }
+        if self.job.trial.is_some() && !trials {
+            let fault = "expected `trials` = true in \"ready\", because the job is a trial, found a program \
+                         that does not act in trials; docs/external.md describes the messages of a trial";
+            return Err(self.program.broke(fault.to_owned()));
         }
         Ok(lanes)
     }
@@ -138,14 +149,14 @@ fn assignment(job: &Job, external: &External) -> Json {
     let parameters: Map<String, Json> =
         parameters.map(|(name, value)| (name.to_owned(), json!(value))).collect();
     let horizon = job.value(Parameter::Environment("horizon")).map(|horizon| json!(horizon));
-    json!({
+    let mut assignment = json!({
         "type": "job",
         "protocol": PROTOCOL,
         "jitai": env!("CARGO_PKG_VERSION"),
         "job_key": job.key().to_string(),
         "version": external.version,
         "seed": job.seed,
-        "episodes": external.episodes,
+        "episodes": if job.trial.is_some() { 0 } else { external.episodes },
         "parameters": parameters,
         "scenario": job.scenario.to_string(),
         "history": job.agent.history(),
@@ -156,7 +167,11 @@ fn assignment(job: &Job, external: &External) -> Json {
         "environment": json_object(job.environment.family().keys, &job.environment.values()),
         "population": population(&job.environment),
         "evaluation": job.evaluation.to_json(),
-    })
+    });
+    if let Some(trial) = &job.trial {
+        assignment["trial"] = trial.to_json().into();
+    }
+    assignment
 }
 
 /// The keys of a population that differ from their defaults, as the tables of a manifest.

@@ -1,7 +1,7 @@
 //! A trial in progress: who is in the study on a day, and when the agent learns.
 
 use crate::agent::{Actor, StudyUpdate};
-use crate::env::{EpisodeStatus, LaneSet, LaneStreams, Simulated, VectorEnvironment};
+use crate::env::{EpisodeStatus, LaneSet, LaneStreams, Reports, Simulated, VectorEnvironment};
 use crate::job::{Calendar, Pooling, Stay, Trial, UpdateData};
 use crate::rng::{Purpose, Stream};
 use crate::state::resumable;
@@ -76,15 +76,32 @@ impl Study {
         (self.time / self.calendar.per_day, self.calendar.days())
     }
 
-    /// The calendar day and the number of the policy in force for every person; see [`Study::NAMES`].
+    /// The calendar day and the number of the policy in force for every person.
     pub fn beside(&self) -> impl Iterator<Item = [f64; 2]> {
         let (day, _) = self.days();
         let policy = |person: usize| self.policies[person.min(self.policies.len() - 1)];
         (0..self.people()).map(move |person| [f64::from(day), f64::from(policy(person))])
     }
 
-    /// The names of the numbers that stand beside the recorded state in a trial.
-    pub const NAMES: [&str; 2] = ["calendar_day", "policy"];
+    /// The names of the numbers that stand behind the recorded state in a trial: those of [`Study::beside`], after
+    /// whether the phone reported.
+    pub fn names(&self) -> impl Iterator<Item = String> {
+        let reported = (self.trial.unreported > 0.0).then_some("reported");
+        reported.into_iter().chain(["calendar_day", "policy"]).map(str::to_owned)
+    }
+
+    /// Whether people's phones report before each decision; `None` if they always do.
+    pub fn reports(trial: &Trial, seed: u64) -> Option<Reports> {
+        if trial.unreported == 0.0 {
+            return None;
+        }
+        let decisions = trial.decisions() as usize;
+        let of_person = |person| {
+            let mut stream = Stream::of_person(seed, Purpose::Reports, person);
+            (0..decisions).map(move |_| stream.unit() >= trial.unreported)
+        };
+        Some(Reports { decisions, reported: (0..trial.people).flat_map(of_person).collect() })
+    }
 
     pub fn is_over(&self) -> bool {
         self.time >= self.calendar.days() * self.calendar.per_day
@@ -200,6 +217,21 @@ mod tests {
             );
         }
         assert_eq!(Study::new(&trial(9, 50), 3).stays, [Stay { start: 0, end: 50 }; 9]);
+    }
+
+    #[test]
+    fn phones_do_not_report_at_their_rate() {
+        let unreported = Trial { unreported: 0.25, missing_outcomes: 0.5, ..trial(1000, 8) };
+        let reports = Study::reports(&unreported, 3).unwrap();
+        let silent = reports.reported.iter().filter(|reported| !**reported).count();
+        assert_eq!((reports.decisions, reports.reported.len()), (8, 8000));
+        assert!((silent as f64 - 2000.0).abs() < 4.0 * 1500f64.sqrt(), "{silent}");
+        // Other realities have other words.
+        let without = Trial { unreported: 0.0, ..unreported.clone() };
+        assert_eq!(Study::new(&without, 3).missing, Study::new(&unreported, 3).missing);
+        let alone = Trial { missing_outcomes: 0.0, ..unreported };
+        assert_eq!(Study::reports(&alone, 3), Some(reports));
+        assert_eq!(Study::reports(&without, 3), None);
     }
 
     #[test]

@@ -1,7 +1,9 @@
 //! The test episodes of a trained agent and their results.
 
 use crate::agent::{Actor, OutOfMemory, StepObserver, reserve_exact};
-use crate::env::{Action, Environment, EpisodeStatus, LaneSet, Simulated, VectorEnvironment};
+use crate::env::{
+    Action, Environment, EpisodeStatus, LaneSet, Reported, Simulated, VectorEnvironment,
+};
 use crate::job::metric::{
     LOWER_QUARTILE_RETURN, MEAN_LENGTH, MEAN_RETURN, MESSAGE_RATE, NET_RETURN, SD_RETURN,
     quantile_of_sorted,
@@ -96,6 +98,12 @@ impl Test {
         if let Some(study) = &study {
             streams.environment = study.streams(job.seed);
         }
+        let tested = task.tested(0);
+        let reports = job.trial.as_ref().and_then(|trial| Study::reports(trial, job.seed));
+        let tested = match reports {
+            Some(reports) => Box::new(Reported::new(tested, reports)),
+            None => tested,
+        };
         let episodes = study.as_ref().map_or(job.evaluation.test_episodes as usize, Study::people);
         Test {
             episodes,
@@ -118,7 +126,7 @@ impl Test {
             terminated: job.termination_metric(),
             study,
             recorded: job.evaluation.record_episodes,
-            batch: Batch { environment: task.tested(0), played: Vec::new() },
+            batch: Batch { environment: tested, played: Vec::new() },
         }
     }
 
@@ -264,8 +272,8 @@ impl Test {
         });
         let messages = self.environment.has_nothing().then_some(messages);
         let mut state_names = self.environment.state_names();
-        if self.study.is_some() {
-            state_names.extend(Study::NAMES.map(str::to_owned));
+        if let Some(study) = &self.study {
+            state_names.extend(study.names());
         }
         if let Some(people) = &self.people {
             people.describe(&mut self.participants);

@@ -258,9 +258,10 @@ mod tests {
     use std::cell::Cell;
 
     use super::*;
-    use crate::agent::{Agent, DecisionRule, RuleParameters};
+    use crate::agent::{Agent, DecisionRule, LinearThompson, RuleParameters};
     use crate::env::{Action, LaneSet, Simulated, StepCount, VectorEnvironment};
-    use crate::job::Evaluation;
+    use crate::job::{EvaluatedOn, Evaluation, RecordedDecisions, Trial};
+    use crate::key::{Keyed, Value};
     use crate::rng::Stream;
     use crate::state::{Resumable, StateReader, StateWriter};
 
@@ -318,7 +319,11 @@ mod tests {
 
     /// The results of a test that is saved and restored after every `span` steps, and the number of
     /// interruptions.
-    fn tested(job: &Job, span: Option<u32>) -> (Results, u32) {
+    fn tested<'j>(
+        job: &'j Job,
+        span: Option<u32>,
+        started: fn(&'j Job) -> Training<'j>,
+    ) -> (Results, u32) {
         let mut training = started(job);
         let mut interruptions = 0;
         while training.stage() != Stage::Over {
@@ -350,11 +355,57 @@ mod tests {
             trial: None,
             seed: 4,
         };
-        let (undisturbed, _) = tested(&job, None);
+        let (undisturbed, _) = tested(&job, None, started);
         for span in [1, 3, 19] {
-            let (results, interruptions) = tested(&job, Some(span));
+            let (results, interruptions) = tested(&job, Some(span), started);
             assert!(interruptions > 2);
             assert!(results == undisturbed, "interrupted every {span} steps");
+        }
+    }
+
+    #[test]
+    fn what_phones_last_reported_survives_an_interruption() {
+        let trial = Trial {
+            decisions_per_day: 2,
+            entry_every_days: 2,
+            entry_people: 2,
+            unreported: 0.6,
+            ..Trial::with_required(&[Value::Integer(4), Value::Integer(5)])
+        };
+        let evaluation = Evaluation {
+            test_episodes: 0,
+            on: EvaluatedOn::Trial,
+            record_decisions: RecordedDecisions::Test,
+            ..Evaluation::default()
+        };
+        let bandit = LinearThompson { noise_sd: 40.0, ..LinearThompson::default() };
+        let tailored = RuleParameters::new(DecisionRule::Tailored);
+        for agent in [Agent::of(&bandit), Agent::of(&tailored)] {
+            let job = Job {
+                environment: StepCount { horizon: 10, ..StepCount::paper(0.6) }.into(),
+                scenario: "P-H-D".parse().unwrap(),
+                agent,
+                evaluation: evaluation.clone(),
+                trial: Some(trial.clone()),
+                seed: 4,
+            };
+            let started = |job| Training::new(job).unwrap();
+            let (undisturbed, _) = tested(&job, None, started);
+            assert_eq!(undisturbed.state_names[5..], ["reported", "calendar_day", "policy"]);
+            let silent = |decision: &&crate::job::Decision| decision.state[5] == 0.0;
+            assert!(undisturbed.decisions.iter().filter(silent).count() > 10);
+            for pair in undisturbed.decisions.windows(2).filter(|pair| silent(&&pair[1])) {
+                assert_eq!(pair[0].episode, pair[1].episode, "the first decision is reported");
+                assert_eq!(pair[0].state[..5], pair[1].state[..5]);
+                // The same observation and policy give the same probabilities.
+                if pair[0].state[7] == pair[1].state[7] {
+                    assert_eq!(pair[0].probabilities, pair[1].probabilities);
+                }
+            }
+            for span in [1, 3] {
+                let (results, interruptions) = tested(&job, Some(span), started);
+                assert!(interruptions > 2 && results == undisturbed, "every {span} steps");
+            }
         }
     }
 }

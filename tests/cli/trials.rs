@@ -76,6 +76,7 @@ fn the_people_of_a_trial_are_its_evaluation() {
     assert_eq!(folder.number(apart), 4);
     folder.jitai(["run", "trial.toml"]).succeeded();
     assert_eq!(folder.runs(), 8);
+    folder.jitai(["doctor"]).succeeded();
     folder.jitai(["report", "trial.toml", "--out", "report"]).succeeded();
     assert!(folder.read("report/index.html").contains("seconds of brushing"));
 }
@@ -200,4 +201,186 @@ fn what_does_not_suit_a_trial_is_refused_with_a_sentence() {
         + MANIFEST.split("[environment]").nth(1).unwrap();
     folder.write("trial.toml", without);
     folder.jitai(["check", "trial.toml"]).ended(2).says("the manifest has no [trial]");
+}
+
+/// A program that sends an untailored message to everybody, and writes what it hears without observations into `log`.
+const PROGRAM: &str = r#"
+hear() { read -r line || exit 9; }
+say() { printf '%s\n' "$1"; }
+hear
+case $line in *'"episodes":0,'*'"trial":{'*) ;; *) exit 8;; esac
+say '{"type":"ready","protocol":1,"trials":true}'
+while hear; do
+  printf '%s\n' "$line" | sed 's/"observations":\[\[.*\]\],*//; s/,}/}/' >> log
+  case $line in
+    *'"type":"act"'*)
+      lanes=${line#*'"lanes":['}; lanes=${lanes%%]*}
+      say "{\"type\":\"choices\",\"actions\":[$(echo "$lanes" | sed 's/[0-9][0-9]*/1/g')]}";;
+    *'"type":"end"'*) exit 0;;
+  esac
+done
+"#;
+
+const OUTSIDE: &str = r#"format = 1
+name = "trial"
+scenarios = ["P-H-D"]
+seeds = 1
+
+[trial]
+people = 4
+days = 3
+decisions_per_day = 2
+entry = { every_days = 2, people = 2 }
+update_data = "in_study"
+update_lag_days = 1
+outage = [4, 5]
+missing_outcomes = 1
+
+[environment]
+sigma = 0.6
+horizon = 6
+
+[evaluation]
+on = "trial"
+record_decisions = "test"
+
+[[agent]]
+name = "outside"
+algorithm = "external"
+command = ["sh", "program.sh"]
+version = "1"
+
+[[agent]]
+name = "rule"
+algorithm = "rule"
+rule = "untailored"
+"#;
+
+/// The messages of the steps of a day in which these people are asked.
+fn day(day: u32, lanes: &str) -> String {
+    let [ones, nulls] =
+        ["1", "null"].map(|word| lanes.split(',').map(|_| word).collect::<Vec<_>>().join(","));
+    let step = |decision: u32| {
+        format!(
+            "{{\"type\":\"act\",\"day\":{day},\"decision\":{decision},\"lanes\":[{lanes}]}}\n\
+             {{\"type\":\"rewards\",\"lanes\":[{lanes}],\"actions\":[{ones}],\"rewards\":[{nulls}]}}\n"
+        )
+    };
+    step(0) + &step(1)
+}
+
+/// The message of an update.
+fn update(day: u32, people: &str, before: u32, agent: &str) -> String {
+    format!(
+        "{{\"type\":\"update\",\"day\":{day},\"people\":[{people}],\"before\":{before},\"agent\":{agent}}}\n"
+    )
+}
+
+#[test]
+fn a_program_hears_the_calendar_of_its_trial() {
+    let planned = [
+        day(0, "0,1"),
+        update(1, "0,1", 0, "null"),
+        day(1, "0,1"),
+        update(2, "0,1", 1, "null"),
+        day(2, "0,1,2,3"),
+        update(3, "0,1,2,3", 2, "null"),
+        day(3, "2,3"),
+        // An outage: no update on days 4 and 5.
+        day(4, "2,3"),
+    ];
+    // Everybody leaves before the second day.
+    let left = [
+        day(0, "0,1"),
+        update(1, "0,1", 0, "null"),
+        update(2, "", 1, "null"),
+        day(2, "2,3"),
+        update(3, "2,3", 2, "null"),
+    ];
+    let unpooled = [
+        day(0, "0,1"),
+        update(1, "0", 0, "0"),
+        update(1, "1", 0, "1"),
+        day(1, "0,1"),
+        update(2, "0", 1, "0"),
+        update(2, "1", 1, "1"),
+        day(2, "0,1,2,3"),
+        update(3, "2", 2, "2"),
+        update(3, "3", 2, "3"),
+        day(3, "2,3"),
+        day(4, "2,3"),
+    ];
+    for (more, expected) in [
+        ("", planned.concat()),
+        ("dropout = 1", left.concat()),
+        ("pooling = \"none\"", unpooled.concat()),
+    ] {
+        let folder = Folder::new();
+        folder.write("program.sh", PROGRAM);
+        let manifest = OUTSIDE.replace("missing_outcomes", &format!("{more}\nmissing_outcomes"));
+        folder.write("trial.toml", &manifest);
+        folder.jitai(["run", "trial.toml", "--filter", "agent=outside"]).succeeded();
+        assert_eq!(folder.read("log"), expected + "{\"type\":\"end\"}\n", "{more}");
+    }
+}
+
+#[test]
+fn a_program_that_plays_a_rule_meets_the_people_of_the_rule() {
+    let folder = Folder::new();
+    folder.write("program.sh", PROGRAM);
+    let uncertain = "missing_outcomes = 0.3\ndropout = 0.1\nunreported = 0.4";
+    let manifest = OUTSIDE
+        .replace("missing_outcomes = 1", uncertain)
+        .replace("people = 4", "people = 9")
+        .replace(
+            "[evaluation]",
+            "[population]\nepsilon_h = { uniform = [0.01, 0.2] }\n\n[evaluation]",
+        );
+    folder.write("trial.toml", manifest.replace("seeds = 1", "seeds = 3"));
+    folder.jitai(["run", "trial.toml"]).succeeded().says("6 jobs run, 6 completed in all");
+    for (view, columns) in [
+        ("evaluation_episode", "seed, episode, total_reward, length"),
+        (
+            "decision",
+            "seed, episode, step, json_remove(state, '$.policy'), action, action_probability, reward",
+        ),
+    ] {
+        let of = |agent: &str| {
+            format!(
+                "SELECT {columns} FROM {view} JOIN run_summary USING (job_key) WHERE agent = '{agent}'"
+            )
+        };
+        let count = |sql: &str| folder.number(&format!("SELECT count(*) FROM ({sql})"));
+        let (rule, outside) = (of("rule"), of("outside"));
+        assert!(count(&rule) >= 27, "{view}");
+        assert_eq!(count(&format!("{rule} EXCEPT {outside}")), 0, "{view}");
+        assert_eq!(count(&format!("{outside} EXCEPT {rule}")), 0, "{view}");
+    }
+    folder.jitai(["doctor"]).succeeded();
+    let silent =
+        "SELECT count(*) FROM decision WHERE json_extract(state, '$.reported') = 0 AND step = ";
+    assert_eq!(folder.number(&format!("{silent}0")), 0);
+    assert!(folder.number(&format!("{silent}2")) > 0);
+}
+
+#[test]
+fn a_program_that_does_not_act_as_trials_need_fails_with_the_reason() {
+    for (from, to, expected) in [
+        (
+            ",\"trials\":true",
+            "",
+            "expected `trials` = true in \"ready\", because the job is a trial",
+        ),
+        ("/1/g", "/7/g", "expected an action from 0 to 3 for lane 0, found 7"),
+        ("while hear; do", "while hear; do exit 3", "exited with code 3 in the trial, on day 0"),
+    ] {
+        let folder = Folder::new();
+        assert!(PROGRAM.contains(from), "{from}");
+        folder.write("program.sh", PROGRAM.replacen(from, to, 1));
+        folder.write("trial.toml", OUTSIDE);
+        folder.jitai(["run", "trial.toml"]).ended(1).says("1 completed in all, 1 failed");
+        let sql = "SELECT failure_message FROM run_summary WHERE failure_kind = 'external'";
+        let message: String = folder.store().query_row(sql, [], |row| row.get(0)).unwrap();
+        assert!(message.contains(expected), "{message}");
+    }
 }

@@ -240,6 +240,7 @@ fn in_trial(job: Job, pooling: Pooling) -> Job {
         outage: vec![6, 7],
         dropout: 0.1,
         missing_outcomes: 0.2,
+        unreported: 0.4,
         ..Trial::with_required(&[Value::Integer(6), Value::Integer(5)])
     };
     let evaluation =

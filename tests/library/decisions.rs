@@ -307,6 +307,25 @@ fn a_record_that_would_be_too_large_is_a_fault_of_the_manifest() {
 }
 
 #[test]
+fn every_decision_of_a_trial_counts_and_its_agents_have_no_training() {
+    let check = |days: u32, recorded: &str| {
+        let text = format!(
+            "format = 1\nname = 'e'\nscenarios = ['P-H-D']\nseeds = 1\n\
+             environment.sigma = 0.4\nenvironment.horizon = {}\n\
+             trial.people = 10_000\ntrial.days = {days}\ntrial.decisions_per_day = 2\n\
+             evaluation.on = 'trial'\nevaluation.record_decisions = '{recorded}'\n\
+             [[agent]]\nname = 'a'\nalgorithm = 'linear_thompson'\n",
+            2 * days
+        );
+        manifest::parse("e.toml", text.as_bytes()).map(|_| ()).map_err(|error| error.to_string())
+    };
+    assert_eq!((check(250, "test"), check(250, "all")), (Ok(()), Ok(())));
+    let error = check(251, "test").unwrap_err();
+    assert!(error.contains("the record of decisions can have 5020000 steps"), "{error}");
+    assert!(error.contains("people = 10000, horizon = 502"), "{error}");
+}
+
+#[test]
 fn an_unpaid_last_step_counts_in_every_limit_of_steps() {
     let check = |unpaid: bool, agent: &str| {
         let text = format!(

@@ -96,6 +96,7 @@ fn shipped() -> Vec<(&'static str, u64)> {
         ("experiments/bandits.toml", 920),
         ("experiments/external/outside.toml", 21),
         ("experiments/external/cartpole.toml", 12),
+        ("experiments/external/trial.toml", 9),
         ("experiments/external/two_messages.toml", 48),
         ("experiments/memory.toml", 1080),
         ("experiments/unavailable.toml", 160),
@@ -130,7 +131,7 @@ fn manifests_with_people_hold_with_invented_ones_and_ask_for_the_files() {
         let name = Path::new(path).file_name().unwrap().to_str().unwrap();
         put(name, &read(name));
         let faults = manifest::load(&folder.path().join(name)).unwrap_err().to_string();
-        assert!(faults.contains("`people`") && faults.contains("v"), "{faults}");
+        assert!(faults.contains("experiments/oralytics/people.py"), "{faults}");
     }
     for (name, like) in [
         ("v2.csv", "synthetic_v2.csv"),
@@ -142,10 +143,17 @@ fn manifests_with_people_hold_with_invented_ones_and_ask_for_the_files() {
     ] {
         put(name, &read(like));
     }
-    let everybody =
-        |people: u32, row: fn(u32) -> String| -> String { (0..people).map(row).collect() };
-    let same = format!("person,row\n{}", everybody(72, |person| format!("{person},0\n")));
-    ["v2_trials.csv", "v3_trials.csv", "v4_trial.csv"].map(|name| put(name, &same));
+    for (name, people) in [("v2_trials.csv", 70), ("v3_trials.csv", 70), ("v4_trial.csv", 72)] {
+        let rows: String = (0..people).map(|person| format!("{person},0\n")).collect();
+        put(name, &format!("person,row\n{rows}"));
+    }
+    let stays: String = (0..72).map(|day| format!("{day},{}\n", day + 70)).collect();
+    put("stays.csv", &format!("start_day,end_day\n{stays}"));
+    let own_stays = "entry = \"stays.csv\"";
+    put("pooling.toml", &read("pooling.toml").replace("entry = \"v4.csv\"", own_stays));
+    for name in ["published_v2.csv", "published_v3.csv", "published_v4.csv"] {
+        put(name, &read(name));
+    }
     for (path, jobs) in WITH_PEOPLE {
         let name = Path::new(path).file_name().unwrap();
         let manifest = manifest::load(&folder.path().join(name)).unwrap();

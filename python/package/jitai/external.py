@@ -132,6 +132,8 @@ class Job:
     def test(self, policy: Policy, begin: Callable[[int], None] | None = None) -> None:
         """Ends the training, and chooses the actions of the test until its end.
 
+        A job that is a trial has no test: see :meth:`trial`.
+
         ``policy`` receives an array with a row for each running lane; :attr:`running` has the lanes of the
         rows. ``begin`` is called with the number of lanes whenever episodes of the test begin.
         """
@@ -146,9 +148,41 @@ class Job:
                 continue
             #: The lanes of the rows that the policy receives.
             self.running = np.array(message["lanes"], np.int64)
-            chosen = np.asarray(policy(self._observations(message)))
-            name = "probabilities" if chosen.ndim == 2 else "actions"
-            self._send({"type": "choices", name: chosen.tolist()})
+            self._choose(policy(self._observations(message)))
+
+    def trial(self, agent: Any) -> None:
+        """Acts in the trial of the job until its end; the program has declared ``connect(trials=True)``.
+
+        ``agent.act(people, observations)`` returns an action, or a row of probabilities, for each of these people;
+        :attr:`day` and :attr:`decision` say when. Two methods are optional. ``agent.observe(people, actions, rewards)``
+        receives the actions that were taken, and their rewards: NaN where the outcome does not reach the agent.
+        ``agent.update(day, people, before, agent)`` is called when an agent learns: from the data of these people
+        from calendar days before ``before``. The argument ``agent`` is the person whose own agent learns, or None for
+        the agent of everybody.
+        """
+        if "trial" not in self.message:
+            raise ValueError("the job is no trial: train, and call test()")
+        while True:
+            message = self._receive("act", "rewards", "update", "end")
+            if message["type"] == "end":
+                return
+            if message["type"] == "act":
+                #: The calendar day of a trial, and the decision of the day; both from 0.
+                self.day, self.decision = message["day"], message["decision"]
+                people = np.array(message["lanes"], np.int64)
+                self._choose(agent.act(people, self._observations(message)))
+            elif message["type"] == "update":
+                if hasattr(agent, "update"):
+                    people = np.array(message["people"], np.int64)
+                    agent.update(message["day"], people, message["before"], message["agent"])
+            elif hasattr(agent, "observe"):
+                columns = ("lanes", np.int64), ("actions", np.int64), ("rewards", np.float64)
+                agent.observe(*(np.array(message[name], kind) for name, kind in columns))
+
+    def _choose(self, chosen: Any) -> None:
+        chosen = np.asarray(chosen)
+        name = "probabilities" if chosen.ndim == 2 else "actions"
+        self._send({"type": "choices", name: chosen.tolist()})
 
     def _observations(self, message: dict[str, Any]) -> Observations:
         observations = np.array(message["observations"], np.float32)
@@ -164,8 +198,11 @@ class Job:
         return _receive(self._read, expected)
 
 
-def connect(lanes: int = 1) -> Job:
-    """The job for which jitai started this program; it trains in this number of lanes."""
+def connect(lanes: int = 1, trials: bool = False) -> Job:
+    """The job for which jitai started this program; it trains in this number of lanes.
+
+    ``trials`` says that the program acts in trials, with :meth:`Job.trial`.
+    """
     global _is_connected
     if _is_connected:
         raise ProtocolError("connect() was called before; a program has one job")
@@ -177,7 +214,8 @@ def connect(lanes: int = 1) -> Job:
     if message["protocol"] != PROTOCOL:
         raise ProtocolError(f"expected protocol {PROTOCOL}, found {message['protocol']}")
     job = Job(message, lanes, read, write)
-    job._send({"type": "ready", "protocol": PROTOCOL, "lanes": lanes})
+    ready = {"type": "ready", "protocol": PROTOCOL, "lanes": lanes}
+    job._send({**ready, "trials": True} if trials else ready)
     return job
 
 

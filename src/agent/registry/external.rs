@@ -44,6 +44,7 @@ impl Agent {
 impl AlgorithmParameters for External {
     const NAME: &'static str = "external";
     const HAS_WEIGHTS: bool = false;
+    const IN_TRIALS: bool = true;
 
     fn episodes(&self) -> u32 {
         self.episodes

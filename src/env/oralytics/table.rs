@@ -3,13 +3,17 @@
 use std::sync::Arc;
 
 use crate::env::oralytics::feature::Feature;
-use crate::key::ContentForm;
+use crate::key::{ContentForm, read_csv};
 
 /// The form of the file.
 pub static PEOPLE: ContentForm = ContentForm {
     what: "a CSV file of people",
     parse: |text| Ok(Arc::new(Table::parse(text)?)),
     canonical: None,
+    help: Some(
+        "experiments/oralytics/people.py makes the published people from the authors' repositories; the files \
+         synthetic_*.csv beside it are invented people",
+    ),
 };
 
 /// The most people of a file.
@@ -47,16 +51,15 @@ impl Table {
     ///
     /// **Errors**: it is not of this form; the text names the line.
     pub fn parse(text: &str) -> Result<Table, String> {
-        let mut reader = csv::ReaderBuilder::new()
-            .comment(Some(b'#'))
-            .trim(csv::Trim::All)
-            .from_reader(text.as_bytes());
-        let broken = |error: csv::Error| match error.position() {
-            Some(at) => format!("line {}: {error}", at.line()),
-            None => error.to_string(),
-        };
-        let columns: Vec<String> =
-            reader.headers().map_err(broken)?.iter().map(str::to_owned).collect();
+        let table = read_csv(text, Table::begin, Table::push)?;
+        if table.squares.is_empty() {
+            return Err("expected at least one person".to_owned());
+        }
+        Ok(table)
+    }
+
+    fn begin(names: &csv::StringRecord) -> Result<Table, String> {
+        let columns: Vec<String> = names.iter().map(str::to_owned).collect();
         for (place, name) in columns.iter().enumerate() {
             if !OTHERS.contains(&name.as_str()) && !is_weight(name) {
                 return Err(format!(
@@ -67,16 +70,7 @@ impl Table {
                 return Err(format!("column `{name}` is listed twice"));
             }
         }
-        let mut table = Table { columns, numbers: Vec::new(), squares: Vec::new() };
-        for record in reader.records() {
-            let record = record.map_err(broken)?;
-            let line = record.position().map_or(0, csv::Position::line);
-            table.push(&record).map_err(|says| format!("line {line}: {says}"))?;
-        }
-        if table.squares.is_empty() {
-            return Err("expected at least one person".to_owned());
-        }
-        Ok(table)
+        Ok(Table { columns, numbers: Vec::new(), squares: Vec::new() })
     }
 
     fn push(&mut self, record: &csv::StringRecord) -> Result<(), String> {

@@ -352,6 +352,13 @@ impl PhysicalActivity {
         self.disengagement[lane] = disengagement;
     }
 
+    /// Makes what a rule reads of a lane that of another simulation.
+    pub(in crate::env) fn show(&mut self, lane: usize, of: &PhysicalActivity) {
+        self.set_context(lane, of.context(lane));
+        self.set_state(lane, of.habituation[lane], of.disengagement[lane]);
+        (self.times[lane], self.statuses[lane]) = (of.times[lane], of.statuses[lane]);
+    }
+
     /// Ends the episode of a lane before its horizon.
     pub fn end(&mut self, lane: usize) {
         self.statuses[lane] = EpisodeStatus::Truncated;

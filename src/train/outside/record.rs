@@ -16,7 +16,7 @@ use super::broken::Broken;
 /// The record of a training's episodes.
 pub(super) struct TrainingRecord<'j> {
     job: &'j Job,
-    control: &'j dyn TrainingControl,
+    pub(super) control: &'j dyn TrainingControl,
     /// The number of training episodes begun, including reported ones; never above the budget.
     begun: u32,
     curve: CurveRecorder,
@@ -156,7 +156,10 @@ impl<'j> TrainingRecord<'j> {
             .first_returns()
             .filter(|metric| metric.first_episodes() <= Some(trained));
         let known: Vec<MetricName> = known.collect();
-        let first = |_: &Tested, curve: &CurveRecorder| {
+        let first = |tested: &Tested, curve: &CurveRecorder| {
+            if self.job.trial.is_some() {
+                return tested.first_returns(self.job.evaluation.first_returns()).collect();
+            }
             curve.first_returns().filter(|metric| known.contains(&metric.name)).collect()
         };
         assemble(test, self.curve, self.log, first, None)

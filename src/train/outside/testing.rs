@@ -1,7 +1,7 @@
 //! The test of a program, on the same episodes as for every agent of the seed.
 
 use crate::agent::{Actions, certain};
-use crate::env::{Action, EpisodeStatus, Simulated, VectorEnvironment};
+use crate::env::{Action, EpisodeStatus, Observations, Simulated, VectorEnvironment};
 use crate::external::{
     Choices, FromProgram, Probabilities, Program, ProgramError, Rows, ToProgram,
 };
@@ -22,8 +22,7 @@ pub(super) fn play(
     stop: &dyn Fn() -> bool,
 ) -> Result<Test, Broken> {
     let mut test = Test::new(job);
-    let mut observations = job.task().observations().observations();
-    let mut running: Vec<usize> = Vec::new();
+    let mut question = Question::new(job);
     while !test.is_over() {
         let mut lanes = 0;
         let mut is_announced = false;
@@ -35,30 +34,11 @@ pub(super) fn play(
             if !std::mem::replace(&mut is_announced, true) {
                 program.send(&ToProgram::Test { lanes: simulation.lanes() });
             }
-            running.clear();
-            let statuses = simulation.statuses().iter().enumerate();
-            let is_running =
-                |(_, status): &(usize, &EpisodeStatus)| **status == EpisodeStatus::Running;
-            running.extend(statuses.filter(is_running).map(|(lane, _)| lane));
-            simulation.observe(&mut observations);
-            let values = observations.take_written_out();
-            let available = available(simulation, &running);
-            program.send(&ToProgram::Act {
-                lanes: &running,
-                observations: Rows {
-                    width: values.len() / simulation.lanes(),
-                    values: &values,
-                    only: Some(&running),
-                },
-                available: available.as_deref(),
-            });
-            const EXPECTED: &str = "\"choices\"";
-            let choices = match program.receive(EXPECTED, "in the test", stop)? {
-                FromProgram::Choices(choices) => choices,
-                other => return Err(unexpected(program, &other, EXPECTED).into()),
-            };
-            let chosen = Chosen { running: &running, actions, probabilities };
-            chosen.read(&choices, job.evaluation.test_actions.into(), stream).map_err(|fault| {
+            question.find(simulation);
+            let choices = question.ask(simulation, program, None, "in the test", stop)?;
+            let chosen = Chosen { running: &question.running, actions, probabilities };
+            let how = job.evaluation.test_actions.into();
+            chosen.read(&choices, how, &mut |_| stream.unit()).map_err(|fault| {
                 let error: ProgramError = program.broke(fault);
                 error.into()
             })
@@ -69,20 +49,80 @@ pub(super) fn play(
     Ok(test)
 }
 
+/// What a program is asked in a step.
+pub(super) struct Question {
+    /// The running lanes.
+    pub(super) running: Vec<usize>,
+    observations: Observations,
+}
+
+impl Question {
+    pub(super) fn new(job: &Job) -> Question {
+        let observations = job.task().observations().observations();
+        Question { running: Vec::new(), observations }
+    }
+
+    /// Finds the running lanes.
+    pub(super) fn find(&mut self, simulation: &Simulated) {
+        self.running.clear();
+        let statuses = simulation.statuses().iter().enumerate();
+        let is_running = |(_, status): &(usize, &EpisodeStatus)| **status == EpisodeStatus::Running;
+        self.running.extend(statuses.filter(is_running).map(|(lane, _)| lane));
+    }
+
+    /// The answer of a program to the observations of the running lanes; `moment` is the day of a trial and the decision
+    /// of the day.
+    ///
+    /// **Errors**: as [`Program::receive`], which `when` and `stop` are for.
+    pub(super) fn ask(
+        &mut self,
+        simulation: &Simulated,
+        program: &mut Program,
+        moment: Option<[u32; 2]>,
+        when: &str,
+        stop: &dyn Fn() -> bool,
+    ) -> Result<Choices, ProgramError> {
+        simulation.observe(&mut self.observations);
+        let values = self.observations.take_written_out();
+        let available = available(simulation, &self.running);
+        program.send(&ToProgram::Act {
+            day: moment.map(|[day, _]| day),
+            decision: moment.map(|[_, decision]| decision),
+            lanes: &self.running,
+            observations: Rows {
+                width: values.len() / simulation.lanes(),
+                values: &values,
+                only: Some(&self.running),
+            },
+            available: available.as_deref(),
+        });
+        const EXPECTED: &str = "\"choices\"";
+        match program.receive(EXPECTED, when, stop)? {
+            FromProgram::Choices(choices) => Ok(choices),
+            other => Err(unexpected(program, &other, EXPECTED)),
+        }
+    }
+}
+
 /// The destination of the choices of a step.
-struct Chosen<'a> {
-    running: &'a [usize],
-    actions: &'a mut [Action],
+pub(super) struct Chosen<'a> {
+    pub(super) running: &'a [usize],
+    pub(super) actions: &'a mut [Action],
     /// \[lanes, actions\].
-    probabilities: &'a mut [f64],
+    pub(super) probabilities: &'a mut [f64],
 }
 
 impl Chosen<'_> {
-    /// Reads choices. If the probabilities of all actions are given, draws from the stream once per running
-    /// lane.
+    /// Reads choices. If the probabilities of all actions are given, `unit` returns the number in [0, 1) that selects
+    /// the action of a lane; it is called once per running lane.
     ///
     /// **Errors**: a description of the fault in the choices.
-    fn read(self, choices: &Choices, how: Actions, stream: &mut Stream) -> Result<(), String> {
+    pub(super) fn read(
+        self,
+        choices: &Choices,
+        how: Actions,
+        unit: &mut dyn FnMut(usize) -> f64,
+    ) -> Result<(), String> {
         let (count, width) = (self.running.len(), self.probabilities.len() / self.actions.len());
         let sized = |what: &str, found: usize| match found == count {
             true => Ok(()),
@@ -119,7 +159,7 @@ impl Chosen<'_> {
                     let row = &mut self.probabilities[*lane * width..][..width];
                     share(given, row, *lane)?;
                     let chosen = match how {
-                        Actions::AsTrained => drawn(row, stream.unit()),
+                        Actions::AsTrained => drawn(row, unit(*lane)),
                         Actions::Greedy => likeliest(row),
                     };
                     self.actions[*lane] = Action::from_index(chosen).expect("one of the actions");
@@ -183,7 +223,8 @@ mod tests {
         let mut probabilities = [1.0, 0.0, 0.0, 0.0].repeat(3);
         let chosen =
             Chosen { running: &[0, 2], actions: &mut actions, probabilities: &mut probabilities };
-        chosen.read(&choices, how, &mut Stream::new(1, Purpose::TestActions))?;
+        let mut stream = Stream::new(1, Purpose::TestActions);
+        chosen.read(&choices, how, &mut |_| stream.unit())?;
         let with = actions.iter().zip(probabilities.chunks(4)).map(|(action, p)| p[action.index()]);
         Ok((actions.iter().map(|action| action.index()).collect(), with.collect()))
     }
