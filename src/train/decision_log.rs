@@ -90,20 +90,17 @@ impl StepObserver<Simulated> for DecisionLog {
             if *status != EpisodeStatus::Running || !lanes.is_counted(lane) {
                 continue;
             }
-            let step = lanes.time(lane);
+            let step = lanes.times()[lane];
             let mut row = probabilities[lane * count..(lane + 1) * count].to_vec();
             let chosen = self.unavailable.choice(lanes, lane, actions[lane], &mut row);
             let episode = self.episode(lane, step);
             if step == 0 && self.phase == Phase::Train {
                 let phase = self.phase;
-                self.participants.extend(lanes.participant(lane).into_iter().map(
-                    |(place, value)| ParticipantValue {
-                        phase,
-                        episode,
-                        parameter: place as u8,
-                        value,
-                    },
-                ));
+                let mut values = Vec::new();
+                lanes.participant(lane, &mut values);
+                self.participants.extend(values.into_iter().map(|(place, value)| {
+                    ParticipantValue { phase, episode, parameter: place as u8, value }
+                }));
             }
             let mut state = Vec::new();
             lanes.record_state(lane, &mut state);
