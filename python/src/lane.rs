@@ -114,11 +114,11 @@ impl Lane {
 #[pymethods]
 impl Lane {
     #[new]
-    fn new(py: Python<'_>, declaration: Py<Declaration>, state_in_info: bool) -> Self {
+    fn new(py: Python<'_>, declaration: Py<Declaration>, state_in_info: bool) -> PyResult<Self> {
         let declared = declaration.get();
         let simulation = declared.simulation(1);
-        Lane {
-            parts: Parts::new(py, declared.environment(), &simulation, state_in_info),
+        Ok(Lane {
+            parts: Parts::new(py, declared.environment(), &simulation, state_in_info)?,
             observations: simulation.observation_spec().observations(),
             simulation,
             declaration,
@@ -127,7 +127,7 @@ impl Lane {
             last: None,
             total: 0.0,
             is_closed: false,
-        }
+        })
     }
 
     /// Whether a reset needs a seed, because there is no random stream yet.
@@ -170,7 +170,7 @@ impl Lane {
         lane.require_step(py)?;
         let action = action_of(action, lane.parts.actions)?;
         let mut reward = [0.0];
-        let taken = lane.simulation.taken(0, action);
+        let taken = if lane.parts.masks { lane.simulation.taken(0, action) } else { action };
         lane.simulation.step(&[action], &mut reward, &mut lane.streams);
         let outcome = lane.simulation.outcomes(&reward)[0];
         lane.last = Some((taken, outcome));
@@ -237,7 +237,7 @@ impl Lane {
         is_closed: bool,
         state: &[u8],
     ) -> PyResult<Lane> {
-        let mut lane = Lane::new(py, declaration, state_in_info);
+        let mut lane = Lane::new(py, declaration, state_in_info)?;
         (lane.seed, lane.is_closed) = (seed, is_closed);
         let seed = seed.unwrap_or_default();
         lane.streams = LaneStreams::Shared(Stream::new(seed, Purpose::TestEnvironment));

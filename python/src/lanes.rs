@@ -288,7 +288,7 @@ impl Lanes {
         let declared = declaration.get();
         let simulation = declared.simulation(lanes);
         Ok(Lanes {
-            parts: Parts::new(py, declared.environment(), &simulation, state_in_info),
+            parts: Parts::new(py, declared.environment(), &simulation, state_in_info)?,
             autoreset: Autoreset::named(autoreset)?,
             observations: simulation.observation_spec().observations(),
             simulation,

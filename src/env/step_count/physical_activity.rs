@@ -152,6 +152,7 @@ impl PhysicalActivity {
     }
 
     /// The states as an observer sees them.
+    #[inline]
     pub(super) fn states(&self) -> LaneStates<'_> {
         let lanes = self.lanes();
         LaneStates {
