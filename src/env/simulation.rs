@@ -54,6 +54,11 @@ pub trait Simulation: VectorEnvironment + Any + fmt::Debug + Send + Sync {
     /// The number of steps taken in each lane's episode, \[lanes\].
     fn times(&self) -> &[u32];
 
+    /// The number of steps taken in a lane's episode.
+    fn time(&self, lane: usize) -> u32 {
+        self.times()[lane]
+    }
+
     /// Whether a lane's next step is part of its episode. True by default.
     fn is_counted(&self, lane: usize) -> bool {
         let _ = lane;

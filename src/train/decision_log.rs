@@ -90,7 +90,7 @@ impl StepObserver<Simulated> for DecisionLog {
             if *status != EpisodeStatus::Running || !lanes.is_counted(lane) {
                 continue;
             }
-            let step = lanes.times()[lane];
+            let step = lanes.time(lane);
             let mut row = probabilities[lane * count..(lane + 1) * count].to_vec();
             let chosen = self.unavailable.choice(lanes, lane, actions[lane], &mut row);
             let episode = self.episode(lane, step);

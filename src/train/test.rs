@@ -163,7 +163,7 @@ impl Test {
             player.chosen(lanes, &actions, &probabilities);
             lanes.step(&actions, &mut rewards, &mut streams.environment);
             player.paid(lanes, &rewards);
-            study.end_step(&mut rewards, |person| lanes.times()[person]);
+            study.end_step(&mut rewards, |person| lanes.time(person));
             actor.observe(lanes, &rewards);
         }
         let is_over = study.is_over();
