@@ -166,7 +166,7 @@ impl Declaration {
         outcome(self.environment())
     }
 
-    /// Whether rewards can differ from it, by the cost of messages.
+    /// Whether the cost of messages makes rewards differ from outcomes.
     #[getter]
     fn has_costs(&self) -> bool {
         self.environment().message_cost().is_some()

@@ -338,6 +338,11 @@ def test_every_family_has_an_id():
     assert envs.spec.max_episode_steps == 20
     with pytest.raises(ValueError, match="missing key `people`"):
         gymnasium.make("jitai/Oralytics-v0")
+    manifest = PEOPLE / "updates.toml"
+    declaration = gymnasium.make("jitai/Oralytics-v0", manifest=manifest).unwrapped.declaration
+    assert declaration.scenario == "time_of_day-brushing-dosage-app"
+    with pytest.raises(ValueError, match="the manifest declares oralytics, found 'step_count'"):
+        jitai.make(manifest=manifest, family="step_count")
     with pytest.raises(ValueError, match="140 steps; set a key of the environment"):
         gymnasium.make_vec("jitai/Oralytics-v0", people=ORALYTICS["people"], max_episode_steps=3)
 

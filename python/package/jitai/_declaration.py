@@ -34,13 +34,18 @@ def declare(
         if extends is not None and not isinstance(extends, str):
             raise TypeError(f"`extends`: expected a word, found {extends!r}")
         return Declaration.of_keys(scenario, extends, keys)
+    # The id in Gymnasium has a family too.
+    family = keys.pop("family", None)
     given = [name for name, value in (("scenario", scenario), ("extends", extends)) if value]
     given += keys
     if given:
         raise TypeError(f"the manifest declares {', '.join(given)}; choose by environment=…")
     if isinstance(environment, Mapping):
         environment = ",".join(f"{name}={_written(value)}" for name, value in environment.items())
-    return Declaration.of_manifest(os.fspath(manifest), environment)
+    declaration = Declaration.of_manifest(os.fspath(manifest), environment)
+    if family not in (None, declaration.family):
+        raise ValueError(f"family: the manifest declares {declaration.family}, found {family!r}")
+    return declaration
 
 
 def _written(value: Any) -> str:
