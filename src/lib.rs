@@ -162,8 +162,8 @@ pub mod environment {
         Action, ActionSpec, ContextDraw, Environment, EpisodeStatus, Family, Feature, FeatureSpec,
         FirstContext, Interface, LaneSet, LaneStreams, Model, OPTIONS, ObservationSpec,
         Observations, ParticipantSampler, PhysicalActivity, Population, PopulationPhases, Scenario,
-        ScenarioError, Simulated, Simulation, StepCount, StepCountModel, TimeIndicator,
-        VectorEnvironment,
+        ScenarioError, Simulated, Simulation, StateColumn, StepCount, StepCountModel,
+        TimeIndicator, VectorEnvironment,
     };
     pub use crate::key::{Column, Distribution, NumberRange, Rows};
     pub use crate::rng::{Purpose, Stream};

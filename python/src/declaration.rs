@@ -4,15 +4,15 @@
 use std::path::PathBuf;
 use std::sync::atomic::{AtomicBool, Ordering};
 
-use jitai::env::INITIAL_STEPS;
-use jitai::environment::{ObservationSpec, PhysicalActivity, StepCount, VectorEnvironment};
+use jitai::environment::{Environment, Family, ObservationSpec, Scenario, Simulated};
 use jitai::experiment::{self, Filter, Job, Manifest, PlannedJob};
-use jitai::key::{Keyed, Value};
+use jitai::key::{Content, Kind, Value, json_object};
 use pyo3::exceptions::{PyFileNotFoundError, PyTypeError, PyValueError};
 use pyo3::prelude::*;
 use pyo3::types::{PyBool, PyDict, PyFloat, PyInt, PyList, PyString, PyTuple};
 use toml::Value as Toml;
 
+use crate::info::outcome;
 use crate::interrupt::interruptible;
 
 /// Maximum nesting of lists in a value; no key needs more than two levels.
@@ -21,7 +21,7 @@ const DEEPEST: usize = 8;
 const SHOWN: usize = 5;
 
 /// The keys of a manifest that do not describe an environment.
-const NOT_OF_AN_ENVIRONMENT: [&str; 14] = [
+const NOT_OF_AN_ENVIRONMENT: [&str; 15] = [
     "agent",
     "analysis",
     "evaluation",
@@ -35,6 +35,7 @@ const NOT_OF_AN_ENVIRONMENT: [&str; 14] = [
     "scenarios",
     "seeds",
     "time_limit_seconds",
+    "trial",
     "zip",
 ];
 
@@ -43,38 +44,23 @@ const NOT_OF_AN_ENVIRONMENT: [&str; 14] = [
 pub(crate) struct Declaration(Job);
 
 impl Declaration {
-    /// The declaration of a job's environment, if it is of the family `step_count`.
+    /// The declaration of a job's environment, if it is of a family that jitai simulates.
     fn of(job: Job) -> PyResult<Declaration> {
-        match job.task().step_count() {
-            Some(_) => Ok(Declaration(job)),
-            None => Err(another_family(job.environment.family().name)),
+        match job.environment.family().is_external() {
+            false => Ok(Declaration(job)),
+            true => Err(outside_program()),
         }
     }
 
+    /// The environment.
+    pub(crate) fn environment(&self) -> &Environment {
+        &self.0.environment
+    }
+
     /// The simulation with this number of lanes, none of which has an episode yet.
-    pub(crate) fn simulation(&self, lanes: usize) -> PhysicalActivity {
+    pub(crate) fn simulation(&self, lanes: usize) -> Simulated {
         // The participants of the test, whichever participants an agent is trained on.
-        let task = self.0.task();
-        task.model().of_test(task.scenario, task.history as usize, lanes)
-    }
-
-    /// Whether there can be steps at which no message can be sent.
-    pub(crate) fn has_masks(&self) -> bool {
-        let task = self.0.task();
-        let environment = &task.model().parameters;
-        self.simulation(1).can_be_unavailable() || environment.can_spend_budget()
-    }
-
-    /// Finite bounds of the steps walked that the letter S shows, the only entry without bounds of its
-    /// own; Gymnasium's checker objects to infinite ones.
-    fn steps_shown(&self) -> [f32; 2] {
-        let spec = self.simulation(1).action_spec();
-        let shown = |steps: f64| (steps / 100.0) as f32;
-        let first = shown(INITIAL_STEPS);
-        [
-            shown(spec.lowest_reward).clamp(f32::MIN, first),
-            shown(spec.highest_reward).clamp(first, f32::MAX),
-        ]
+        self.0.task().tested(lanes)
     }
 
     fn spec(&self) -> ObservationSpec {
@@ -86,12 +72,22 @@ impl Declaration {
 impl Declaration {
     /// The environment with these keywords: keys of `[environment]`, and tables of a manifest as dicts.
     #[staticmethod]
-    fn of_keys(scenario: &str, extends: Option<&str>, keys: &Bound<'_, PyDict>) -> PyResult<Self> {
+    fn of_keys(
+        scenario: Option<&Bound<'_, PyAny>>,
+        extends: Option<&str>,
+        keys: &Bound<'_, PyDict>,
+    ) -> PyResult<Self> {
         let family = keys.get_item("family")?.and_then(|family| family.extract::<String>().ok());
-        if family.as_deref() == Some(jitai::environment::outside::FAMILY.name) {
-            return Err(another_family("external"));
+        let family = family.and_then(|name| Family::named(&name)).unwrap_or(Family::first());
+        if family.is_external() {
+            return Err(outside_program());
         }
-        let manifest = manifest_of(scenario, extends, keys)?;
+        let scenario = match scenario {
+            Some(scenario) => toml_of("scenario", scenario, 0)?,
+            None if family.has_letters => Toml::String(family.example_scenarios[0].to_owned()),
+            None => Toml::String(Scenario::all().to_string()),
+        };
+        let manifest = manifest_of(family, scenario, extends, keys)?;
         let mut jobs = experiment::jobs(&manifest);
         let first = jobs.next().ok_or_else(|| PyValueError::new_err("no environment"))?.job;
         if let Some(other) = jobs.find(|other| !is_same(&other.job, &first)) {
@@ -121,10 +117,14 @@ impl Declaration {
         )?
     }
 
-    /// The declaration in a text of [`Declaration::text`].
+    /// The declaration in a text of [`Declaration::text`], which names files by their digests, with the texts
+    /// of [`Declaration::files`].
     #[staticmethod]
-    fn of_text(text: &str) -> PyResult<Self> {
-        Job::from_canonical(text).map_err(refused).and_then(Declaration::of)
+    #[pyo3(signature = (text, files = Vec::new()))]
+    fn of_text(text: &str, files: Vec<String>) -> PyResult<Self> {
+        let mut job = Job::from_canonical(text).map_err(refused)?;
+        job.environment = with_files(&job.environment, &files)?;
+        Declaration::of(job)
     }
 
     /// The declaration as one line of text.
@@ -132,9 +132,20 @@ impl Declaration {
         self.0.canonical()
     }
 
-    fn __reduce__(slf: &Bound<'_, Self>) -> PyResult<(Py<PyAny>, (String,))> {
+    /// The texts of the files that the environment's keys name.
+    fn files(&self) -> Vec<String> {
+        let values = self.environment().values().into_iter();
+        let text = |value| match value {
+            Value::Content(content) => content.text().map(str::to_owned),
+            _ => None,
+        };
+        values.filter_map(text).collect()
+    }
+
+    #[allow(clippy::type_complexity)]
+    fn __reduce__(slf: &Bound<'_, Self>) -> PyResult<(Py<PyAny>, (String, Vec<String>))> {
         let read = slf.get_type().getattr("of_text")?;
-        Ok((read.unbind(), (slf.get().text(),)))
+        Ok((read.unbind(), (slf.get().text(), slf.get().files())))
     }
 
     /// The scenario, such as `P-H-D`.
@@ -149,6 +160,18 @@ impl Declaration {
         self.0.environment.family().name
     }
 
+    /// The name in `info` of what a step adds to the return, such as `steps_walked`.
+    #[getter]
+    fn outcome(&self) -> String {
+        outcome(self.environment())
+    }
+
+    /// Whether the cost of messages makes rewards differ from outcomes.
+    #[getter]
+    fn has_costs(&self) -> bool {
+        self.environment().message_cost().is_some()
+    }
+
     /// The meaning of every action, by number.
     #[getter]
     fn actions(&self) -> Vec<String> {
@@ -159,7 +182,8 @@ impl Declaration {
     #[getter]
     fn keys<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
         let keys = PyDict::new(py);
-        for (name, value) in self.0.task().model().parameters.to_json() {
+        let environment = self.environment();
+        for (name, value) in json_object(environment.family().keys, &environment.values()) {
             keys.set_item(name, json(py, &value)?)?;
         }
         Ok(keys)
@@ -169,11 +193,12 @@ impl Declaration {
     #[getter]
     fn entries(&self) -> Vec<(String, f32, f32)> {
         let ObservationSpec { features, one_hot } = self.spec();
-        let steps = self.steps_shown();
-        let features = features.into_iter().map(|feature| match feature.low.is_finite() {
-            true => (feature.name, feature.low, feature.high),
-            false => (feature.name, steps[0], steps[1]),
-        });
+        // Gymnasium's checker objects to infinite bounds.
+        let [least, most] = self.simulation(1).finite_bounds();
+        let finite = |bound: f32, other| if bound.is_finite() { bound } else { other };
+        let features = features
+            .into_iter()
+            .map(|feature| (feature.name, finite(feature.low, least), finite(feature.high, most)));
         features.chain((0..one_hot).map(|time| (format!("t{time}"), 0.0, 1.0))).collect()
     }
 
@@ -189,14 +214,30 @@ pub(crate) fn json<'py>(py: Python<'py>, value: &serde_json::Value) -> PyResult<
     py.import("json")?.call_method1("loads", (value.to_string(),))
 }
 
-/// The refusal of an environment of another family than `step_count`.
-fn another_family(family: &str) -> PyErr {
-    refused(match family == jitai::environment::outside::FAMILY.name {
-        true => "family = \"external\": the environment is a program, which `jitai run` starts for a job; \
-                 make the Gymnasium environment that the program serves"
-            .to_owned(),
-        false => format!("family = \"{family}\": only step_count is a Gymnasium environment; use `jitai run`"),
-    })
+/// The refusal of an environment that is an outside program.
+fn outside_program() -> PyErr {
+    refused(
+        "family = \"external\": the environment is a program, which `jitai run` starts for a job; \
+         make the Gymnasium environment that the program serves",
+    )
+}
+
+/// The environment with the texts of files of which it knows only the digests.
+fn with_files(environment: &Environment, files: &[String]) -> PyResult<Environment> {
+    let family = environment.family();
+    let mut values = environment.values();
+    for (key, value) in family.keys.iter().zip(&mut values) {
+        if let (Kind::Content(form), Value::Content(content)) = (key.kind, value)
+            && !content.is_none()
+        {
+            let read = files.iter().filter_map(|text| Content::read(form, text).ok());
+            *content = read.into_iter().find(|read| read == content).ok_or_else(|| {
+                refused(format!("`{}`: the text of {content} is missing; pass its files", key.name))
+            })?;
+        }
+    }
+    let read = (family.read)(family, &values, &environment.people_values());
+    read.ok_or_else(|| refused("the environment cannot be read"))
 }
 
 fn refused(error: impl std::fmt::Display) -> PyErr {
@@ -205,7 +246,8 @@ fn refused(error: impl std::fmt::Display) -> PyErr {
 
 /// The manifest that declares a single environment.
 fn manifest_of(
-    scenario: &str,
+    family: &Family,
+    scenario: Toml,
     extends: Option<&str>,
     keys: &Bound<'_, PyDict>,
 ) -> PyResult<Manifest> {
@@ -216,7 +258,7 @@ fn manifest_of(
         ("format".to_owned(), Toml::Integer(1)),
         ("name".to_owned(), text("environment")),
         ("seeds".to_owned(), Toml::Integer(1)),
-        ("scenarios".to_owned(), Toml::Array(vec![text(scenario)])),
+        ("scenarios".to_owned(), Toml::Array(vec![scenario])),
         ("agent".to_owned(), Toml::Array(vec![Toml::Table(agent)])),
     ]);
     if let Some(preset) = extends {
@@ -225,7 +267,7 @@ fn manifest_of(
     let mut environment = toml::Table::new();
     for (name, value) in keys {
         let name: String = name.extract()?;
-        let is_key = StepCount::KEYS.iter().any(|key| key.name == name);
+        let is_key = family.keys.iter().any(|key| key.name == name);
         let value = toml_of(&name, &value, 0)?;
         if value.is_table() && !is_key && !NOT_OF_AN_ENVIRONMENT.contains(&name.as_str()) {
             manifest.insert(name, value);
@@ -280,6 +322,10 @@ fn toml_of(name: &str, value: &Bound<'_, PyAny>, depth: usize) -> PyResult<Toml>
             Ok((key, value))
         });
         return Ok(Toml::Table(entries.collect::<PyResult<_>>()?));
+    }
+    // Paths.
+    if value.hasattr("__fspath__")? {
+        return Ok(Toml::String(value.extract::<PathBuf>()?.display().to_string()));
     }
     // NumPy scalars and arrays.
     if value.hasattr("tolist")? {

@@ -1,102 +1,191 @@
 //! The true state of lanes, as the dictionaries that Gymnasium calls `info`.
 
-use jitai::environment::{Action, OPTIONS, ParticipantSampler, PhysicalActivity};
+use std::sync::Arc;
+
+use jitai::environment::{Environment, Simulated, StateColumn, VectorEnvironment};
+use jitai::key::Kind;
 use numpy::{PyArray1, PyArrayMethods};
 use pyo3::intern;
 use pyo3::prelude::*;
-use pyo3::types::PyDict;
+use pyo3::types::{PyDict, PyString};
 
-/// The parts of an `info`.
-#[derive(Clone, Copy, Debug)]
+/// The parts of an `info`. Copies share the names.
+#[derive(Clone)]
 pub(crate) struct Parts {
-    /// The true state.
+    /// Whether there is a true state.
     pub(crate) state: bool,
-    /// The mask of actions; only for environments with steps at which no message can be sent.
+    /// Whether there is a mask of actions: only for environments with steps at which no message can be sent.
     pub(crate) masks: bool,
+    /// The number of actions.
+    pub(crate) actions: usize,
+    names: Arc<Names>,
 }
 
-/// 1 for the actions that have a distinct effect in a lane, 0 for the others.
-pub(crate) fn mask(lanes: &PhysicalActivity, lane: usize) -> [i8; OPTIONS] {
-    std::array::from_fn(|index| {
-        let action = Action::from_index(index).unwrap_or(Action::NONE);
-        i8::from(lanes.taken(lane, action) == action)
-    })
+/// The names of entries.
+struct Names {
+    /// The columns of the state, in their order.
+    state: Vec<Py<PyString>>,
+    /// What a step adds to the return.
+    outcome: Py<PyString>,
+    /// An info of a state with these names, whose copies are filled faster than empty ones.
+    empty: Py<PyDict>,
+    /// The parameters in which participants can differ, by place.
+    people: Vec<&'static str>,
 }
 
-/// The parameters of the participant in a lane, by name; empty without a population.
-fn participant(lanes: &PhysicalActivity, lane: usize) -> impl Iterator<Item = (&'static str, f64)> {
-    let name = |place| ParticipantSampler::all_names().nth(place).unwrap_or_default();
-    lanes.participant(lane).map(move |(place, value)| (name(place), value))
+impl Parts {
+    /// The parts for lanes of this environment.
+    pub(crate) fn new(
+        py: Python<'_>,
+        environment: &Environment,
+        lanes: &Simulated,
+        state: bool,
+    ) -> PyResult<Parts> {
+        let interned = |name: &str| PyString::intern(py, name).unbind();
+        let mut columns = Vec::new();
+        lanes.show_state(&mut |name, _| columns.push(interned(name)));
+        let people = environment.family().people.iter();
+        let differs = |kind: Kind| matches!(kind, Kind::Distribution(_));
+        let outcome = interned(&outcome(environment));
+        let empty = PyDict::new(py);
+        empty.set_item(intern!(py, "step"), py.None())?;
+        for name in columns.iter().chain([&outcome]) {
+            empty.set_item(name, py.None())?;
+        }
+        let names = Names {
+            state: columns,
+            outcome,
+            empty: empty.unbind(),
+            people: people.filter(|key| differs(key.kind)).map(|key| key.name).collect(),
+        };
+        Ok(Parts {
+            state,
+            masks: environment.can_withhold(),
+            actions: environment.actions().len(),
+            names: Arc::new(names),
+        })
+    }
+}
+
+/// The name of what a step adds to the return: its unit, such as `steps_walked`.
+pub(crate) fn outcome(environment: &Environment) -> String {
+    environment.return_unit().replace(' ', "_")
+}
+
+/// Whether each action has an effect of its own in a lane.
+pub(crate) fn mask(
+    lanes: &Simulated,
+    lane: usize,
+    actions: usize,
+) -> impl Iterator<Item = bool> + use<> {
+    let can_send = lanes.can_send(lane);
+    (0..actions).map(move |action| can_send || action == 0)
 }
 
 /// The state of one lane.
 pub(crate) fn of_lane<'py>(
     py: Python<'py>,
-    lanes: &PhysicalActivity,
-    lane: usize,
-    steps_walked: Option<f64>,
-    parts: Parts,
+    lanes: &Simulated,
+    outcome: f64,
+    parts: &Parts,
 ) -> PyResult<Bound<'py, PyDict>> {
-    let info = PyDict::new(py);
+    let info = match parts.state {
+        true => parts.names.empty.bind(py).copy()?,
+        false => PyDict::new(py),
+    };
     if parts.state {
-        let draw = lanes.context(lane);
-        info.set_item(intern!(py, "step"), lanes.times()[lane])?;
-        info.set_item(intern!(py, "context"), draw.context)?;
-        info.set_item(intern!(py, "probability_0"), draw.probability_of_zero)?;
-        info.set_item(intern!(py, "likely"), draw.likely)?;
-        info.set_item(intern!(py, "habituation"), lanes.habituation()[lane])?;
-        info.set_item(intern!(py, "disengagement"), lanes.disengagement()[lane])?;
-        info.set_item(intern!(py, "available"), lanes.is_available(lane))?;
-        info.set_item(intern!(py, "steps_walked"), steps_walked.unwrap_or(0.0))?;
-        let mut participant = participant(lanes, lane).peekable();
-        if participant.peek().is_some() {
+        info.set_item(intern!(py, "step"), lanes.times()[0])?;
+        let mut names = parts.names.state.iter();
+        let mut failed = None;
+        lanes.show_state(&mut |_, column| {
+            let Some(name) = names.next() else { return };
+            let name = name.bind(py);
+            let added = match column {
+                StateColumn::Flags(flags) => info.set_item(name, flags[0]),
+                StateColumn::Bytes(numbers) => info.set_item(name, numbers[0]),
+                StateColumn::Counts(numbers) => info.set_item(name, numbers[0]),
+                StateColumn::Reals(numbers) => info.set_item(name, numbers[0]),
+            };
+            if let Err(error) = added {
+                failed = Some(error);
+            }
+        });
+        if let Some(error) = failed {
+            return Err(error);
+        }
+        info.set_item(parts.names.outcome.bind(py), outcome)?;
+        let mut participant = Vec::new();
+        lanes.participant(0, &mut participant);
+        if !participant.is_empty() {
             let values = PyDict::new(py);
-            participant.try_for_each(|(name, value)| values.set_item(name, value))?;
+            let names = &parts.names.people;
+            participant
+                .iter()
+                .try_for_each(|(place, value)| values.set_item(names[*place], value))?;
             info.set_item(intern!(py, "participant"), values)?;
         }
     }
     if parts.masks {
-        info.set_item(intern!(py, "action_mask"), PyArray1::from_slice(py, &mask(lanes, lane)))?;
+        let mask: Vec<i8> = mask(lanes, 0, parts.actions).map(i8::from).collect();
+        info.set_item(intern!(py, "action_mask"), PyArray1::from_vec(py, mask))?;
     }
     Ok(info)
 }
 
 /// The state of the marked lanes, as an array per entry, each with a mask.
 ///
-/// **Shapes**: `marked` and `steps_walked` are \[lanes\].
+/// **Shapes**: `marked` and `outcomes` are \[lanes\].
 pub(crate) fn of_lanes<'py>(
     py: Python<'py>,
-    lanes: &PhysicalActivity,
+    lanes: &Simulated,
     marked: Option<&[bool]>,
-    steps_walked: Option<&[f64]>,
-    parts: Parts,
+    outcomes: Option<&[f64]>,
+    parts: &Parts,
 ) -> PyResult<Bound<'py, PyDict>> {
-    let columns = Columns { py, info: PyDict::new(py), marked, count: lanes.times().len() };
+    let columns = Columns { py, info: PyDict::new(py), marked, count: lanes.lanes() };
     if parts.state {
-        columns.add("step", |lane| i64::from(lanes.times()[lane]))?;
-        columns.add("context", |lane| i64::from(lanes.context(lane).context))?;
-        columns.add("probability_0", |lane| lanes.context(lane).probability_of_zero)?;
-        columns.add("likely", |lane| i64::from(lanes.context(lane).likely))?;
-        columns.add("habituation", |lane| lanes.habituation()[lane])?;
-        columns.add("disengagement", |lane| lanes.disengagement()[lane])?;
-        columns.add("available", |lane| lanes.is_available(lane))?;
-        columns.add("steps_walked", |lane| steps_walked.map_or(0.0, |steps| steps[lane]))?;
-        let names: Vec<&str> = participant(lanes, 0).map(|(name, _)| name).collect();
-        if !names.is_empty() {
+        let times = lanes.times();
+        columns.add("step", |lane| i64::from(times[lane]))?;
+        let mut failed = None;
+        lanes.show_state(&mut |name, column| {
+            let added = match column {
+                StateColumn::Flags(flags) => columns.add(name, |lane| flags[lane]),
+                StateColumn::Bytes(numbers) => columns.add(name, |lane| i64::from(numbers[lane])),
+                StateColumn::Counts(numbers) => columns.add(name, |lane| i64::from(numbers[lane])),
+                StateColumn::Reals(numbers) => columns.add(name, |lane| numbers[lane]),
+            };
+            if let Err(error) = added {
+                failed = Some(error);
+            }
+        });
+        if let Some(error) = failed {
+            return Err(error);
+        }
+        let outcome = parts.names.outcome.to_str(py)?;
+        columns.add(outcome, |lane| outcomes.map_or(0.0, |outcomes| outcomes[lane]))?;
+        let mut values = Vec::new();
+        lanes.participant(0, &mut values);
+        let width = values.len();
+        if width > 0 {
+            (1..columns.count).for_each(|lane| lanes.participant(lane, &mut values));
             let people = columns.nested();
-            for (index, name) in names.into_iter().enumerate() {
-                let value =
-                    |lane| participant(lanes, lane).nth(index).map_or(0.0, |(_, value)| value);
-                people.add(name, value)?;
+            for index in 0..width {
+                let name = parts.names.people[values[index].0];
+                people.add(name, |lane| values[lane * width + index].1)?;
             }
             columns.info.set_item(intern!(py, "participant"), people.info)?;
             columns.add_mask("participant")?;
         }
     }
     if parts.masks {
-        let shown = |lane: usize| if columns.has(lane) { mask(lanes, lane) } else { [0; 4] };
-        let masks: Vec<i8> = (0..columns.count).flat_map(shown).collect();
-        let masks = PyArray1::from_vec(py, masks).reshape([columns.count, OPTIONS])?;
+        let mut masks = vec![0; columns.count * parts.actions];
+        for (lane, row) in masks.chunks_exact_mut(parts.actions).enumerate() {
+            if columns.has(lane) {
+                let open = mask(lanes, lane, parts.actions);
+                row.iter_mut().zip(open).for_each(|(shown, open)| *shown = i8::from(open));
+            }
+        }
+        let masks = PyArray1::from_vec(py, masks).reshape([columns.count, parts.actions])?;
         columns.info.set_item(intern!(py, "action_mask"), masks)?;
         columns.add_mask("action_mask")?;
     }

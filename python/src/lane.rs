@@ -3,8 +3,8 @@
 use std::io;
 
 use jitai::environment::{
-    Action, EpisodeStatus, LaneSet, LaneStreams, OPTIONS, Observations, PhysicalActivity, Purpose,
-    Resumable, StateReader, StateWriter, Stream, VectorEnvironment,
+    Action, EpisodeStatus, LaneSet, LaneStreams, Observations, Purpose, Resumable, Simulated,
+    StateReader, StateWriter, Stream, VectorEnvironment,
 };
 use numpy::PyArray1;
 use pyo3::exceptions::PyTypeError;
@@ -23,14 +23,14 @@ type Info<'py> = Bound<'py, PyDict>;
 pub(crate) struct Lane {
     declaration: Py<Declaration>,
     parts: Parts,
-    simulation: PhysicalActivity,
+    simulation: Simulated,
     /// `None` before the first reset.
     seed: Option<u64>,
     streams: LaneStreams,
     observations: Observations,
-    /// The last action of the episode, and the steps walked after it.
+    /// The last action of the episode, and what it added to the return.
     last: Option<(Action, f64)>,
-    /// Steps walked in the episode so far.
+    /// The return of the episode so far.
     total: f64,
     is_closed: bool,
 }
@@ -45,8 +45,8 @@ impl Lane {
     }
 
     fn info<'py>(&self, py: Python<'py>) -> PyResult<Info<'py>> {
-        let steps_walked = self.last.map(|(_, steps)| steps);
-        of_lane(py, &self.simulation, 0, steps_walked, self.parts)
+        let outcome = self.last.map_or(0.0, |(_, outcome)| outcome);
+        of_lane(py, &self.simulation, outcome, &self.parts)
     }
 
     fn status(&self) -> EpisodeStatus {
@@ -70,36 +70,32 @@ impl Lane {
         if self.seed.is_none() {
             return "no episode yet".to_owned();
         }
-        let draw = self.simulation.context(0);
+        let environment = self.declaration.get().environment();
         let last = match self.last {
             None => "episode begins".to_owned(),
-            Some((action, steps)) => format!("action {}, {steps:.1} steps walked", action.index()),
+            Some((action, outcome)) => {
+                format!("action {}, {outcome:.1} {}", action.index(), environment.return_unit())
+            }
         };
-        let end = match self.status() {
-            EpisodeStatus::Running => "",
-            EpisodeStatus::Terminated => "; disengaged",
-            EpisodeStatus::Truncated => "; horizon",
+        let end = match (self.status(), environment.family().termination_metric) {
+            (EpisodeStatus::Running, _) => "",
+            (EpisodeStatus::Terminated, "disengagement_rate") => "; disengaged",
+            (EpisodeStatus::Terminated, _) => "; terminated",
+            (EpisodeStatus::Truncated, _) => "; horizon",
         };
-        format!(
-            "step {:2}: context {}, P(0) {:.2}, habituation {:.2}, disengagement {:.2}; {last}; \
-             return {:.1}{end}",
-            self.simulation.times()[0],
-            draw.context,
-            draw.probability_of_zero,
-            self.simulation.habituation()[0],
-            self.simulation.disengagement()[0],
-            self.total,
-        )
+        let (time, state) = (self.simulation.times()[0], self.simulation.described_state(0));
+        format!("step {time:2}: {state}; {last}; return {:.1}{end}", self.total)
     }
 
-    fn copied(&self, py: Python<'_>) -> Lane {
-        Lane {
+    fn copied(&self, py: Python<'_>) -> PyResult<Lane> {
+        Ok(Lane {
             declaration: self.declaration.clone_ref(py),
-            simulation: self.simulation.clone(),
+            parts: self.parts.clone(),
+            simulation: self.simulation.copied()?,
             streams: self.streams.clone(),
             observations: self.observations.clone(),
             ..*self
-        }
+        })
     }
 
     fn save(&self) -> io::Result<Vec<u8>> {
@@ -108,9 +104,9 @@ impl Lane {
         self.simulation.save(&mut out)?;
         self.streams.save(&mut out)?;
         out.one(self.total)?;
-        let (action, steps) = self.last.unwrap_or((Action::NONE, 0.0));
-        out.one(if self.last.is_some() { action.index() as u8 } else { OPTIONS as u8 })?;
-        out.one(steps)?;
+        let (action, outcome) = self.last.unwrap_or((Action::default(), f64::NAN));
+        out.one(action.index() as u8)?;
+        out.one(outcome)?;
         Ok(bytes)
     }
 }
@@ -118,11 +114,11 @@ impl Lane {
 #[pymethods]
 impl Lane {
     #[new]
-    fn new(declaration: Py<Declaration>, state_in_info: bool) -> Self {
+    fn new(py: Python<'_>, declaration: Py<Declaration>, state_in_info: bool) -> PyResult<Self> {
         let declared = declaration.get();
         let simulation = declared.simulation(1);
-        Lane {
-            parts: Parts { state: state_in_info, masks: declared.has_masks() },
+        Ok(Lane {
+            parts: Parts::new(py, declared.environment(), &simulation, state_in_info)?,
             observations: simulation.observation_spec().observations(),
             simulation,
             declaration,
@@ -131,7 +127,7 @@ impl Lane {
             last: None,
             total: 0.0,
             is_closed: false,
-        }
+        })
     }
 
     /// Whether a reset needs a seed, because there is no random stream yet.
@@ -172,13 +168,13 @@ impl Lane {
         let py = slf.py();
         let lane = &mut *used_alone(slf)?;
         lane.require_step(py)?;
-        let action = action_of(action)?;
+        let action = action_of(action, lane.parts.actions)?;
         let mut reward = [0.0];
-        let taken = lane.simulation.taken(0, action);
+        let taken = if lane.parts.masks { lane.simulation.taken(0, action) } else { action };
         lane.simulation.step(&[action], &mut reward, &mut lane.streams);
-        let steps = lane.simulation.outcomes(&reward)[0];
-        lane.last = Some((taken, steps));
-        lane.total += steps;
+        let outcome = lane.simulation.outcomes(&reward)[0];
+        lane.last = Some((taken, outcome));
+        lane.total += outcome;
         let status = lane.status();
         Ok((
             lane.observation(py),
@@ -190,11 +186,11 @@ impl Lane {
     }
 
     /// \[actions\]: whether each action has an effect of its own at the current step.
-    fn action_masks(slf: &Bound<'_, Self>) -> PyResult<[bool; OPTIONS]> {
+    fn action_masks(slf: &Bound<'_, Self>) -> PyResult<Vec<bool>> {
         let lane = looked_at(slf)?;
         match lane.seed {
             None => Err(reset_needed(slf.py(), "call reset() before action_masks()")),
-            Some(_) => Ok(mask(&lane.simulation, 0).map(|open| open == 1)),
+            Some(_) => Ok(mask(&lane.simulation, 0, lane.parts.actions).collect()),
         }
     }
 
@@ -210,7 +206,7 @@ impl Lane {
     }
 
     fn __copy__(slf: &Bound<'_, Self>) -> PyResult<Lane> {
-        Ok(looked_at(slf)?.copied(slf.py()))
+        looked_at(slf)?.copied(slf.py())
     }
 
     fn __deepcopy__(slf: &Bound<'_, Self>, _memo: &Bound<'_, PyAny>) -> PyResult<Lane> {
@@ -234,13 +230,14 @@ impl Lane {
     /// Restores a pickled lane.
     #[staticmethod]
     fn restored(
+        py: Python<'_>,
         declaration: Py<Declaration>,
         state_in_info: bool,
         seed: Option<u64>,
         is_closed: bool,
         state: &[u8],
     ) -> PyResult<Lane> {
-        let mut lane = Lane::new(declaration, state_in_info);
+        let mut lane = Lane::new(py, declaration, state_in_info)?;
         (lane.seed, lane.is_closed) = (seed, is_closed);
         let seed = seed.unwrap_or_default();
         lane.streams = LaneStreams::Shared(Stream::new(seed, Purpose::TestEnvironment));
@@ -250,32 +247,35 @@ impl Lane {
         lane.streams.restore(from).map_err(unreadable_state)?;
         lane.total = from.one().map_err(unreadable_state)?;
         let action: u8 = from.one().map_err(unreadable_state)?;
-        let steps = from.one().map_err(unreadable_state)?;
-        let action = Action::from_index(action.into()).filter(|action| action.index() < OPTIONS);
-        lane.last = action.map(|action| (action, steps));
+        let outcome: f64 = from.one().map_err(unreadable_state)?;
+        let action = Action::from_index(action.into());
+        let action = action.filter(|action| action.index() < lane.parts.actions);
+        lane.last = action.map(|action| (action, outcome)).filter(|_| !outcome.is_nan());
         Ok(lane)
     }
 }
 
-/// The action for a Python or NumPy integer.
-fn action_of(action: &Bound<'_, PyAny>) -> PyResult<Action> {
+/// The action for a Python or NumPy integer, among this number of actions.
+fn action_of(action: &Bound<'_, PyAny>, count: usize) -> PyResult<Action> {
     let index: i64 = match action.extract() {
         Ok(index) => index,
-        Err(_) => whole(action)?,
+        Err(_) => whole(action, count)?,
     };
-    let action = usize::try_from(index).ok().filter(|index| *index < OPTIONS);
-    let action = action.and_then(Action::from_index);
-    action.ok_or_else(|| Python::attach(|py| invalid_action(py, index.to_string())))
+    let place = usize::try_from(index).ok().filter(|index| *index < count);
+    let found = || invalid_action(action.py(), count, index.to_string());
+    place.and_then(Action::from_index).ok_or_else(found)
 }
 
 /// The integer in a value of another type, such as an array with one element.
-fn whole(action: &Bound<'_, PyAny>) -> PyResult<i64> {
+fn whole(action: &Bound<'_, PyAny>, count: usize) -> PyResult<i64> {
     let py = action.py();
+    let too_long = || invalid_action(py, count, "a number of more than 64 bits".to_owned());
     if action.is_instance_of::<pyo3::types::PyInt>() {
-        return Err(invalid_action(py, "a number of more than 64 bits".to_owned()));
+        return Err(too_long());
     }
     let refused = |what: String| {
-        PyTypeError::new_err(format!("an action is a whole number from 0 to 3, found {what}"))
+        let last = count - 1;
+        PyTypeError::new_err(format!("an action is a whole number from 0 to {last}, found {what}"))
     };
     let array = py.import("numpy")?.call_method1("asarray", (action,))?;
     let kind: String = array.getattr("dtype")?.getattr("kind")?.extract()?;
@@ -284,9 +284,10 @@ fn whole(action: &Bound<'_, PyAny>) -> PyResult<i64> {
         return Err(refused(action.get_type().name()?.to_string()));
     }
     let item = array.call_method0("item")?;
-    item.extract().map_err(|_| invalid_action(py, "a number of more than 64 bits".to_owned()))
+    item.extract().map_err(|_| too_long())
 }
 
-pub(crate) fn invalid_action(py: Python<'_>, found: String) -> PyErr {
-    gymnasium(py, "InvalidAction", format!("an action is a number from 0 to 3, found {found}"))
+fn invalid_action(py: Python<'_>, count: usize, found: String) -> PyErr {
+    let message = format!("an action is a number from 0 to {}, found {found}", count - 1);
+    gymnasium(py, "InvalidAction", message)
 }

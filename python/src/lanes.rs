@@ -3,8 +3,8 @@
 use std::io;
 
 use jitai::environment::{
-    Action, EpisodeStatus, LaneSet, LaneStreams, OPTIONS, Observations, PhysicalActivity, Purpose,
-    Resumable, StateReader, StateWriter, Stream, VectorEnvironment,
+    Action, EpisodeStatus, LaneSet, LaneStreams, Observations, Purpose, Resumable, Simulated,
+    StateReader, StateWriter, Stream, VectorEnvironment,
 };
 use numpy::{PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray1, PyUntypedArrayMethods};
 use pyo3::exceptions::{PyTypeError, PyValueError};
@@ -57,7 +57,7 @@ pub(crate) struct Lanes {
     declaration: Py<Declaration>,
     parts: Parts,
     autoreset: Autoreset,
-    simulation: PhysicalActivity,
+    simulation: Simulated,
     /// The seed of every lane; empty before the first reset.
     seeds: Vec<u64>,
     streams: LaneStreams,
@@ -97,15 +97,18 @@ impl Lanes {
                 given.len()
             )));
         }
-        let is_action = |index: &i64| (*index as u64) < OPTIONS as u64;
+        let count = self.parts.actions as u64;
+        let is_action = |index: &i64| (*index as u64) < count;
         if !given.iter().all(is_action) {
             let lane = given.iter().position(|index| !is_action(index)).unwrap_or_default();
+            let (last, found) = (count - 1, given[lane]);
             let message =
-                format!("lane {lane}: an action is a number from 0 to 3, found {}", given[lane]);
+                format!("lane {lane}: an action is a number from 0 to {last}, found {found}");
             return Err(gymnasium(py, "InvalidAction", message));
         }
-        let pairs = self.actions.iter_mut().zip(given);
-        pairs.for_each(|(action, index)| *action = Action::uniform(*index as u64, OPTIONS));
+        for (action, index) in self.actions.iter_mut().zip(given) {
+            *action = Action::from_index(*index as usize).unwrap_or_default();
+        }
         Ok(())
     }
 
@@ -113,7 +116,7 @@ impl Lanes {
     fn restart<'py>(
         &mut self,
         py: Python<'py>,
-        steps_walked: &mut [f64],
+        outcomes: &mut [f64],
         info: &Info<'py>,
     ) -> PyResult<()> {
         self.mark_ended();
@@ -132,12 +135,12 @@ impl Lanes {
         info.set_item("final_obs", rows)?;
         info.set_item("_final_obs", PyArray1::from_slice(py, &self.ended))?;
         let marked = Some(&self.ended[..]);
-        let state = of_lanes(py, &self.simulation, marked, Some(steps_walked), self.parts)?;
+        let state = of_lanes(py, &self.simulation, marked, Some(outcomes), &self.parts)?;
         info.set_item("final_info", state)?;
         info.set_item("_final_info", PyArray1::from_slice(py, &self.ended))?;
         self.simulation.reset(LaneSet::Masked(&self.ended), &mut self.streams);
-        for (steps, ended) in steps_walked.iter_mut().zip(&self.ended) {
-            *steps = if *ended { 0.0 } else { *steps };
+        for (outcome, ended) in outcomes.iter_mut().zip(&self.ended) {
+            *outcome = if *ended { 0.0 } else { *outcome };
         }
         Ok(())
     }
@@ -189,7 +192,7 @@ impl Lanes {
         }
         let lanes = mask.as_deref().map_or(LaneSet::All, LaneSet::Masked);
         self.simulation.reset(lanes, &mut self.streams);
-        let info = of_lanes(py, &self.simulation, mask.as_deref(), None, self.parts)?;
+        let info = of_lanes(py, &self.simulation, mask.as_deref(), None, &self.parts)?;
         Ok((self.observed(py)?, info))
     }
 
@@ -225,14 +228,14 @@ impl Lanes {
         let terminated = self.lanes_at(EpisodeStatus::Terminated);
         let truncated = self.lanes_at(EpisodeStatus::Truncated);
         let info = PyDict::new(py);
-        let mut walked = Vec::new();
+        let mut outcomes = Vec::new();
         if self.parts.state || self.autoreset == Autoreset::SameStep {
-            walked = self.simulation.outcomes(&rewards).to_vec();
+            outcomes = self.simulation.outcomes(&rewards).to_vec();
         }
         if self.autoreset == Autoreset::SameStep {
-            self.restart(py, &mut walked, &info)?;
+            self.restart(py, &mut outcomes, &info)?;
         }
-        let state = of_lanes(py, &self.simulation, None, Some(&walked), self.parts)?;
+        let state = of_lanes(py, &self.simulation, None, Some(&outcomes), &self.parts)?;
         info.update(state.as_mapping())?;
         Ok((
             self.observed(py)?,
@@ -243,17 +246,18 @@ impl Lanes {
         ))
     }
 
-    fn copied(&self, py: Python<'_>) -> Lanes {
-        Lanes {
+    fn copied(&self, py: Python<'_>) -> PyResult<Lanes> {
+        Ok(Lanes {
             declaration: self.declaration.clone_ref(py),
-            simulation: self.simulation.clone(),
+            parts: self.parts.clone(),
+            simulation: self.simulation.copied()?,
             seeds: self.seeds.clone(),
             streams: self.streams.clone(),
             observations: self.observations.clone(),
             actions: self.actions.clone(),
             ended: self.ended.clone(),
             ..*self
-        }
+        })
     }
 
     fn save(&self) -> io::Result<Vec<u8>> {
@@ -269,6 +273,7 @@ impl Lanes {
 impl Lanes {
     #[new]
     fn new(
+        py: Python<'_>,
         declaration: Py<Declaration>,
         lanes: usize,
         autoreset: &str,
@@ -283,14 +288,14 @@ impl Lanes {
         let declared = declaration.get();
         let simulation = declared.simulation(lanes);
         Ok(Lanes {
-            parts: Parts { state: state_in_info, masks: declared.has_masks() },
+            parts: Parts::new(py, declared.environment(), &simulation, state_in_info)?,
             autoreset: Autoreset::named(autoreset)?,
             observations: simulation.observation_spec().observations(),
             simulation,
             declaration,
             seeds: Vec::new(),
             streams: LaneStreams::PerLane(Vec::new()),
-            actions: vec![Action::NONE; lanes],
+            actions: vec![Action::default(); lanes],
             ended: vec![false; lanes],
             is_closed: false,
         })
@@ -326,7 +331,7 @@ impl Lanes {
     }
 
     fn __copy__(slf: &Bound<'_, Self>) -> PyResult<Lanes> {
-        Ok(looked_at(slf)?.copied(slf.py()))
+        looked_at(slf)?.copied(slf.py())
     }
 
     fn __deepcopy__(slf: &Bound<'_, Self>, _memo: &Bound<'_, PyAny>) -> PyResult<Lanes> {
@@ -351,7 +356,9 @@ impl Lanes {
 
     /// Restores pickled lanes.
     #[staticmethod]
+    #[allow(clippy::too_many_arguments)]
     fn restored(
+        py: Python<'_>,
         declaration: Py<Declaration>,
         lanes: usize,
         autoreset: &str,
@@ -360,7 +367,7 @@ impl Lanes {
         is_closed: bool,
         state: &[u8],
     ) -> PyResult<Lanes> {
-        let mut lanes = Lanes::new(declaration, lanes, autoreset, state_in_info)?;
+        let mut lanes = Lanes::new(py, declaration, lanes, autoreset, state_in_info)?;
         if !seeds.is_empty() && seeds.len() != lanes.count() {
             return Err(unreadable_state("it has seeds for another number of lanes"));
         }

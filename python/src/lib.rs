@@ -36,6 +36,9 @@ mod _jitai {
 
     #[pymodule_init]
     fn init(module: &Bound<'_, PyModule>) -> PyResult<()> {
+        let families =
+            jitai::environment::Family::all().iter().filter(|family| !family.is_external());
+        module.add("FAMILIES", families.map(|family| family.name).collect::<Vec<_>>())?;
         crate::interrupt::load_numpy(module.py())
     }
 }

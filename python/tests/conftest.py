@@ -11,6 +11,8 @@ import pytest
 from hypothesis import HealthCheck, settings
 
 ROOT = Path(__file__).resolve().parent.parent.parent
+#: Invented people of the family `oralytics`.
+PEOPLE = ROOT / "experiments" / "oralytics"
 PROGRAM = Path(sys.executable).parent / "jitai"
 
 settings.register_profile(

@@ -1,7 +1,10 @@
-"""Random environments: every key that the simulation has."""
+"""Random environments: every key that the simulations have."""
 
 from __future__ import annotations
 
+import operator
+
+from conftest import PEOPLE as FOLDER
 from hypothesis import strategies as st
 
 LETTERS = "CPLHDTABMS"
@@ -88,3 +91,36 @@ def populations(draw) -> dict:
     names = draw(st.sets(st.sampled_from(sorted(PEOPLE)), max_size=3))
     people = {name: draw(PEOPLE[name]) for name in sorted(names)}
     return {"population": people} if people else {}
+
+
+TEST_BEDS = [
+    {"people": str(FOLDER / "synthetic_v2.csv")},
+    {"people": str(FOLDER / "synthetic_v2_daily.csv"), "stationary": False},
+    {"people": str(FOLDER / "synthetic_v3.csv"), "test_bed": "v3"},
+    {"people": str(FOLDER / "synthetic_v4.csv"), "test_bed": "v4", "stationary": False},
+]
+SEEN = ["time_of_day", "brushing", "dosage", "app", "weekend", "day"]
+ORALYTICS = {
+    "days": st.integers(1, 20),
+    "effect_size": st.sampled_from(["small", "smaller"]),
+    "habituation_factor": PROBABILITY,
+    "cost_of_good_brushing": st.floats(0, 200),
+    "cost_of_frequent_prompts": st.floats(0, 200),
+    "cost_scale": st.sampled_from(["raw", "normalised"]),
+    "rounding": st.sampled_from(["nearest", "down"]),
+    "stale_state": st.booleans(),
+    "scenario": st.lists(st.sampled_from(SEEN), min_size=1, unique=True),
+}
+
+
+@st.composite
+def oralytics(draw) -> dict:
+    """Keywords of an environment of the family ``oralytics``."""
+    names = draw(st.sets(st.sampled_from(sorted(ORALYTICS)), max_size=6))
+    keys = {name: draw(ORALYTICS[name]) for name in sorted(names)}
+    return {"family": "oralytics", "days": 7, **draw(st.sampled_from(TEST_BEDS)), **keys}
+
+
+def of_any_family() -> st.SearchStrategy[dict]:
+    """Keywords of an environment of any family, with people who may differ."""
+    return st.one_of(st.builds(operator.or_, environments(), populations()), oralytics())

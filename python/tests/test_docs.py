@@ -7,7 +7,7 @@ import re
 import shutil
 
 import pytest
-from conftest import ROOT, run
+from conftest import PEOPLE, ROOT, run
 
 MANUAL = ROOT / "docs" / "python.md"
 
@@ -18,6 +18,8 @@ def folder(tmp_path_factory):
     folder = tmp_path_factory.mktemp("manual")
     (folder / "experiments").mkdir()
     shutil.copy(ROOT / "experiments" / "quickstart.toml", folder / "experiments")
+    (folder / "experiments" / "oralytics").mkdir()
+    shutil.copy(PEOPLE / "synthetic_v2.csv", folder / "experiments" / "oralytics")
     (folder / "small.toml").write_text(
         'format = 1\nname = "quickstart"\nscenarios = ["P-H-D"]\nseeds = 2\n'
         "environment.sigma = 0.6\nevaluation.test_episodes = 10\n"

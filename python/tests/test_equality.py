@@ -1,4 +1,4 @@
-"""Lane i of a vector environment, the single environment and ``jitai simulate`` are equal to the bit."""
+"""Lane i of a vector environment, the single environment and the program's simulation are equal to the bit."""
 
 from __future__ import annotations
 
@@ -6,11 +6,12 @@ import json
 
 import jitai
 import numpy as np
-from conftest import run
+import pytest
+from conftest import PEOPLE, run
 from gymnasium.vector import AutoresetMode
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
-from strategies import environments, populations
+from strategies import environments, of_any_family
 
 SEEDS = st.integers(0, 2**64 - 1)
 
@@ -36,19 +37,17 @@ def assert_same_entries(info, infos, lane):
 
 
 @given(
-    keywords=environments(),
-    people=populations(),
+    keywords=of_any_family(),
     seeds=st.lists(SEEDS, min_size=1, max_size=9),
     mode=st.sampled_from(AutoresetMode),
     choice=SEEDS,
     calls=st.integers(1, 40),
 )
-def test_a_lane_is_the_single_environment(keywords, people, seeds, mode, choice, calls):
-    keywords = keywords | people
+def test_a_lane_is_the_single_environment(keywords, seeds, mode, choice, calls):
     lanes = len(seeds)
     chance = np.random.default_rng(choice)
-    envs = jitai.StepCountVectorEnv(lanes, autoreset_mode=mode, **keywords)
-    singles = [jitai.StepCountEnv(**keywords) for _ in seeds]
+    envs = jitai.VectorEnv(lanes, autoreset_mode=mode, **keywords)
+    singles = [jitai.Env(**keywords) for _ in seeds]
     observations, _ = envs.reset(seed=seeds)
     for lane, (single, seed) in enumerate(zip(singles, seeds, strict=True)):
         observation, _ = single.reset(seed=seed)
@@ -72,7 +71,7 @@ def test_a_lane_is_the_single_environment(keywords, people, seeds, mode, choice,
             for lane in np.flatnonzero(pending):
                 assert bits([singles[lane].reset()[0]]) == bits([observations[lane]])
             pending[:] = False
-        actions = chance.integers(0, 4, lanes)
+        actions = chance.integers(0, envs.single_action_space.n, lanes)
         observations, rewards, terminated, truncated, infos = envs.step(actions)
         for lane, single in enumerate(singles):
             if mode == AutoresetMode.NEXT_STEP and pending[lane]:
@@ -117,3 +116,53 @@ def test_the_single_environment_is_what_simulate_prints(keywords, seed, action):
             _, info = env.reset()
             total = 0.0
     assert {row["episode"] for row in rows} == {1, 2, 3}
+
+
+@pytest.mark.parametrize(
+    ("keywords", "state"),
+    [
+        (
+            {"sigma": 0.6, "message_cost": 3.0, "availability": 0.7},
+            ["context", "habituation", "disengagement"],
+        ),
+        (
+            {"family": "oralytics", "people": "synthetic_v2.csv", "habituation_factor": 0.5},
+            ["average_brushing", "average_prompts", "responsiveness", "app_today", "person"],
+        ),
+    ],
+)
+def test_the_single_environment_is_the_test_of_a_job(keywords, state, tmp_path, monkeypatch):
+    """Seeds of a job with one test episode, and the actions that its rule chose."""
+    monkeypatch.chdir(PEOPLE)
+    scenario = "P-H-D" if "sigma" in keywords else "all"
+    keys = "".join(f"environment.{name} = {json.dumps(value)}\n" for name, value in keywords.items())
+    manifest = tmp_path / "rules.toml"
+    manifest.write_text(
+        f'format = 1\nname = "rules"\nscenarios = ["{scenario}"]\nseeds = 5\n{keys}'
+        '[evaluation]\ntest_episodes = 1\nrecord_decisions = "test"\n'
+        '[[agent]]\nname = "random"\nalgorithm = "rule"\nrule = "random"\n'
+    )
+    (tmp_path / "synthetic_v2.csv").symlink_to(PEOPLE / "synthetic_v2.csv")
+    store = tmp_path / "rules.sqlite"
+    ran = run("run", str(manifest), f"--store={store}", "--quiet")
+    assert ran.returncode == 0, ran.stderr
+    sql = """SELECT s.seed, s.mean_return, d.* FROM decision AS d JOIN run_summary AS s
+             ON s.job_key = d.job_key ORDER BY s.seed, d.step"""
+    answer = run("query", sql, f"--store={store}", "--format=json")
+    assert answer.returncode == 0, answer.stderr
+    rows = json.loads(answer.stdout)
+    env = jitai.make(**keywords)
+    outcome = env.unwrapped.declaration.outcome
+    for seed in range(1, 6):
+        _, info = env.reset(seed=seed)
+        total, done = 0.0, False
+        for row in [row for row in rows if row["seed"] == seed]:
+            assert not done
+            recorded = json.loads(row["state"])
+            assert info["step"] == row["step"]
+            assert [info[name] for name in state] == [recorded[name] for name in state]
+            _, _, terminated, truncated, info = env.step(row["chosen_action"])
+            assert info[outcome] == row["reward"]
+            total += info[outcome]
+            done = terminated or truncated
+        assert done and total == row["mean_return"]

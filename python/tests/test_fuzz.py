@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from strategies import BASE, environments
+from strategies import BASE, ORALYTICS, TEST_BEDS, of_any_family
 
 EXPECTED = (
     TypeError, ValueError, KeyError, OSError, OverflowError, AttributeError, gymnasium.error.Error,
@@ -38,7 +38,8 @@ ODD = st.one_of(
     st.just(np.arange(8)[::2]),
     st.just(object()),
 )
-NAMES = st.one_of(st.sampled_from(sorted(BASE)), st.text(max_size=12), st.just("sigma"))
+FAMILY = ["sigma", "family", "people"]
+NAMES = st.one_of(st.sampled_from(sorted({*BASE, *ORALYTICS, *FAMILY})), st.text(max_size=12))
 OPTIONS = st.dictionaries(st.one_of(st.just("reset_mask"), st.text(max_size=4)), ODD, max_size=2)
 
 
@@ -68,7 +69,7 @@ def test_keywords_of_any_kind(odd, scenario, manifest):
 
 
 @given(
-    keywords=environments(),
+    keywords=of_any_family(),
     calls=st.lists(st.tuples(st.sampled_from(["step", "reset", "render", "close"]), ODD, OPTIONS)),
 )
 def test_a_single_environment_survives_any_call(keywords, calls):
@@ -84,7 +85,7 @@ def test_a_single_environment_survives_any_call(keywords, calls):
 
 
 @given(
-    keywords=environments(),
+    keywords=of_any_family(),
     lanes=st.one_of(st.integers(1, 5), ODD),
     mode=st.one_of(st.sampled_from(["NextStep", "SameStep", "Disabled"]), ODD),
     calls=st.lists(st.tuples(st.sampled_from(["step", "reset", "close"]), ODD, OPTIONS)),
@@ -132,10 +133,11 @@ def jobs_of_store(store):
 def test_states_that_nobody_saved_are_refused(state, seeds):
     from jitai._jitai import Declaration, Lane, Lanes
 
-    declaration = Declaration.of_keys("P", None, {"sigma": 0.6, "message_budget": 3})
-    lane = Lane(declaration, True)
-    with pytest.raises(RuntimeError, match="saved state"):
-        Lane.restored(declaration, True, 1, False, state)
-    with pytest.raises(RuntimeError, match="saved state"):
-        Lanes.restored(declaration, 3, "NextStep", True, seeds, False, state)
-    assert lane.needs_seed
+    for keys in ({"sigma": 0.6, "message_budget": 3}, {"family": "oralytics", **TEST_BEDS[0]}):
+        declaration = Declaration.of_keys(None, None, keys)
+        lane = Lane(declaration, True)
+        with pytest.raises(RuntimeError, match="saved state"):
+            Lane.restored(declaration, True, 1, False, state)
+        with pytest.raises(RuntimeError, match="saved state"):
+            Lanes.restored(declaration, 3, "NextStep", True, seeds, False, state)
+        assert lane.needs_seed

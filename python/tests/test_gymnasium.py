@@ -9,6 +9,7 @@ import gymnasium
 import jitai
 import numpy as np
 import pytest
+from conftest import PEOPLE
 from gymnasium.utils.env_checker import check_env, data_equivalence
 from gymnasium.vector import AutoresetMode
 
@@ -34,12 +35,20 @@ KEYWORDS = [
     NOISY,
     {"sigma": 0.6, "population": {"epsilon_d": {"uniform": [0.2, 0.6]}, "rho_1": {"uniform": [30, 60]}}},
 ]
+ORALYTICS = {"family": "oralytics", "people": PEOPLE / "synthetic_v2.csv", "days": 10}
+KEYWORDS += [
+    ORALYTICS,
+    ORALYTICS | {"scenario": ["brushing", "app"], "habituation_factor": 0.5, "stale_state": True},
+    ORALYTICS | {"people": str(PEOPLE / "synthetic_v2_daily.csv"), "stationary": False},
+    ORALYTICS | {"people": str(PEOPLE / "synthetic_v3.csv"), "test_bed": "v3"},
+    ORALYTICS | {"people": str(PEOPLE / "synthetic_v4.csv"), "test_bed": "v4", "stationary": False, "scenario": "all"},
+]
 
 
 @pytest.mark.parametrize("keywords", KEYWORDS)
 def test_gymnasiums_checker_has_no_objection(keywords):
     # Warnings are errors in these tests.
-    check_env(gymnasium.make(ID, **keywords).unwrapped)
+    check_env(jitai.make(**keywords).unwrapped)
 
 
 @pytest.mark.parametrize("keywords", KEYWORDS)
@@ -47,9 +56,9 @@ def test_gymnasiums_checker_has_no_objection(keywords):
 def test_a_vector_environment_equals_gymnasiums_own(keywords, mode):
     """Every array, type and entry of info equals its counterpart in a ``SyncVectorEnv``."""
     lanes = 5
-    ours = gymnasium.make_vec(ID, num_envs=lanes, autoreset_mode=mode, **keywords)
+    ours = jitai.make_vec(lanes, autoreset_mode=mode, **keywords)
     theirs = gymnasium.vector.SyncVectorEnv(
-        [lambda: gymnasium.make(ID, **keywords)] * lanes, autoreset_mode=mode
+        [lambda: jitai.make(**keywords)] * lanes, autoreset_mode=mode
     )
     assert ours.observation_space == theirs.observation_space
     assert ours.action_space == theirs.action_space
@@ -59,7 +68,7 @@ def test_a_vector_environment_equals_gymnasiums_own(keywords, mode):
     actions = np.random.default_rng(1)
     ends = 0
     for _ in range(150):
-        chosen = actions.integers(0, 4, lanes)
+        chosen = actions.integers(0, ours.single_action_space.n, lanes)
         our, their = ours.step(chosen), theirs.step(chosen)
         assert our[0] in ours.observation_space
         for mine, other in zip(our[:4], their[:4], strict=True):
@@ -226,19 +235,19 @@ def test_the_method_for_masks_is_the_mask_in_info():
 @pytest.mark.parametrize("keywords", KEYWORDS)
 @pytest.mark.parametrize("copied", [copy.deepcopy, lambda env: pickle.loads(pickle.dumps(env))])
 def test_copies_in_mid_episode_go_on_alike(keywords, copied):
-    env = gymnasium.make(ID, **keywords)
+    env = jitai.make(**keywords)
     env.reset(seed=9)
     env.step(1)
     other = copied(env)
     assert other.spec == env.spec
-    for action in [1, 0, 0, 2]:
+    for action in [1, 0, 0, env.action_space.n - 1]:
         one, two = env.step(action), other.step(action)
         assert data_equivalence(one, two, exact=True)
         if one[2] or one[3]:
             break
     assert data_equivalence(env.reset(), other.reset(), exact=True)
     for mode in AutoresetMode:
-        envs = gymnasium.make_vec(ID, num_envs=3, autoreset_mode=mode, **keywords)
+        envs = jitai.make_vec(3, autoreset_mode=mode, **keywords)
         envs.reset(seed=9)
         envs.step(np.array([0, 1, 0]))
         others = copied(envs)
@@ -274,12 +283,20 @@ def test_a_seed_is_chosen_where_none_is_given():
         ({"sigma": 0.6, "agent": {"name": "a"}}, "unknown key `agent` in [environment]"),
         ({"sigma": {"from": 0.1, "to": 0.3, "step": 0.1}}, "one value, not a sweep"),
         ({"sigma": 0.6, "family": "step_cuont"}, "did you mean `step_count`?"),
+        ({"sigma": 0.6, "trial": {"people": 3}}, "unknown key `trial` in [environment]"),
         ({"family": "external", "command": ["python"]}, "the environment is a program"),
+        ({"family": "oralytics"}, "missing key `people` in [environment]"),
+        ({"family": "oralytics", "people": "none"}, "come from a CSV file"),
+        ({"family": "oralytics", "people": "none.csv"}, "`people`: `none.csv` cannot be read"),
+        ({**ORALYTICS, "test_bed": "v3"}, "`people` does not suit the environment"),
+        ({**ORALYTICS, "scenario": ["brushing", "mood"]}, "`mood` is not a feature"),
+        ({**ORALYTICS, "scenario": []}, "a scenario needs at least one feature"),
+        ({**ORALYTICS, "sigma": 0.6}, "unknown key `sigma` in [environment]"),
     ],
 )
 def test_keywords_get_the_messages_of_a_manifest(keywords, message):
     with pytest.raises(ValueError) as error:
-        jitai.StepCountEnv(**keywords)
+        jitai.Env(**keywords)
     assert message in str(error.value)
 
 
@@ -304,6 +321,67 @@ def test_the_family_is_a_keyword_and_says_which_actions_there_are():
     assert env.action_space.n == len(declaration.actions) == 4
     envs = jitai.make_vec(3, family="step_count", sigma=0.6)
     assert envs.single_action_space == env.action_space
+
+
+def test_every_family_has_an_id():
+    from jitai._jitai import FAMILIES
+    from jitai._registration import IDS
+
+    assert list(IDS) == FAMILIES
+    env = gymnasium.make("jitai/Oralytics-v0", people=ORALYTICS["people"])
+    assert env.spec.max_episode_steps == 140
+    declaration = env.unwrapped.declaration
+    assert (declaration.family, declaration.scenario) == ("oralytics", "all")
+    assert declaration.actions == ["nothing", "a prompt"]
+    assert jitai.make(**ORALYTICS).spec.id == "jitai/Oralytics-v0"
+    envs = gymnasium.make_vec("jitai/Oralytics-v0", num_envs=3, **ORALYTICS)
+    assert envs.spec.max_episode_steps == 20
+    with pytest.raises(ValueError, match="missing key `people`"):
+        gymnasium.make("jitai/Oralytics-v0")
+    manifest = PEOPLE / "updates.toml"
+    declaration = gymnasium.make("jitai/Oralytics-v0", manifest=manifest).unwrapped.declaration
+    assert declaration.scenario == "time_of_day-brushing-dosage-app"
+    with pytest.raises(ValueError, match="the manifest declares oralytics, found 'step_count'"):
+        jitai.make(manifest=manifest, family="step_count")
+    with pytest.raises(ValueError, match="140 steps; set a key of the environment"):
+        gymnasium.make_vec("jitai/Oralytics-v0", people=ORALYTICS["people"], max_episode_steps=3)
+
+
+def test_info_has_the_recorded_state_of_the_family():
+    env = jitai.make(**ORALYTICS, render_mode="ansi")
+    _, info = env.reset(seed=1)
+    assert list(info) == [
+        "step", "average_brushing", "average_prompts", "responsiveness", "app_today", "app_before",
+        "person", "seconds_of_brushing",
+    ]  # fmt: skip
+    types = [int, float, float, float, bool, bool, int, float]
+    assert [type(value) for value in info.values()] == types
+    assert env.render().startswith("step  0: average_brushing 0.00, average_prompts 0.00")
+    _, reward, _, _, info = env.step(1)
+    assert reward == info["seconds_of_brushing"] and info["average_prompts"] == 1.0
+    assert f"action 1, {reward:.1f} seconds of brushing; return" in env.render()
+    with pytest.raises(gymnasium.error.InvalidAction, match="from 0 to 1, found 2"):
+        env.step(2)
+    people = {env.reset()[1]["person"] for _ in range(30)}
+    assert len(people) > 5
+    assert env.unwrapped.action_masks().tolist() == [True, True]
+
+
+def test_a_pickle_has_the_people_of_the_file(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    path = tmp_path / "people.csv"
+    path.write_text(ORALYTICS["people"].read_text())
+    env = jitai.make(family="oralytics", people="people.csv")
+    saved = pickle.dumps(env)
+    declaration = env.unwrapped.declaration
+    path.unlink()
+    other = pickle.loads(saved)
+    assert data_equivalence(env.reset(seed=3), other.reset(seed=3), exact=True)
+    assert data_equivalence(env.step(1), other.step(1), exact=True)
+    with pytest.raises(ValueError, match="`people`: the text of .*sha256:.* is missing"):
+        type(declaration).of_text(declaration.text())
+    again = type(declaration).of_text(declaration.text(), declaration.files())
+    assert again.keys == declaration.keys
 
 
 def test_environments_of_a_manifest(tmp_path):

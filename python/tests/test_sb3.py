@@ -7,6 +7,7 @@ import warnings
 import jitai
 import numpy as np
 import pytest
+from conftest import PEOPLE
 
 pytest.importorskip("torch")
 pytest.importorskip("stable_baselines3")
@@ -22,6 +23,7 @@ KEYWORDS = [
     {"sigma": 0.6},
     {"sigma": 0.4, "scenario": "L-T-A", "availability": 0.5, "time_one_hot": True},
     {"sigma": 0.4, "extends": "step_count_jitai"},
+    {"family": "oralytics", "people": str(PEOPLE / "synthetic_v2.csv"), "days": 10},
 ]
 
 
@@ -47,7 +49,7 @@ def test_the_adapter_equals_single_environments_with_a_monitor(keywords):
     chance = np.random.default_rng(0)
     ends = 0
     for _ in range(200):
-        actions = chance.integers(0, 4, lanes)
+        actions = chance.integers(0, ours.action_space.n, lanes)
         mine, other = ours.step(actions), theirs.step(actions)
         for one, two in zip(mine[:3], other[:3], strict=True):
             assert one.dtype == two.dtype and np.array_equal(one, two)

@@ -27,7 +27,7 @@ pub use history::History;
 pub use observation::{FeatureSpec, ObservationSpec, Observations};
 pub use reported::{Reported, Reports};
 pub use scenario::{Scenario, ScenarioError};
-pub use simulation::{Simulated, Simulation};
+pub use simulation::{Simulated, Simulation, StateColumn};
 pub use step_count::*;
 pub use vector::{
     Action, ActionSpec, EpisodeStatus, Interface, LaneSet, LaneStreams, VectorEnvironment,

@@ -2,6 +2,7 @@
 
 use std::any::Any;
 use std::fmt;
+use std::io;
 
 use crate::env::observation::{ObservationSpec, Observations};
 use crate::env::vector::{
@@ -9,13 +10,54 @@ use crate::env::vector::{
 };
 use crate::state::{Resumable, StateError, StateReader, StateWriter};
 
+/// One number of the state of every lane, \[lanes\].
+#[derive(Clone, Copy, Debug)]
+pub enum StateColumn<'a> {
+    /// True or false.
+    Flags(&'a [bool]),
+    /// Small whole numbers.
+    Bytes(&'a [u8]),
+    /// Whole numbers.
+    Counts(&'a [u32]),
+    /// Any numbers.
+    Reals(&'a [f64]),
+}
+
+impl StateColumn<'_> {
+    /// The number of a lane; 0 or 1 for a flag.
+    pub fn at(self, lane: usize) -> f64 {
+        match self {
+            StateColumn::Flags(flags) => f64::from(u8::from(flags[lane])),
+            StateColumn::Bytes(numbers) => f64::from(numbers[lane]),
+            StateColumn::Counts(numbers) => f64::from(numbers[lane]),
+            StateColumn::Reals(numbers) => numbers[lane],
+        }
+    }
+}
+
 /// A vector environment that jobs can train and test in.
-pub trait Simulation: VectorEnvironment + Any + fmt::Debug + Send {
+pub trait Simulation: VectorEnvironment + Any + fmt::Debug + Send + Sync {
     /// The same simulation with another number of lanes, all ended.
     fn with_lanes(&self, lanes: usize) -> Simulated;
 
+    /// The same lanes in the same state.
+    ///
+    /// **Errors**: the state cannot be saved.
+    fn copied(&self) -> io::Result<Simulated> {
+        let mut bytes = Vec::new();
+        self.save(&mut StateWriter::new(&mut bytes))?;
+        let mut copy = self.with_lanes(self.lanes());
+        copy.restore(&mut StateReader::new(&mut &bytes[..])).map_err(io::Error::other)?;
+        Ok(copy)
+    }
+
+    /// The number of steps taken in each lane's episode, \[lanes\].
+    fn times(&self) -> &[u32];
+
     /// The number of steps taken in a lane's episode.
-    fn time(&self, lane: usize) -> u32;
+    fn time(&self, lane: usize) -> u32 {
+        self.times()[lane]
+    }
 
     /// Whether a lane's next step is part of its episode. True by default.
     fn is_counted(&self, lane: usize) -> bool {
@@ -51,10 +93,33 @@ pub trait Simulation: VectorEnvironment + Any + fmt::Debug + Send {
         0
     }
 
-    /// Appends the recorded state of a lane before its next step: one number for each name of its model. None by
-    /// default.
+    /// Calls `show` with the names and columns of the state before the next step, which programs show beside
+    /// observations. None by default.
+    fn show_state<'s>(&'s self, show: &mut dyn FnMut(&'static str, StateColumn<'s>)) {
+        let _ = show;
+    }
+
+    /// The state of a lane as a text. The default has the name and the number of every column.
+    fn described_state(&self, lane: usize) -> String {
+        let mut shown: Vec<String> = Vec::new();
+        self.show_state(&mut |name, column| {
+            shown.push(match column {
+                StateColumn::Reals(numbers) => format!("{name} {:.2}", numbers[lane]),
+                column => format!("{name} {}", column.at(lane)),
+            });
+        });
+        shown.join(", ")
+    }
+
+    /// Appends the recorded state of a lane before its next step: one number for each name of its model. The default
+    /// has the columns of [`Simulation::show_state`].
     fn record_state(&self, lane: usize, state: &mut Vec<f64>) {
-        let _ = (lane, state);
+        self.show_state(&mut |_, column| state.push(column.at(lane)));
+    }
+
+    /// Finite bounds for features whose specification has infinite ones. Those of `f32` by default.
+    fn finite_bounds(&self) -> [f32; 2] {
+        [f32::MIN, f32::MAX]
     }
 
     /// Replaces `out` by the features of a lane's observation in full precision. The default has the precision of
@@ -73,10 +138,9 @@ pub trait Simulation: VectorEnvironment + Any + fmt::Debug + Send {
     /// Ends the episode of a lane, whose person leaves.
     fn leave(&mut self, lane: usize);
 
-    /// The values drawn for the participant in a lane, with the places of their parameters. None by default.
-    fn participant(&self, lane: usize) -> Vec<(usize, f64)> {
-        let _ = lane;
-        Vec::new()
+    /// Appends the values drawn for the participant in a lane, with the places of their parameters. None by default.
+    fn participant(&self, lane: usize, values: &mut Vec<(usize, f64)>) {
+        let _ = (lane, values);
     }
 
     /// The simulation whose state a rule reads instead of this one's; `None`, the default, for this one's.

@@ -281,7 +281,7 @@ impl Reader<'_> {
             DeValue::Array(names) if !family.has_letters => {
                 let names: Option<Vec<&str>> =
                     names.iter().map(|name| name.get_ref().as_str()).collect();
-                names.map_or(Err(ScenarioError::Empty), Scenario::of_names)
+                names.map_or(Err(ScenarioError::Empty), Scenario::of_names).and_then(checked)
             }
             _ => {
                 self.expected(name, &expected, node);

@@ -96,14 +96,11 @@ impl StepObserver<Simulated> for DecisionLog {
             let episode = self.episode(lane, step);
             if step == 0 && self.phase == Phase::Train {
                 let phase = self.phase;
-                self.participants.extend(lanes.participant(lane).into_iter().map(
-                    |(place, value)| ParticipantValue {
-                        phase,
-                        episode,
-                        parameter: place as u8,
-                        value,
-                    },
-                ));
+                let mut values = Vec::new();
+                lanes.participant(lane, &mut values);
+                self.participants.extend(values.into_iter().map(|(place, value)| {
+                    ParticipantValue { phase, episode, parameter: place as u8, value }
+                }));
             }
             let mut state = Vec::new();
             lanes.record_state(lane, &mut state);

@@ -1,6 +1,6 @@
 """Reinforcement-learning experiments for just-in-time adaptive interventions.
 
-``import jitai`` registers ``jitai/StepCount-v0`` with Gymnasium. ``docs/python.md`` is the manual.
+``import jitai`` registers ``jitai/StepCount-v0`` and the other families with Gymnasium. ``docs/python.md`` is the manual.
 """
 
 from __future__ import annotations
@@ -11,18 +11,20 @@ from jitai._registration import ENVIRONMENT_ID, register
 
 if TYPE_CHECKING:
     from jitai._jitai import VERSION as __version__
-    from jitai._environment import StepCountEnv
+    from jitai._environment import Env, StepCountEnv
     from jitai._policy import Policy
     from jitai._registration import make, make_vec
     from jitai._store import Store, open
-    from jitai._vector import StepCountVectorEnv
+    from jitai._vector import StepCountVectorEnv, VectorEnv
 
 __all__ = [
     "ENVIRONMENT_ID",
+    "Env",
     "Policy",
     "StepCountEnv",
     "StepCountVectorEnv",
     "Store",
+    "VectorEnv",
     "__version__",
     "make",
     "make_vec",
@@ -36,8 +38,10 @@ _LAZY = {
     "Policy": "jitai._policy",
     "Store": "jitai._store",
     "open": "jitai._store",
+    "Env": "jitai._environment",
     "StepCountEnv": "jitai._environment",
     "StepCountVectorEnv": "jitai._vector",
+    "VectorEnv": "jitai._vector",
     "make": "jitai._registration",
     "make_vec": "jitai._registration",
 }

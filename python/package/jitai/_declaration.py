@@ -14,14 +14,12 @@ from gymnasium.envs.registration import EnvSpec
 
 from jitai._jitai import Declaration
 
-#: The default scenario of an environment.
-SCENARIO = "P-H-D"
 #: Seeds are 64-bit numbers, like the seeds of a manifest.
 MOST_SEED = 2**64 - 1
 
 
 def declare(
-    scenario: str | None,
+    scenario: str | Sequence[str] | None,
     extends: str | None,
     manifest: str | os.PathLike[str] | None,
     environment: str | Mapping[str, Any] | None,
@@ -31,17 +29,23 @@ def declare(
     if manifest is None:
         if environment is not None:
             raise TypeError("environment=… chooses from a manifest; add manifest=…")
-        for name, word in (("scenario", scenario), ("extends", extends)):
-            if word is not None and not isinstance(word, str):
-                raise TypeError(f"`{name}`: expected a word, found {word!r}")
-        return Declaration.of_keys(SCENARIO if scenario is None else scenario, extends, keys)
+        if scenario is not None and not isinstance(scenario, (str, list, tuple)):
+            raise TypeError(f"`scenario`: expected a word or a list of words, found {scenario!r}")
+        if extends is not None and not isinstance(extends, str):
+            raise TypeError(f"`extends`: expected a word, found {extends!r}")
+        return Declaration.of_keys(scenario, extends, keys)
+    # The id in Gymnasium has a family too.
+    family = keys.pop("family", None)
     given = [name for name, value in (("scenario", scenario), ("extends", extends)) if value]
     given += keys
     if given:
         raise TypeError(f"the manifest declares {', '.join(given)}; choose by environment=…")
     if isinstance(environment, Mapping):
         environment = ",".join(f"{name}={_written(value)}" for name, value in environment.items())
-    return Declaration.of_manifest(os.fspath(manifest), environment)
+    declaration = Declaration.of_manifest(os.fspath(manifest), environment)
+    if family not in (None, declaration.family):
+        raise ValueError(f"family: the manifest declares {declaration.family}, found {family!r}")
+    return declaration
 
 
 def _written(value: Any) -> str:

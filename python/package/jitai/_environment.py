@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import gymnasium
@@ -23,12 +23,13 @@ from jitai._declaration import (
 from jitai._jitai import Declaration, Lane
 
 
-class StepCountEnv(gymnasium.Env[npt.NDArray[np.float32], np.int64]):
-    """One person who can receive a message at each step, and walks a number of steps.
+class Env(gymnasium.Env[npt.NDArray[np.float32], np.int64]):
+    """One person of a family of environments, who can receive a message at each step.
 
-    Every key of a manifest's ``[environment]`` is a keyword, ``scenario`` selects the observations, and
-    ``extends`` names a preset. Alternatively, ``manifest`` names a file, and ``environment`` selects one of
-    its environments, as ``--filter`` does. The reward is the steps walked minus the cost of a message.
+    Every key of a manifest's ``[environment]`` is a keyword, ``family`` among them; ``scenario`` selects the
+    observations, and ``extends`` names a preset. Alternatively, ``manifest`` names a file, and
+    ``environment`` selects one of its environments, as ``--filter`` does. The reward is the outcome of a
+    step, such as the steps walked, minus the cost of a message.
     """
 
     metadata: dict[str, Any] = {"render_modes": ["ansi", "human"], "render_fps": 10}
@@ -37,7 +38,7 @@ class StepCountEnv(gymnasium.Env[npt.NDArray[np.float32], np.int64]):
     def __init__(
         self,
         *,
-        scenario: str | None = None,
+        scenario: str | Sequence[str] | None = None,
         extends: str | None = None,
         manifest: str | os.PathLike[str] | None = None,
         environment: str | Mapping[str, Any] | None = None,
@@ -98,3 +99,7 @@ class StepCountEnv(gymnasium.Env[npt.NDArray[np.float32], np.int64]):
     def close(self) -> None:
         """Closes the environment; later steps and resets raise an error."""
         self._lane.close()
+
+
+#: The name of the class when ``step_count`` was the only family.
+StepCountEnv = Env

@@ -1,27 +1,37 @@
 """The native part of jitai; the package has the public classes."""
 
 import os
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 VERSION: str
+#: The families that jitai simulates.
+FAMILIES: list[str]
 
 class Declaration:
     """An environment and its observations."""
 
     @staticmethod
-    def of_keys(scenario: str, extends: str | None, keys: dict[str, Any]) -> Declaration: ...
+    def of_keys(
+        scenario: str | Sequence[str] | None, extends: str | None, keys: dict[str, Any]
+    ) -> Declaration: ...
     @staticmethod
     def of_manifest(path: str | os.PathLike[str], filter: str | None) -> Declaration: ...
     @staticmethod
-    def of_text(text: str) -> Declaration: ...
+    def of_text(text: str, files: list[str] = ...) -> Declaration: ...
     def text(self) -> str: ...
+    def files(self) -> list[str]: ...
     @property
     def scenario(self) -> str: ...
     @property
     def family(self) -> str: ...
+    @property
+    def outcome(self) -> str: ...
+    @property
+    def has_costs(self) -> bool: ...
     @property
     def actions(self) -> list[str]: ...
     @property

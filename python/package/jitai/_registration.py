@@ -1,4 +1,4 @@
-"""The registration of the environment, and the functions that make environments."""
+"""The registration of the environments, and the functions that make environments."""
 
 from __future__ import annotations
 
@@ -7,46 +7,50 @@ from typing import TYPE_CHECKING, Any
 import gymnasium
 
 if TYPE_CHECKING:
-    from jitai._environment import StepCountEnv
-    from jitai._vector import StepCountVectorEnv
+    from jitai._environment import Env
+    from jitai._vector import VectorEnv
 
-#: The id of the environment in Gymnasium.
-ENVIRONMENT_ID = "jitai/StepCount-v0"
+#: The ids in Gymnasium by family. A list here, because the import of jitai does not load the compiled module.
+IDS = {"step_count": "jitai/StepCount-v0", "oralytics": "jitai/Oralytics-v0"}
+#: The id of the family of manifests that name none.
+ENVIRONMENT_ID = IDS["step_count"]
 #: The noise of the context feature where an environment is made by its id alone, as Stable-Baselines3 makes
 #: the environment of ``PPO("MlpPolicy", id)``: the value with which StepCountJITAI's code makes its own.
 SIGMA = 0.4
 
 
 def register() -> None:
-    """Registers the environment with Gymnasium, once."""
-    if ENVIRONMENT_ID in gymnasium.registry:
-        return
-    gymnasium.register(
-        id=ENVIRONMENT_ID,
-        entry_point="jitai._registration:single",
-        vector_entry_point="jitai._registration:vector",
-        # The environment itself rejects calls in the wrong order, and its tests replace the checker.
-        order_enforce=False,
-        disable_env_checker=True,
-    )
+    """Registers the environments with Gymnasium, once."""
+    for family, name in IDS.items():
+        if name not in gymnasium.registry:
+            gymnasium.register(
+                id=name,
+                entry_point="jitai._registration:single",
+                vector_entry_point="jitai._registration:vector",
+                # The environment itself rejects calls in the wrong order, and its tests replace the checker.
+                order_enforce=False,
+                disable_env_checker=True,
+                kwargs={} if name == ENVIRONMENT_ID else {"family": family},
+            )
 
 
-def single(**keywords: Any) -> StepCountEnv:
+def single(**keywords: Any) -> Env:
     """The entry point of ``gymnasium.make``."""
-    from jitai._environment import StepCountEnv
+    from jitai._environment import Env
 
-    return StepCountEnv(**_declared(keywords))
+    return Env(**_declared(keywords))
 
 
-def vector(max_episode_steps: int | None = None, **keywords: Any) -> StepCountVectorEnv:
+def vector(max_episode_steps: int | None = None, **keywords: Any) -> VectorEnv:
     """The entry point of ``gymnasium.make_vec``, which passes the ``max_episode_steps`` of a spec."""
-    from jitai._vector import StepCountVectorEnv
+    from jitai._vector import VectorEnv
 
-    envs = StepCountVectorEnv(**_declared(keywords))
+    envs = VectorEnv(**_declared(keywords))
     longest = envs.declaration.longest_episode
     if max_episode_steps not in (None, longest):
+        key = "horizon" if "horizon" in envs.declaration.keys else "a key of the environment"
         raise ValueError(
-            f"max_episode_steps: the episodes of lanes have {longest} steps; set horizon instead"
+            f"max_episode_steps: the episodes of lanes have {longest} steps; set {key} instead"
         )
     return envs
 
@@ -55,16 +59,22 @@ def _declared(keywords: dict[str, Any]) -> dict[str, Any]:
     """The keywords; with a sigma if none of them declares an environment."""
     without_effect = ("family", "render_mode", "num_envs", "autoreset_mode", "state_in_info")
     is_bare = all(name in without_effect for name in keywords)
+    is_bare &= _id(keywords) == ENVIRONMENT_ID
     return {"sigma": SIGMA, **keywords} if is_bare else keywords
 
 
-def make(**keywords: Any) -> StepCountEnv:
-    """A single environment, as ``gymnasium.make(jitai.ENVIRONMENT_ID, …)`` makes it."""
-    return gymnasium.make(ENVIRONMENT_ID, **keywords)  # type: ignore[return-value]
+def _id(keywords: dict[str, Any]) -> str:
+    """The id of the family that the keywords name."""
+    return IDS.get(str(keywords.get("family")), ENVIRONMENT_ID)
 
 
-def make_vec(num_envs: int = 1, **keywords: Any) -> StepCountVectorEnv:
-    """A vector environment, as ``gymnasium.make_vec(jitai.ENVIRONMENT_ID, …)`` makes it."""
+def make(**keywords: Any) -> Env:
+    """A single environment, as ``gymnasium.make`` makes it from the id of its ``family``."""
+    return gymnasium.make(_id(keywords), **keywords)  # type: ignore[return-value]
+
+
+def make_vec(num_envs: int = 1, **keywords: Any) -> VectorEnv:
+    """A vector environment, as ``gymnasium.make_vec`` makes it from the id of its ``family``."""
     return gymnasium.make_vec(  # type: ignore[return-value]
-        ENVIRONMENT_ID, num_envs=num_envs, vectorization_mode="vector_entry_point", **keywords
+        _id(keywords), num_envs=num_envs, vectorization_mode="vector_entry_point", **keywords
     )

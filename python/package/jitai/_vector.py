@@ -29,10 +29,10 @@ Observations = npt.NDArray[np.float32]
 Flags = npt.NDArray[np.bool_]
 
 
-class StepCountVectorEnv(gymnasium.vector.VectorEnv[Observations, Any, npt.NDArray[Any]]):
-    """Many environments in one: lane i takes the same steps as a :class:`StepCountEnv` with its seed.
+class VectorEnv(gymnasium.vector.VectorEnv[Observations, Any, npt.NDArray[Any]]):
+    """Many environments in one: lane i takes the same steps as an :class:`Env` with its seed.
 
-    The keywords are those of :class:`StepCountEnv`. ``reset(seed=s)`` gives lane i the seed s + i. Every
+    The keywords are those of :class:`Env`. ``reset(seed=s)`` gives lane i the seed s + i. Every
     call returns new arrays, which later calls do not change.
     """
 
@@ -49,7 +49,7 @@ class StepCountVectorEnv(gymnasium.vector.VectorEnv[Observations, Any, npt.NDArr
         num_envs: int = 1,
         *,
         autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
-        scenario: str | None = None,
+        scenario: str | Sequence[str] | None = None,
         extends: str | None = None,
         manifest: str | os.PathLike[str] | None = None,
         environment: str | Mapping[str, Any] | None = None,
@@ -138,3 +138,7 @@ class StepCountVectorEnv(gymnasium.vector.VectorEnv[Observations, Any, npt.NDArr
         """Closes the environment; later steps and resets raise an error."""
         if self._lanes is not None:
             self._lanes.close()
+
+
+#: The name of the class when ``step_count`` was the only family.
+StepCountVectorEnv = VectorEnv

@@ -13,7 +13,8 @@ from stable_baselines3.common.monitor import Monitor
 from stable_baselines3.common.vec_env import VecEnv as BaseVecEnv
 
 from jitai._declaration import MOST_SEED
-from jitai._vector import StepCountVectorEnv
+from jitai._environment import Env
+from jitai._vector import VectorEnv
 
 if TYPE_CHECKING:
     from jitai.external import Job
@@ -24,7 +25,7 @@ __all__ = ["JobVecEnv", "VecEnv"]
 class VecEnv(BaseVecEnv):
     """Many lanes of the simulation, as a ``VecEnv`` of Stable-Baselines3.
 
-    The keywords are those of :class:`jitai.StepCountEnv`. The infos of lanes whose episode ended have
+    The keywords are those of :class:`jitai.Env`. The infos of lanes whose episode ended have
     ``terminal_observation``, ``TimeLimit.truncated`` and, as a ``Monitor`` writes it, ``episode`` with
     the sum of rewards, the length and the time. With ``state_in_info``, the infos of all lanes also have
     the true state, like the infos of single environments; this takes a dict per lane and step.
@@ -33,12 +34,12 @@ class VecEnv(BaseVecEnv):
 
     def __init__(self, num_envs: int = 1, *, state_in_info: bool = False, **keywords: Any) -> None:
         keywords.update(autoreset_mode=AutoresetMode.SAME_STEP, state_in_info=state_in_info)
-        self.env = StepCountVectorEnv(num_envs, **keywords)
+        self.env = VectorEnv(num_envs, **keywords)
         self._shows_state = bool(state_in_info)
         super().__init__(num_envs, self.env.single_observation_space, self.env.single_action_space)
         self.metadata = self.env.metadata
         self._actions = np.zeros(num_envs, np.int64)
-        self._masks = np.ones((num_envs, 4), np.int8)
+        self._masks = np.ones((num_envs, int(self.env.single_action_space.n)), np.int8)
         self._returns = np.zeros(num_envs)
         self._lengths = np.zeros(num_envs, np.int64)
         self._began = time.time()
@@ -162,13 +163,12 @@ class JobVecEnv(VecEnv):
 
     def __init__(self, job: Job, num_envs: int) -> None:
         keywords = job.environment()
-        has_costs = keywords.get("message_cost", 0) > 0
-        has_costs |= "message_cost" in keywords.get("population", {})
-        # Rewards are steps walked minus costs; reported returns are steps walked.
+        has_costs = Env(**keywords).declaration.has_costs
+        # Rewards are outcomes minus costs; reported returns are outcomes.
         super().__init__(num_envs, state_in_info=has_costs, **keywords)
         self._shows_state = False
         self._job, self._has_costs = job, has_costs
-        self._walked = np.zeros(num_envs)
+        self._outcomes = np.zeros(num_envs)
         self.callback: BaseCallback = _Budget(job)
         self.seed()
 
@@ -183,18 +183,19 @@ class JobVecEnv(VecEnv):
         """Takes the step, and reports the episodes that ended."""
         observations, rewards, done, infos = super().step_wait()
         if self._has_costs:
-            steps = self._states["steps_walked"].copy()
+            name = self.env.declaration.outcome
+            outcomes = self._states[name].copy()
             if done.any():
-                steps[done] = self._states["final_info"]["steps_walked"][done]
-            self._walked += steps
+                outcomes[done] = self._states["final_info"][name][done]
+            self._outcomes += outcomes
         ended = np.flatnonzero(done)
         reported = ended[: self._job.left]
         if len(reported):
             of_rewards = [infos[lane]["episode"]["r"] for lane in reported]
             self._job.report(
-                self._walked[reported] if self._has_costs else of_rewards,
+                self._outcomes[reported] if self._has_costs else of_rewards,
                 [infos[lane]["episode"]["l"] for lane in reported],
                 [not infos[lane]["TimeLimit.truncated"] for lane in reported],
             )
-        self._walked[ended] = 0.0
+        self._outcomes[ended] = 0.0
         return observations, rewards, done, infos

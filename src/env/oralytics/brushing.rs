@@ -1,5 +1,6 @@
 //! The simulation: people who brush in the morning and in the evening, one per lane.
 
+use std::io;
 use std::sync::Arc;
 
 use pulp::{Simd, WithSimd};
@@ -9,7 +10,7 @@ use crate::env::observation::{ObservationSpec, Observations};
 use crate::env::oralytics::feature::{Feature, Weights};
 use crate::env::oralytics::parameters::{CostScale, Oralytics, PER_DAY, TestBed};
 use crate::env::oralytics::person::{MOST_SECONDS, Person};
-use crate::env::simulation::{Simulated, Simulation};
+use crate::env::simulation::{Simulated, Simulation, StateColumn};
 use crate::env::variates::Expansion;
 use crate::env::vector::{
     Action, ActionSpec, EpisodeStatus, LaneSet, LaneStreams, VectorEnvironment,
@@ -461,8 +462,12 @@ impl Simulation for Brushing {
         Box::new(Brushing::new(&self.parameters, people, shown, (history, lanes)))
     }
 
-    fn time(&self, lane: usize) -> u32 {
-        self.times[lane]
+    fn copied(&self) -> io::Result<Simulated> {
+        Ok(Box::new(self.clone()))
+    }
+
+    fn times(&self) -> &[u32] {
+        &self.times
     }
 
     fn message_cost(&self, lane: usize) -> f64 {
@@ -486,15 +491,16 @@ impl Simulation for Brushing {
         self.statuses[lane] = EpisodeStatus::Truncated;
     }
 
-    fn record_state(&self, lane: usize, state: &mut Vec<f64>) {
-        state.extend([
-            self.average_brushing[lane],
-            self.average_prompts[lane],
-            self.responsiveness(lane),
-            f64::from(u8::from(self.app_today[lane])),
-            f64::from(u8::from(self.app_before[lane])),
-            f64::from(self.rows[lane]),
-        ]);
+    fn show_state<'s>(&'s self, show: &mut dyn FnMut(&'static str, StateColumn<'s>)) {
+        let columns = [
+            StateColumn::Reals(&self.average_brushing),
+            StateColumn::Reals(&self.average_prompts),
+            StateColumn::Reals(&self.responsiveness),
+            StateColumn::Flags(&self.app_today),
+            StateColumn::Flags(&self.app_before),
+            StateColumn::Counts(&self.rows),
+        ];
+        STATE.into_iter().zip(columns).for_each(|(name, column)| show(name, column));
     }
 }
 

@@ -152,7 +152,8 @@ impl PhysicalActivity {
     }
 
     /// The states as an observer sees them.
-    fn states(&self) -> LaneStates<'_> {
+    #[inline]
+    pub(super) fn states(&self) -> LaneStates<'_> {
         let lanes = self.lanes();
         LaneStates {
             times: &self.times,

@@ -1,8 +1,12 @@
 //! The simulation as jobs run it: its recorded state, and the strata of choices of action.
 
+use std::io;
+
+use super::context::ContextDraw;
+use super::full_step::INITIAL_STEPS;
 use super::physical_activity::PhysicalActivity;
-use crate::env::simulation::{Simulated, Simulation};
-use crate::env::vector::{Action, EpisodeStatus, VectorEnvironment};
+use crate::env::simulation::{Simulated, Simulation, StateColumn};
+use crate::env::vector::{Action, ActionSpec, EpisodeStatus, VectorEnvironment};
 
 /// The names of the recorded state, in its order: the true context; its inferred probability as the letter P shows
 /// it, whether or not the agent saw it; the most likely context; and habituation and disengagement risk before the
@@ -21,8 +25,12 @@ impl Simulation for PhysicalActivity {
         Box::new(PhysicalActivity::with_lanes(self, lanes))
     }
 
-    fn time(&self, lane: usize) -> u32 {
-        self.times()[lane]
+    fn copied(&self) -> io::Result<Simulated> {
+        Ok(Box::new(self.clone()))
+    }
+
+    fn times(&self) -> &[u32] {
+        PhysicalActivity::times(self)
     }
 
     fn is_counted(&self, lane: usize) -> bool {
@@ -53,6 +61,25 @@ impl Simulation for PhysicalActivity {
         bin.min(PROBABILITY_BINS - 1) * 2 + usize::from(draw.context)
     }
 
+    fn show_state<'s>(&'s self, show: &mut dyn FnMut(&'static str, StateColumn<'s>)) {
+        let states = self.states();
+        show("context", StateColumn::Bytes(states.contexts));
+        show("probability_0", StateColumn::Reals(states.probabilities));
+        show("likely", StateColumn::Bytes(states.likely));
+        show("habituation", StateColumn::Reals(states.habituation));
+        show("disengagement", StateColumn::Reals(states.disengagement));
+        show("available", StateColumn::Flags(states.available));
+    }
+
+    fn described_state(&self, lane: usize) -> String {
+        let ContextDraw { context, probability_of_zero, .. } = self.context(lane);
+        let (habituation, disengagement) = (self.habituation()[lane], self.disengagement()[lane]);
+        format!(
+            "context {context}, P(0) {probability_of_zero:.2}, habituation {habituation:.2}, disengagement \
+             {disengagement:.2}"
+        )
+    }
+
     fn record_state(&self, lane: usize, state: &mut Vec<f64>) {
         let draw = self.context(lane);
         let zero = draw.probability_of_zero;
@@ -66,11 +93,19 @@ impl Simulation for PhysicalActivity {
         ]);
     }
 
+    /// Those of the steps walked, the only feature without bounds of its own, in hundreds.
+    fn finite_bounds(&self) -> [f32; 2] {
+        let ActionSpec { lowest_reward, highest_reward, .. } = self.action_spec();
+        let shown = |steps: f64| (steps / 100.0) as f32;
+        let first = shown(INITIAL_STEPS);
+        [shown(lowest_reward).clamp(f32::MIN, first), shown(highest_reward).clamp(first, f32::MAX)]
+    }
+
     fn leave(&mut self, lane: usize) {
         self.end(lane);
     }
 
-    fn participant(&self, lane: usize) -> Vec<(usize, f64)> {
-        PhysicalActivity::participant(self, lane).collect()
+    fn participant(&self, lane: usize, values: &mut Vec<(usize, f64)>) {
+        values.extend(PhysicalActivity::participant(self, lane));
     }
 }
