@@ -122,8 +122,8 @@ impl Simulation for Reported {
         Box::new(Reported::new(self.real.with_lanes(lanes), self.reports.clone()))
     }
 
-    fn time(&self, lane: usize) -> u32 {
-        self.real.time(lane)
+    fn times(&self) -> &[u32] {
+        self.real.times()
     }
 
     fn is_counted(&self, lane: usize) -> bool {
@@ -168,8 +168,8 @@ impl Simulation for Reported {
         self.real.leave(lane);
     }
 
-    fn participant(&self, lane: usize) -> Vec<(usize, f64)> {
-        self.real.participant(lane)
+    fn participant(&self, lane: usize, values: &mut Vec<(usize, f64)>) {
+        self.real.participant(lane, values);
     }
 
     fn shown(&self) -> Option<&dyn Any> {
