@@ -3,12 +3,14 @@ DROP TRIGGER run_completes_with_results;
 
 CREATE TRIGGER run_completes_with_results BEFORE UPDATE OF status ON run
 WHEN NEW.status = 'completed' AND NOT (
-    (EXISTS (SELECT 1 FROM test_episode WHERE run = NEW.id)
-        OR 'none' = (SELECT json_extract(canonical, '$.evaluation.record_episodes') FROM job WHERE id = NEW.job))
-    AND 2 = (SELECT count(*) FROM metric_name JOIN run_metric ON run = NEW.id AND metric = id
+    2 = (SELECT count(*) FROM metric_name JOIN run_metric ON run = NEW.id AND metric = id
         WHERE name IN ('mean_return', 'mean_length'))
     AND EXISTS (SELECT 1 FROM metric_name JOIN run_metric ON run = NEW.id AND metric = id
-        WHERE name IN ('disengagement_rate', 'termination_rate')))
+        WHERE name IN ('disengagement_rate', 'termination_rate'))
+    AND ('none' IS (SELECT json_extract(canonical, '$.evaluation.record_episodes') FROM job WHERE id = NEW.job)
+        OR EXISTS (SELECT 1 FROM test_episode WHERE run = NEW.id)
+            AND EXISTS (SELECT 1 FROM metric_name JOIN run_metric ON run = NEW.id AND metric = id
+                WHERE name = 'sd_return')))
 BEGIN SELECT RAISE(ABORT, 'a completed run has its metrics and test episodes'); END;
 
 -- The standard deviation of one episode is undefined, and the tables keep 0 for it.
@@ -145,3 +147,64 @@ JOIN arm ON (arm.experiment, arm.agent, arm.form) = (cell.experiment, cell.agent
 JOIN experiment ON experiment.id = cell.experiment
 JOIN job ON job.id = cell.job
 LEFT JOIN run ON run.job = job.id AND run.status = 'completed';
+
+-- In a trial, decisions of step_count have more state than the packed rows hold.
+DROP VIEW decision;
+
+CREATE VIEW decision AS
+WITH place(i) AS (VALUES (0), (1), (2), (3), (4), (5), (6), (7), (8), (9)), packed AS (
+    SELECT
+        job.key AS job_key,
+        CASE recorded.id >> 38 & 1 WHEN 0 THEN 'train' ELSE 'test' END AS phase,
+        recorded.id >> 14 & 16777215 AS episode,
+        (recorded.id & 16383) + i AS step,
+        recorded.bits >> (5 * i) & 1 AS context,
+        CASE i WHEN 0 THEN probability_0 WHEN 1 THEN probability_1 WHEN 2 THEN probability_2
+            WHEN 3 THEN probability_3 WHEN 4 THEN probability_4 WHEN 5 THEN probability_5
+            WHEN 6 THEN probability_6 WHEN 7 THEN probability_7 WHEN 8 THEN probability_8
+            ELSE probability_9 END AS probability,
+        recorded.bits >> (5 * i + 1) & 1 AS likely_context,
+        CASE i WHEN 0 THEN habituation_0 WHEN 1 THEN habituation_1 WHEN 2 THEN habituation_2
+            WHEN 3 THEN habituation_3 WHEN 4 THEN habituation_4 WHEN 5 THEN habituation_5
+            WHEN 6 THEN habituation_6 WHEN 7 THEN habituation_7 WHEN 8 THEN habituation_8
+            ELSE habituation_9 END AS habituation,
+        CASE i WHEN 0 THEN disengagement_0 WHEN 1 THEN disengagement_1 WHEN 2 THEN disengagement_2
+            WHEN 3 THEN disengagement_3 WHEN 4 THEN disengagement_4 WHEN 5 THEN disengagement_5
+            WHEN 6 THEN disengagement_6 WHEN 7 THEN disengagement_7 WHEN 8 THEN disengagement_8
+            ELSE disengagement_9 END AS disengagement,
+        recorded.bits >> (5 * i + 2) & 1 AS available,
+        recorded.bits >> (5 * i + 3) & 3 AS action,
+        CASE i WHEN 0 THEN action_probability_0 WHEN 1 THEN action_probability_1
+            WHEN 2 THEN action_probability_2 WHEN 3 THEN action_probability_3
+            WHEN 4 THEN action_probability_4 WHEN 5 THEN action_probability_5
+            WHEN 6 THEN action_probability_6 WHEN 7 THEN action_probability_7
+            WHEN 8 THEN action_probability_8 ELSE action_probability_9 END AS action_probability,
+        CASE i WHEN 0 THEN reward_0 WHEN 1 THEN reward_1 WHEN 2 THEN reward_2 WHEN 3 THEN reward_3
+            WHEN 4 THEN reward_4 WHEN 5 THEN reward_5 WHEN 6 THEN reward_6 WHEN 7 THEN reward_7
+            WHEN 8 THEN reward_8 ELSE reward_9 END AS reward,
+        choice.bits >> (3 * i + 2) & 1 AS can_send,
+        choice.bits >> (3 * i) & 3 AS chosen_action,
+        json_extract(choice.probabilities, '$[' || i || ']') AS action_probabilities
+    FROM job
+    JOIN run ON run.job = job.id AND run.status = 'completed'
+    JOIN recorded_decision AS recorded
+        ON recorded.id BETWEEN run.id << 39 AND (run.id << 39) + 549755813887
+    LEFT JOIN recorded_choice AS choice ON choice.id = recorded.id
+    CROSS JOIN place
+    WHERE i < recorded.steps
+)
+SELECT packed.*, json_object('context', context, 'probability', probability, 'likely_context', likely_context,
+    'habituation', habituation, 'disengagement', disengagement) AS state
+FROM packed
+UNION ALL
+SELECT
+    job.key, CASE recorded.phase WHEN 0 THEN 'train' ELSE 'test' END, recorded.episode, recorded.step,
+    CAST(json_extract(recorded.state, '$.context') AS INTEGER),
+    json_extract(recorded.state, '$.probability'),
+    CAST(json_extract(recorded.state, '$.likely_context') AS INTEGER),
+    json_extract(recorded.state, '$.habituation'),
+    json_extract(recorded.state, '$.disengagement'), recorded.available, recorded.action, recorded.action_probability,
+    recorded.reward, recorded.can_send, recorded.chosen_action, recorded.action_probabilities, recorded.state
+FROM job
+JOIN run ON run.job = job.id AND run.status = 'completed'
+JOIN recorded_step AS recorded ON recorded.run = run.id;

@@ -39,7 +39,7 @@ keys! {
         update_lag_days: u32 = 0, in Kind::Integer { min: 0, max: MOST_DAYS };
         /// people who must have entered before the day of the first update; read with pooling = "full"
         update_first_with_people: u32 = 1, in Kind::Integer { min: 1, max: MOST_PEOPLE };
-        /// first and last day of an outage without updates; empty for none
+        /// first and last day of an outage without updates, or its only day; empty for none
         outage: Vec<u32> = Vec::new(), in Kind::Counts { most: 2, max: MOST_DAYS as u32 };
         /// probability that a person leaves the study before a day; the first day is never left
         dropout: f64 = 0.0, in Kind::PROBABILITY;
@@ -47,7 +47,7 @@ keys! {
         missing_outcomes: f64 = 0.0, in Kind::PROBABILITY;
         /// probability that a person's phone does not report before a decision, so that the algorithm sees the last
         /// reported observation; the first decision is always reported
-        unreported: f64 = 0.0, before 0.0, in Kind::PROBABILITY;
+        unreported: f64 = 0.0, in Kind::PROBABILITY;
     }
 }
 
@@ -94,7 +94,7 @@ pub static ROWS: ContentForm = ContentForm {
         Ok(Arc::new(columns(text, if has_seeds { &wanted } else { &wanted[..2] })?))
     },
     canonical: None,
-    help: None,
+    help: Some("for the published trials of Oralytics, experiments/oralytics/people.py makes it"),
 };
 
 /// Whole numbers by row, in the order of the wanted columns.
@@ -121,6 +121,18 @@ fn columns(text: &str, wanted: &[&str]) -> Result<Columns, String> {
     };
     let (_, rows) = read_csv(text, begin, push)?;
     if rows.is_empty() { Err("expected at least one row".to_owned()) } else { Ok(Columns(rows)) }
+}
+
+/// The columns of a file; `None` without one.
+///
+/// **Errors**: the text of the file is unknown.
+fn columns_in(content: &Content) -> Result<Option<Arc<Columns>>, String> {
+    match content.parsed() {
+        None if !content.is_none() => {
+            Err("a job of a store knows the digest of the file alone; use its manifest".to_owned())
+        }
+        columns => Ok(columns),
+    }
 }
 
 /// The days of a person in the study.
@@ -159,10 +171,21 @@ impl Trial {
     ///
     /// **Errors**: the file of stays does not have the people and days of the trial.
     pub fn calendar(&self) -> Result<Calendar, String> {
-        let entry: Option<Arc<Columns>> = self.entry.parsed();
-        let stays = match entry {
+        let stays = match columns_in(&self.entry)? {
             Some(columns) => self.stays(&columns)?,
             None => {
+                let last_group = (self.people - 1) / self.entry_people;
+                let all = [
+                    u64::from(self.entry_first_day),
+                    u64::from(last_group) * u64::from(self.entry_every_days),
+                    u64::from(self.days),
+                ];
+                let end: u64 = all.iter().sum();
+                if end > MOST_DAYS {
+                    return Err(format!(
+                        "the last person leaves on day {end}; the last day is {MOST_DAYS}"
+                    ));
+                }
                 let stay = |person: u32| {
                     let group = person / self.entry_people;
                     let start = self.entry_first_day + group * self.entry_every_days;
@@ -185,8 +208,8 @@ impl Trial {
             let is_stay = start < end && end - start <= u64::from(self.days) && end <= MOST_DAYS;
             let says = || {
                 format!(
-                    "person {} has start_day {start} and end_day {end}; expected 1 to {} days before day {MOST_DAYS}",
-                    person + 1,
+                    "person {person} has start_day {start} and end_day {end}; people are numbered from 0, and \
+                     expected are 1 to {} days before day {MOST_DAYS}",
                     self.days
                 )
             };
@@ -199,15 +222,18 @@ impl Trial {
     ///
     /// **Errors**: the file does not have a row for every person.
     pub fn rows(&self, seed: u64) -> Result<Option<Vec<u32>>, String> {
-        let file: Option<Arc<Columns>> = self.people_file.parsed();
-        let Some(file) = file else { return Ok(None) };
+        let Some(file) = columns_in(&self.people_file)? else { return Ok(None) };
         let mut of_people = vec![None; self.people as usize];
         for row in file.0.iter().filter(|row| row.get(2).is_none_or(|of| *of == seed)) {
             let place = usize::try_from(row[0]).ok().and_then(|person| of_people.get_mut(person));
             let place = place.ok_or_else(|| {
                 format!("seed {seed} has a person {}; people are numbered from 0", row[0])
             })?;
-            *place = u32::try_from(row[1]).ok();
+            if place.is_some() {
+                return Err(format!("seed {seed} has two rows for person {}", row[0]));
+            }
+            // A row that no file has is reported as such.
+            *place = Some(u32::try_from(row[1]).unwrap_or(u32::MAX));
         }
         let missing = of_people.iter().position(Option::is_none);
         match missing {
@@ -236,6 +262,7 @@ impl Calendar {
     pub fn is_outage(&self, day: u32) -> bool {
         match self.trial.outage[..] {
             [first, last] => (first..=last).contains(&day),
+            [only] => only == day,
             _ => false,
         }
     }
@@ -279,6 +306,11 @@ mod tests {
         assert!(!(0..30).any(|day| never.is_updated(day, 9)));
         let out = Trial { outage: vec![3, 5], ..trial(9) }.calendar().unwrap();
         assert!((0..9).filter(|day| out.is_outage(*day)).eq([3, 4, 5]));
+        let out = Trial { outage: vec![3], ..trial(9) }.calendar().unwrap();
+        assert!((0..9).filter(|day| out.is_outage(*day)).eq([3]));
+        let endless = Trial { entry_every_days: 90_000, ..trial(3) };
+        let says = "the last person leaves on day 180070; the last day is 100000";
+        assert_eq!(endless.calendar(), Err(says.to_owned()));
     }
 
     #[test]
@@ -291,6 +323,9 @@ mod tests {
         let drawn = Trial { people_file, ..trial(2) };
         assert_eq!(drawn.rows(1), Ok(Some(vec![7, 4])));
         assert_eq!(drawn.rows(2), Err("seed 2 has no row for person 0".to_owned()));
+        let people_file = Content::read(&ROWS, "person,row\n0,7\n0,4\n").unwrap();
+        let twice = Trial { people_file, ..trial(2) }.rows(1);
+        assert_eq!(twice, Err("seed 1 has two rows for person 0".to_owned()));
         let people_file = Content::read(&ROWS, "person,row\n1,3\n0,9\n").unwrap();
         assert_eq!(Trial { people_file, ..trial(2) }.rows(5), Ok(Some(vec![9, 3])));
         assert_eq!(trial(2).rows(1), Ok(None));

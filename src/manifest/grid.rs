@@ -389,8 +389,19 @@ fn trial_fault(
     if let Err(says) = trial.calendar() {
         return fault("entry", format!("`entry`: {says}"));
     }
-    if trial.outage.len() == 1 {
-        return fault("outage", "`outage`: expected a first and a last day, found one".to_owned());
+    let by_keys = [trial.entry_every_days, trial.entry_first_day, trial.entry_people - 1];
+    if !trial.entry.is_none() && by_keys.iter().any(|key| *key > 0) {
+        let says =
+            "`entry` names the day of every person, and keys `entry_*` are not read beside it";
+        return fault("entry", says.to_owned());
+    }
+    if trial.update_first_with_people > trial.people {
+        let (first, people) = (trial.update_first_with_people, trial.people);
+        let says = format!(
+            "`update_first_with_people` = {first} is never reached with `people` = {people}, so that the agent never \
+             learns"
+        );
+        return fault("update_first_with_people", says);
     }
     let longest = u64::from(environment.longest_episode());
     if !environment.family().is_external() && trial.decisions() != longest {

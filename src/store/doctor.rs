@@ -193,8 +193,7 @@ const OF_PARTICIPANTS: &[Invariant] = &[
                 (SELECT count(DISTINCT recorded.id >> 14) FROM recorded_participant AS recorded
                  WHERE recorded.id BETWEEN (run.id << 39) + (1 << 38)
                     AND (run.id << 39) + 549755813887)
-                <> CASE WHEN json_type(canonical, '$.population') IS NULL
-                        OR json_type(canonical, '$.trial') IS NOT NULL THEN 0
+                <> CASE WHEN json_type(canonical, '$.population') IS NULL THEN 0
                     ELSE (SELECT count(*) FROM test_episode WHERE run = run.id) END",
     },
 ];

@@ -247,14 +247,25 @@ impl Test {
     ///
     /// **Errors**: there was not enough memory for the decisions.
     fn end_batch(&mut self) -> Result<(), OutOfMemory> {
-        let Test { log, batch, .. } = self;
+        let Test { log, batch, study, participants, .. } = self;
         log.as_ref().map_or(Ok(()), DecisionLog::check)?;
         if batch.environment.any_running() {
             return Ok(());
         }
         let environment = &batch.environment;
+        let mut values = Vec::new();
         for (lane, episode) in batch.played.iter_mut().enumerate() {
             episode.terminated = environment.has_terminated(lane);
+            if study.is_some() {
+                environment.participant(lane, &mut values);
+                let (phase, episode) = (Phase::Test, lane as u32 + 1);
+                participants.extend(values.drain(..).map(|(place, value)| ParticipantValue {
+                    phase,
+                    episode,
+                    parameter: place as u8,
+                    value,
+                }));
+            }
         }
         self.played.append(&mut batch.played);
         self.prepare_batch();

@@ -81,6 +81,63 @@ fn the_people_of_a_trial_are_its_evaluation() {
     assert!(folder.read("report/index.html").contains("seconds of brushing"));
 }
 
+const POPULATION: &str = r#"format = 1
+name = "population"
+scenarios = ["P-H-D"]
+seeds = 3
+
+[trial]
+people = 8
+days = 10
+decisions_per_day = 5
+
+[environment]
+sigma = 0.4
+
+[population]
+epsilon_h = { uniform = [0.02, 0.3] }
+
+[evaluation]
+on = "trial"
+record_decisions = "test"
+
+[[agent]]
+name = "thompson"
+algorithm = "linear_thompson"
+
+[[agent]]
+name = "random"
+algorithm = "rule"
+rule = "random"
+
+[[analysis]]
+name = "slow"
+kind = "contrast"
+by = "agent.name"
+between = ["thompson", "random"]
+participants = { parameter = "epsilon_h", to_quantile = 0.5 }
+"#;
+
+#[test]
+fn people_of_a_trial_are_participants_with_parameters() {
+    let folder = Folder::new();
+    folder.write("trial.toml", POPULATION);
+    folder.jitai(["run", "trial.toml"]).succeeded();
+    assert_eq!(folder.number("SELECT count(*) FROM participant"), 6 * 8);
+    // Equal seeds have the same people, whichever agent they meet.
+    assert_eq!(folder.number("SELECT count(DISTINCT value) FROM participant"), 3 * 8);
+    // The columns of step_count have their values in trials too.
+    let known = "SELECT count(*) FROM decision WHERE context IN (0, 1) AND habituation BETWEEN 0 AND 1 \
+                 AND probability BETWEEN 0 AND 1 AND disengagement >= 0 AND typeof(context) = 'integer'";
+    assert_eq!(folder.number(known), folder.number("SELECT count(*) FROM decision"));
+    assert!(folder.number(known) > 6 * 8 * 10);
+    folder.jitai(["doctor"]).succeeded();
+    folder.jitai(["report", "trial.toml", "--out", "report"]).succeeded();
+    let table = folder.read("report/tables/population-slow.csv");
+    let row = table.lines().nth(1).unwrap();
+    assert!(row.contains(",3,"), "{table}");
+}
+
 #[test]
 fn a_trial_without_episodes_has_the_same_metrics() {
     let folder = folder(MANIFEST);
