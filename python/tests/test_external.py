@@ -10,7 +10,7 @@ import sys
 
 import jitai
 import pytest
-from conftest import ROOT, run
+from conftest import PEOPLE, ROOT, run
 
 SHIPPED = ROOT / "experiments" / "external"
 
@@ -316,6 +316,104 @@ job.test(lambda seen: [0] * len(seen))
             f" WHERE agent = 'rule' AND seed = {seed} AND phase = 'test' ORDER BY episode LIMIT 5"
         )
         assert [row[0] for row in rows(tmp_path, sql)] == eval((tmp_path / f"met{seed}").read_text())
+
+
+OF_PEOPLE = f"""\
+[environment]
+family = "oralytics"
+people = '{PEOPLE}/synthetic_v2.csv'
+days = 20
+habituation_factor = 0.5
+[evaluation]
+test_episodes"""
+BRUSHING = (
+    MANIFEST.replace('"P-H-D"', '["brushing", "time_of_day"]')
+    .replace("environment.sigma = 0.4\nevaluation.test_episodes", OF_PEOPLE)
+    .replace("evaluation.curve", "curve")
+    .replace('"untailored"', '"random"')
+)
+WALKING = MANIFEST.replace("[[", "population.epsilon_d = {{ uniform = [0.2, 0.6] }}\n[[", 1)
+
+
+@pytest.mark.parametrize("manifest", [BRUSHING, WALKING], ids=["oralytics", "step_count"])
+def test_the_environment_of_a_job_is_the_test_of_the_job(tmp_path, manifest):
+    program = """
+import jitai
+import numpy as np
+from jitai import external
+job = external.connect()
+env = jitai.make(**job.environment())
+assert env.unwrapped.declaration.family == job.message["family"]
+assert env.spec.max_episode_steps == job.longest_episode
+chance = np.random.default_rng(job.seed)
+observation, done = env.reset(seed=job.seed)[0], False
+def act(seen):
+    global observation, done
+    assert not done and seen.tobytes() == observation.tobytes()
+    action = int(chance.integers(job.actions))
+    observation, _, terminated, truncated, _ = env.step(action)
+    done = terminated or truncated
+    return [action]
+job.test(act)
+assert done
+"""
+    ran = with_program(tmp_path, program, manifest.replace("test_episodes = 50", "test_episodes = 1"), "outside")
+    assert ran.returncode == 0, ran.stderr + str(rows(tmp_path, "SELECT failure_message FROM run_summary"))
+
+
+def test_the_vector_environment_of_a_job_reports_seconds_of_brushing(tmp_path):
+    pytest.importorskip("stable_baselines3")
+    program = """
+import jitai
+import numpy as np
+from jitai import external
+from jitai.sb3 import JobVecEnv
+job = external.connect()
+lanes = JobVecEnv(job, 2)
+env, totals, costs = jitai.make(**job.environment()), [], 0.0
+for seed in lanes.seed():
+    env.reset(seed=seed)
+    total, done = 0.0, False
+    while not done:
+        _, reward, terminated, truncated, info = env.step(1)
+        total, costs = total + info["seconds_of_brushing"], costs + info["seconds_of_brushing"] - reward
+        done = terminated or truncated
+    totals.append(total)
+assert costs > 0
+open(f"totals{job.seed}", "w").write(repr(totals))
+lanes.reset()
+while job.left:
+    lanes.step(np.ones(2, int))
+job.test(lambda seen: [1] * len(seen))
+"""
+    text = BRUSHING.replace("episodes = 40", "episodes = 2").replace("stride = 8", "stride = 1")
+    ran = with_program(tmp_path, program, text, "outside")
+    assert ran.returncode == 0, ran.stderr + str(rows(tmp_path, "SELECT failure_message FROM run_summary"))
+    for seed in (1, 2):
+        sql = (
+            "SELECT value FROM learning_curve JOIN run_summary USING (job_key)"
+            f" WHERE metric = 'mean_return' AND seed = {seed} ORDER BY learning_curve.episode"
+        )
+        assert [row[0] for row in rows(tmp_path, sql)] == eval((tmp_path / f"totals{seed}").read_text())
+
+
+def test_a_job_in_an_outside_environment_names_what_to_make_instead(tmp_path):
+    program = """
+import jitai
+from jitai import external
+job = external.connect()
+jitai.make(**job.environment())
+"""
+    (tmp_path / "walk.py").write_text((SHIPPED / "two_messages.py").read_text())
+    environment = (
+        'environment = {{ family = "external", command = ["{python}", "walk.py"], version = "1",'
+        " parameters = {{ dose = 1.0, fatigue = 0.2 }} }}"
+    )
+    text = MANIFEST.replace("environment.sigma = 0.4", environment).replace('"P-H-D"', '"all"')
+    text = text.replace('"untailored"', '"random"')
+    ran = with_program(tmp_path, program, text, "outside")
+    assert ran.returncode == 1, ran.stderr
+    assert "make the Gymnasium environment that the program serves" in failure(tmp_path)
 
 
 def shipped(folder, agents: str, *options: str):

@@ -164,7 +164,9 @@ fn assignment(job: &Job, external: &External) -> Json {
         "actions": job.task().interface().actions,
         "horizon": horizon.unwrap_or_else(|| job.environment.longest_episode().into()),
         "longest_episode": job.environment.longest_episode(),
+        "family": job.environment.family().name,
         "environment": json_object(job.environment.family().keys, &job.environment.values()),
+        "files": files(&job.environment),
         "population": population(&job.environment),
         "evaluation": job.evaluation.to_json(),
     });
@@ -172,6 +174,16 @@ fn assignment(job: &Job, external: &External) -> Json {
         assignment["trial"] = trial.to_json().into();
     }
     assignment
+}
+
+/// The texts of the files that keys name, by key; `json_object` has their digests.
+fn files(of: &Environment) -> Map<String, Json> {
+    let values = of.family().keys.iter().zip(of.values());
+    let texts = values.filter_map(|(key, value)| match value {
+        Value::Content(content) => Some((key.name.to_owned(), content.text()?.into())),
+        _ => None,
+    });
+    texts.collect()
 }
 
 /// The keys of a population that differ from their defaults, as the tables of a manifest.

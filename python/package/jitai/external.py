@@ -123,7 +123,9 @@ class Job:
         """
         if self.message["history"] != 1:
             raise ValueError("history: the environments show one observation; train by reset and step")
-        keywords = {"scenario": self.scenario, **self.message["environment"]}
+        keywords = {name: self.message[name] for name in ("family", "scenario") if name in self.message}
+        # A key of a file takes the text of the file in place of its name.
+        keywords |= {**self.message["environment"], **self.message.get("files", {})}
         population = self.message["population"]
         if population and population.get("phases", "all") == "all":
             keywords["population"] = population
