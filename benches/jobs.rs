@@ -4,6 +4,7 @@
 use std::cell::{Cell, RefCell};
 use std::fs::File;
 use std::io::Write;
+use std::path::Path;
 use std::time::Duration;
 
 use divan::Bencher;
@@ -14,6 +15,7 @@ use jitai::agent::{
 use jitai::env::{
     Action, LaneSet, LaneStreams, PhysicalActivity, Scenario, StepCount, VectorEnvironment,
 };
+use jitai::experiment::{self, Filter};
 use jitai::job::Evaluation;
 use jitai::job::Job;
 use jitai::job::Outcome;
@@ -89,6 +91,17 @@ fn linear_thompson(probabilities: &str) {
     job.scenario = "C-H-D".parse().unwrap();
     job.evaluation.test_episodes = 1;
     assert!(matches!(train::run(&job, &Uncontrolled), Outcome::Completed(_)));
+}
+
+/// A trial of Oralytics with invented people: 9800 decisions, 33 weekly updates with the data of everybody.
+#[divan::bench(sample_count = 40, sample_size = 1)]
+fn a_trial(bencher: Bencher<'_, '_>) {
+    let manifest = experiment::load(Path::new("experiments/oralytics/updates.toml")).unwrap();
+    let filter: Filter = "agent=thompson,update_every_days=7,pooling=full,seed=1".parse().unwrap();
+    let planned = experiment::jobs(&manifest).find(|planned| filter.meets(planned)).unwrap();
+    bencher.bench_local(|| {
+        assert!(matches!(train::run(&planned.job, &Uncontrolled), Outcome::Completed(_)));
+    });
 }
 
 /// A decision for each of 1000 people, in the state of their tenth step, with the posterior after 100

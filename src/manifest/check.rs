@@ -106,8 +106,17 @@ fn trials(draft: &Draft, manifest: &Manifest, grids: &[Grid], faults: &mut Fault
         return;
     }
     for (declared, agent) in manifest.agents.iter().zip(&draft.agents) {
-        if !declared.algorithm.is_in_trials() {
-            let able = Algorithm::all().into_iter().filter(|algorithm| algorithm.is_in_trials());
+        let unread = declared.algorithm.unread_in_trials();
+        for key in unread.unwrap_or_default() {
+            if let Some(span) = agent.settings.span_of(key) {
+                let says = format!("agent `{}`: `{key}` is not read in a trial", declared.name);
+                faults
+                    .add(Fault::at(span, says).help("remove it; [trial] has the times of updates"));
+            }
+        }
+        if unread.is_none() {
+            let able = Algorithm::all().into_iter();
+            let able = able.filter(|algorithm| algorithm.unread_in_trials().is_some());
             let able: Vec<&str> = able.map(Algorithm::name).collect();
             let says = format!(
                 "agent `{}`: {} cannot act in a trial",

@@ -386,14 +386,14 @@ fn trial_fault(
     seeds: &[u64],
 ) -> Option<(Parameter, String)> {
     let fault = |key, says| Some((Parameter::Trial(key), says));
-    if let Err(says) = trial.calendar() {
-        return fault("entry", format!("`entry`: {says}"));
-    }
     let by_keys = [trial.entry_every_days, trial.entry_first_day, trial.entry_people - 1];
     if !trial.entry.is_none() && by_keys.iter().any(|key| *key > 0) {
         let says =
             "`entry` names the day of every person, and keys `entry_*` are not read beside it";
         return fault("entry", says.to_owned());
+    }
+    if let Err(says) = trial.calendar() {
+        return fault("entry", format!("`entry`: {says}"));
     }
     if trial.update_first_with_people > trial.people {
         let (first, people) = (trial.update_first_with_people, trial.people);

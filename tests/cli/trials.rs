@@ -240,6 +240,26 @@ fn what_does_not_suit_a_trial_is_refused_with_a_sentence() {
         ),
         ("people = \"people.csv\"\n", "", "missing key `people` in [environment]"),
         (
+            "noise_sd = 60",
+            "noise_sd = 60\ndraw = [\"step\", \"episode\"]",
+            "agent `thompson`: `draw` is not read in a trial",
+        ),
+        (
+            "entry = { every_days = 3, people = 2 }",
+            "entry = \"stays.csv\"\nentry_every_days = 3",
+            "keys `entry_*` are not read beside it",
+        ),
+        (
+            "update = { every_days = 2 }",
+            "update = { every_days = 2, first_with_people = 9 }",
+            "`update_first_with_people` = 9 is never reached with `people` = 6",
+        ),
+        (
+            "entry = { every_days = 3,",
+            "entry = { every_days = 60000,",
+            "the last person leaves on day 120008; the last day is 100000",
+        ),
+        (
             "[environment]",
             "[population]\nsigma = { uniform = [0, 1] }\n[environment]",
             "[environment] names the file of people",

@@ -233,8 +233,8 @@ pub trait AlgorithmParameters: Keyed + 'static {
     /// Constraints on jobs beyond the ranges of single keys; none by default.
     const CONSTRAINTS: &'static [Constraint] = &[];
 
-    /// Whether the algorithm can act in trials; false by default.
-    const IN_TRIALS: bool = false;
+    /// The keys that the algorithm does not read in trials; `None` if it cannot act in one.
+    const UNREAD_IN_TRIALS: Option<&'static [&'static str]> = None;
     /// The keys that [`AlgorithmParameters::unsuited`] judges; none by default.
     const SUITED: &'static [Parameter] = &[];
 
@@ -328,7 +328,7 @@ pub struct Algorithm {
     suited: &'static [Parameter],
     unsuited: fn(&[Value], &Interface) -> Option<Unsuited>,
     start: fn(&[Value], &Task) -> Result<Start, StartError>,
-    is_in_trials: bool,
+    unread_in_trials: Option<&'static [&'static str]>,
     in_trial: InTrial,
     network: NetworkOf,
     trained: TrainedBy,
@@ -368,7 +368,7 @@ impl Algorithm {
             suited: P::SUITED,
             unsuited: |values, interface| typed::<P>(values).unsuited(interface),
             start: |values, task| typed::<P>(values).start(task),
-            is_in_trials: P::IN_TRIALS,
+            unread_in_trials: P::UNREAD_IN_TRIALS,
             in_trial: |values, task, plan| typed::<P>(values).in_trial(task, plan),
             network: |values, shape, weights| typed::<P>(values).network(shape, weights),
             trained: |values, task, weights, actions| {
@@ -382,9 +382,9 @@ impl Algorithm {
         self.suited
     }
 
-    /// Whether the algorithm can act in trials.
-    pub fn is_in_trials(&self) -> bool {
-        self.is_in_trials
+    /// The keys that the algorithm does not read in trials; `None` if it cannot act in one.
+    pub fn unread_in_trials(&self) -> Option<&'static [&'static str]> {
+        self.unread_in_trials
     }
 
     /// The name in manifests, jobs and the store.

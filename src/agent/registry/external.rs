@@ -44,7 +44,7 @@ impl Agent {
 impl AlgorithmParameters for External {
     const NAME: &'static str = "external";
     const HAS_WEIGHTS: bool = false;
-    const IN_TRIALS: bool = true;
+    const UNREAD_IN_TRIALS: Option<&'static [&'static str]> = Some(&[]);
 
     fn episodes(&self) -> u32 {
         self.episodes

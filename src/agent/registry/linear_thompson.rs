@@ -181,7 +181,15 @@ impl AlgorithmParameters for LinearThompson {
         vec![Size { what, unit, size: self.regressors(task), most }]
     }
 
-    const IN_TRIALS: bool = true;
+    const UNREAD_IN_TRIALS: Option<&'static [&'static str]> = Some(&[
+        "episodes",
+        "warm_up",
+        "update",
+        "update_interval",
+        "first_update",
+        "posterior",
+        "draw",
+    ]);
     const SUITED: &'static [Parameter] = &[
         ACTION_BIAS,
         PI_MIN,

@@ -66,7 +66,7 @@ fn is_optimal(assignment: &Assignment) -> bool {
 
 impl AlgorithmParameters for RuleParameters {
     const NAME: &'static str = "rule";
-    const IN_TRIALS: bool = true;
+    const UNREAD_IN_TRIALS: Option<&'static [&'static str]> = Some(&[]);
     const LEARNS: bool = false;
     const CONSTRAINTS: &'static [Constraint] = &[
         Constraint {

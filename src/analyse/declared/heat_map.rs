@@ -45,6 +45,13 @@ pub struct Lead {
     pub behind: usize,
 }
 
+impl Lead {
+    /// Whether the intervals of the differences to all neighbours exclude 0.
+    pub fn is_clear(&self) -> bool {
+        self.behind == self.neighbours
+    }
+}
+
 /// The kind of values in a map.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Scale {

@@ -89,7 +89,18 @@ impl Drawn for Vec<HeatFigure> {
         let range = format!("Values range from {least} to {most}; the largest is {place}");
         if map.scale == Scale::Mean {
             let lead = map.lead.as_ref().filter(|_| tied == 1).map(|lead| ahead(map, lead, metric));
-            return Some(range + &lead.unwrap_or_default());
+            let clear = self.iter().filter(|map| map.lead.as_ref().is_some_and(Lead::is_clear));
+            let maps = match self.len() {
+                1 => String::new(),
+                all => format!(
+                    ". The best tile is clearly ahead of every neighbour in {} of {all} maps",
+                    clear.count()
+                ),
+            };
+            return Some(match lead {
+                Some(lead) => range + &lead + &maps,
+                None => range,
+            });
         }
         let beyond = tiles().filter(|(_, tile, _)| tile.is_beyond_zero()).count();
         let beyond = match beyond {
