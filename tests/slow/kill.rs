@@ -30,6 +30,11 @@ const PATIENCE: Duration = Duration::from_secs(120);
 /// The number of the signal SIGKILL.
 const SIGKILL: i32 = 9;
 
+/// A trial of 500 people with what does not go as planned.
+const TRIAL: &str = "evaluation = { on = \"trial\", record_decisions = \"test\" }\n\
+    trial = { people = 500, days = 10, decisions_per_day = 5, entry_every_days = 1, entry_people = 25, \
+    pooling = [\"full\", \"none\"], update_every_days = 3, dropout = 0.02, missing_outcomes = 0.1, unreported = 0.2 }";
+
 /// The kind of jobs in a sweep.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 enum Jobs {
@@ -37,11 +42,13 @@ enum Jobs {
     Dqn,
     Reinforce,
     Rules,
+    Trial,
     Failing,
 }
 
 impl Jobs {
-    const ALL: [Jobs; 5] = [Jobs::Trivial, Jobs::Dqn, Jobs::Reinforce, Jobs::Rules, Jobs::Failing];
+    const ALL: [Jobs; 6] =
+        [Jobs::Trivial, Jobs::Dqn, Jobs::Reinforce, Jobs::Rules, Jobs::Trial, Jobs::Failing];
 
     fn name(self) -> &'static str {
         match self {
@@ -49,6 +56,7 @@ impl Jobs {
             Jobs::Dqn => "DQN",
             Jobs::Reinforce => "REINFORCE",
             Jobs::Rules => "rules",
+            Jobs::Trial => "trial",
             Jobs::Failing => "failing",
         }
     }
@@ -61,22 +69,23 @@ impl Jobs {
     /// Exit code of `jitai run` once every job has ended.
     fn exit_code(self) -> i32 {
         match self {
-            Jobs::Trivial | Jobs::Dqn | Jobs::Reinforce | Jobs::Rules => 0,
+            Jobs::Trivial | Jobs::Dqn | Jobs::Reinforce | Jobs::Rules | Jobs::Trial => 0,
             Jobs::Failing => 1,
         }
     }
 
     /// The manifest.
     fn text(self) -> String {
-        let (seeds, test_episodes) = match self {
-            Jobs::Trivial => (8, 20),
-            Jobs::Dqn | Jobs::Reinforce => (3, 50),
-            Jobs::Rules => (4, 1000),
-            Jobs::Failing => (2, 20),
+        let (seeds, evaluation) = match self {
+            Jobs::Trivial => (8, "evaluation.test_episodes = 20"),
+            Jobs::Dqn | Jobs::Reinforce => (3, "evaluation.test_episodes = 50"),
+            Jobs::Rules => (4, "evaluation.test_episodes = 1000"),
+            Jobs::Trial => (4, TRIAL),
+            Jobs::Failing => (2, "evaluation.test_episodes = 20"),
         };
         let mut text = format!(
             "format = 1\nname = \"sweep\"\nscenarios = [\"P-H-D\"]\nseeds = {seeds}\n\
-             environment.sigma = 0.6\nevaluation.test_episodes = {test_episodes}\n"
+             environment.sigma = 0.6\n{evaluation}\n"
         );
         let mut agent = |name: &str, algorithm: &str, keys: &str| {
             let head = format!("[[agent]]\nname = \"{name}\"\nalgorithm = \"{algorithm}\"\n");
@@ -94,6 +103,7 @@ impl Jobs {
                 agent("untailored", "rule", "rule = \"untailored\"");
                 agent("tailored", "rule", "rule = \"tailored\"");
             }
+            Jobs::Trial => agent("thompson", "linear_thompson", "noise_sd = 40"),
             Jobs::Failing => {
                 // The loss overflows at the second update.
                 let layers = ["64"; 24].join(", ");
