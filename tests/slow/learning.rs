@@ -8,7 +8,7 @@ use std::thread;
 
 use jitai::agent::{Agent, DuelingDqn, Engine, Reinforce};
 use jitai::analyse;
-use jitai::env::{Population, Scenario, StepCount};
+use jitai::env::{Scenario, StepCount};
 use jitai::job::Evaluation;
 use jitai::job::Job;
 use jitai::job::Outcome;
