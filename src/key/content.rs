@@ -92,12 +92,13 @@ impl Content {
         }))))
     }
 
-    /// Whether there is none.
+    /// Whether the key names no file.
     pub fn is_none(&self) -> bool {
         self.0.is_none()
     }
 
-    /// The text with line feeds and one at its end; `None` if there is none, or if only its digest is known.
+    /// The text with line feeds and one at its end; `None` if the key names no file, or if only the digest is
+    /// known.
     pub fn text(&self) -> Option<&str> {
         self.0.as_ref()?.text.as_ref().map(|(text, _)| text.as_str())
     }
