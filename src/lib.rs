@@ -176,6 +176,7 @@ pub mod policy {
         ActionNetwork, Actions, Actor, Architecture, BanditPolicy, Choice, DecisionRule,
         NetworkActor, NetworkPolicy, RuleParameters, RulePolicy, StackNames,
     };
+    pub use crate::job::NoWeights;
     pub use crate::optimum::NoOptimum;
     pub use crate::portable::{PortableError, PortablePolicy, bandit_of, network_of, portable};
     pub use crate::train::{RollStreams, Rollout, StepObserver, begin, play, roll};

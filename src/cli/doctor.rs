@@ -59,7 +59,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<Exit, Error> {
 fn check_weights(job: &Job, safetensors: Option<&[u8]>) -> Result<(), String> {
     let Some(safetensors) = safetensors else {
         let missing = "no weights are stored, although its algorithm learns";
-        return if job.has_weights() { Err(missing.to_owned()) } else { Ok(()) };
+        return if job.no_weights().is_none() { Err(missing.to_owned()) } else { Ok(()) };
     };
     let weights = Weights::from_bytes(safetensors).map_err(|error| error.to_string())?;
     if !weights.are_finite() {

@@ -10,8 +10,7 @@ use crate::cli::check::ManifestArguments;
 use crate::cli::output::{Field, Format, Rows, counted};
 use crate::cli::workers::workers;
 use crate::cli::{Error, Exit, StoreArgument, counts};
-use crate::key::Parameter;
-use crate::key::printable;
+use crate::key::{Parameter, printable, shortened};
 use crate::manifest::Manifest;
 use crate::plan::{ChangedDefault, Filter, Shard, Swept};
 use crate::schedule::{self, Change, Left, Reason, Selection, Sharing, Speeds, Survey, Surveyed};
@@ -270,8 +269,9 @@ fn list_jobs(mut survey: Survey<'_>, manifests: &[Manifest], format: Format) -> 
                 Field::Integer(planned.job.seed as i64),
                 match format {
                     Format::Json => Field::Nested(swept.object(&planned.agent, &planned.job)),
-                    Format::Table | Format::Csv => {
-                        Field::text(swept.words(&planned.agent, &planned.job))
+                    Format::Csv => Field::text(swept.words(&planned.agent, &planned.job)),
+                    Format::Table => {
+                        Field::text(shortened(&swept.words(&planned.agent, &planned.job)))
                     }
                 },
                 Field::text(state.name()),

@@ -8,8 +8,7 @@ use std::path::PathBuf;
 use std::str::FromStr;
 
 use crate::agent::{
-    self, Actions, Actor, DecisionRuleError, RuleParameters, RulePolicy, Start, StartError, Task,
-    Unavailable, Weights,
+    self, Actions, Actor, DecisionRuleError, RuleParameters, RulePolicy, Start, Task, Unavailable,
 };
 use crate::cli::output::{Field, Format, Rows};
 use crate::cli::setting::adjusted;
@@ -19,6 +18,8 @@ use crate::env::{
     self, Action, Environment, EpisodeStatus, Observer, PhysicalActivity, Scenario, Simulated,
     StepCount, StepCountModel, VectorEnvironment,
 };
+use crate::job::NoWeights;
+use crate::portable::{PortableError, weights_of};
 use crate::store::{Reader, StoreError};
 use crate::train::{self, RollStreams, StepObserver};
 
@@ -143,7 +144,7 @@ fn of_rule<'t>(environment: &'t Environment, scenario: &'t Scenario) -> Task<'t>
 fn of_run(key: &str, arguments: &Arguments) -> Result<Rolled, Error> {
     let stored = Reader::open(&arguments.store.store)?.weights(key);
     let stored = stored.map_err(|error| refused_key("--policy run", error))?;
-    let job = stored.job;
+    let job = &stored.job;
     let Some(StepCountModel { parameters, population }) = job.task().step_count().cloned() else {
         return Err(Error::Usage(format!(
             "job {key} has an environment of the family {}, and `jitai simulate` shows those of step_count; \
@@ -163,26 +164,25 @@ fn of_run(key: &str, arguments: &Arguments) -> Result<Rolled, Error> {
     }
     let environment = (adjusted(parameters, &arguments.settings)?, population).into();
     let task = Task { environment: &environment, ..job.task() };
-    let Some(safetensors) = stored.safetensors else {
-        // The agent is a rule or an outside program, neither of which has weights.
-        return match job.agent.start(&task) {
-            Ok(Start::Actor(_)) if arguments.greedy => Err(Error::Usage(GREEDY_RULE.to_owned())),
-            Ok(Start::Actor(rule)) => Ok(Rolled::new(&task, rule, arguments)),
-            Err(error @ (StartError::NoOptimum(_) | StartError::Outside)) => {
-                Err(Error::Usage(error.to_string()))
-            }
-            Ok(Start::Learner(_)) | Err(_) => Err(Error::Usage(format!(
-                "job {key} has no stored weights: the store is damaged; examine it with \
-                     `jitai doctor`"
-            ))),
-        };
+    let weights = match weights_of(&stored) {
+        Ok(weights) => weights,
+        // A rule starts without weights.
+        Err(PortableError::NoWeights { reason: reason @ NoWeights::Algorithm(_), .. }) => {
+            return match job.agent.start(&task) {
+                Ok(Start::Actor(_)) if arguments.greedy => {
+                    Err(Error::Usage(GREEDY_RULE.to_owned()))
+                }
+                Ok(Start::Actor(rule)) => Ok(Rolled::new(&task, rule, arguments)),
+                Ok(Start::Learner(_)) => Err(Error::Usage(format!("job {key}: {reason}"))),
+                Err(error) => Err(Error::Usage(error.to_string())),
+            };
+        }
+        Err(error) => return Err(Error::Usage(error.to_string())),
     };
     let actions = if arguments.greedy { Actions::Greedy } else { Actions::AsTrained };
-    let unusable = |error: agent::WeightsError| {
+    let policy = job.agent.trained(&task, &weights, actions).map_err(|error| {
         Error::Usage(format!("the policy of job {key} cannot be used: {error}"))
-    };
-    let weights = Weights::from_bytes(&safetensors).map_err(unusable)?;
-    let policy = job.agent.trained(&task, &weights, actions).map_err(unusable)?;
+    })?;
     let unavailable = job.agent.unavailable();
     Ok(Rolled { unavailable, ..Rolled::new(&task, policy, arguments) })
 }

@@ -60,6 +60,25 @@ pub enum JobError {
     Spelling(String),
 }
 
+/// Why the results of a job have no weights.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+#[non_exhaustive]
+pub enum NoWeights {
+    /// The algorithm has none.
+    #[error("agents of the algorithm `{0}` have no weights")]
+    Algorithm(&'static str),
+    /// The job is a trial in which each person has an agent.
+    #[error(
+        "in its trial, each person has an agent (`pooling = \"none\"`); a trial with `pooling = \"full\"` has one policy"
+    )]
+    NotPooled,
+    /// The job records metrics alone.
+    #[error(
+        "it stores metrics alone (`record_episodes = \"none\"`); a job with `record_episodes = \"all\"` stores its weights"
+    )]
+    NotRecorded,
+}
+
 /// The number of multiply-adds that take as long as a step of the simulation.
 const PER_SIMULATED_STEP: u64 = 500;
 
@@ -72,11 +91,16 @@ impl Job {
         self.agent.algorithm().name()
     }
 
-    /// Whether the results have weights: not without episodes, and not where each person of a trial has an agent.
-    pub fn has_weights(&self) -> bool {
-        let is_one = self.trial.as_ref().is_none_or(|trial| trial.pooling == Pooling::Full);
-        let recorded = self.evaluation.record_episodes == RecordedEpisodes::All;
-        self.agent.algorithm().has_weights() && is_one && recorded
+    /// Why the results have no weights; `None` if they have weights.
+    pub fn no_weights(&self) -> Option<NoWeights> {
+        if !self.agent.algorithm().has_weights() {
+            return Some(NoWeights::Algorithm(self.algorithm()));
+        }
+        if self.trial.as_ref().is_some_and(|trial| trial.pooling == Pooling::None) {
+            return Some(NoWeights::NotPooled);
+        }
+        let is_recorded = self.evaluation.record_episodes == RecordedEpisodes::All;
+        (!is_recorded).then_some(NoWeights::NotRecorded)
     }
 
     /// The metric that is the share of episodes that were terminated.

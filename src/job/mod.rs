@@ -17,7 +17,7 @@ mod scalar;
 mod trial;
 
 pub use condition::{Condition, Described, short_name};
-pub use content::{Job, JobError};
+pub use content::{Job, JobError, NoWeights};
 pub use evaluation::{EvaluatedOn, Evaluation, RecordedDecisions, RecordedEpisodes, TestActions};
 pub use identity::{
     CanonicalForm, JobKey, Parts, Versions, agent_text, environment_text, people_text, text,

@@ -70,6 +70,10 @@ struct Known {
 const NONE: &str = "none";
 /// Stands before a digest.
 const PREFIX: &str = "sha256:";
+/// Number of hexadecimal digits of a digest.
+const DIGITS: usize = 64;
+/// Number of the digits that readers see.
+const SHOWN_DIGITS: usize = 8;
 /// Stands before both for an invented text.
 const SYNTHETIC: &str = "synthetic:";
 /// The first line of an invented text begins so.
@@ -92,12 +96,13 @@ impl Content {
         }))))
     }
 
-    /// Whether there is none.
+    /// Whether the key names no file.
     pub fn is_none(&self) -> bool {
         self.0.is_none()
     }
 
-    /// The text with line feeds and one at its end; `None` if there is none, or if only its digest is known.
+    /// The text with line feeds and one at its end; `None` if the key names no file, or if only the digest is
+    /// known.
     pub fn text(&self) -> Option<&str> {
         self.0.as_ref()?.text.as_ref().map(|(text, _)| text.as_str())
     }
@@ -124,7 +129,7 @@ impl Content {
         let digest = name.strip_prefix(SYNTHETIC);
         let is_synthetic = digest.is_some();
         let sha256 = digest.unwrap_or(name).strip_prefix(PREFIX)?.to_owned();
-        let is_digest = sha256.len() == 64 && HEXLOWER.decode(sha256.as_bytes()).is_ok();
+        let is_digest = sha256.len() == DIGITS && HEXLOWER.decode(sha256.as_bytes()).is_ok();
         is_digest.then(|| Content(Some(Arc::new(Known { is_synthetic, sha256, text: None }))))
     }
 
@@ -132,6 +137,21 @@ impl Content {
     pub fn is_word_for_none(text: &str) -> bool {
         text == NONE
     }
+}
+
+/// A text for readers: the names of [`Content::name`] in the text have eight hexadecimal digits.
+pub fn shortened(text: &str) -> String {
+    let mut out = String::new();
+    let mut rest = text;
+    while let Some(at) = rest.find(PREFIX) {
+        let (before, digest) = rest.split_at(at + PREFIX.len());
+        let digits = digest.bytes().take_while(u8::is_ascii_hexdigit).count();
+        let shown = if digits == DIGITS { SHOWN_DIGITS } else { digits };
+        out += before;
+        out += &digest[..shown];
+        rest = &digest[digits..];
+    }
+    out + rest
 }
 
 impl PartialEq for Content {
@@ -176,6 +196,11 @@ mod tests {
         assert_eq!(Content::named("sha256:12"), None);
         assert_eq!(one.to_string(), format!("\"{}\"", one.name()));
         assert!(Content::read(&NUMBER, "seven").is_err());
+        let digest = "0123456789abcdef".repeat(4);
+        let both = |digits: &str| format!("sha256:{digits} - synthetic:sha256:{digits} σ=1");
+        assert_eq!(shortened(&both(&digest)), both("01234567"));
+        let others = format!("none sha256: sha256:{digest}0 {digest}");
+        assert_eq!(shortened(&others), others);
         let invented = read("# synthetic\n7");
         assert!(invented.name().starts_with("synthetic:sha256:"));
         assert_eq!(Content::named(&invented.name()), Some(invented));

@@ -22,7 +22,7 @@ mod value;
 
 pub use canonical::{CanonicalError, canonical_object, read_object};
 pub use constraint::{Assignment, Constraint, Size, Violation};
-pub use content::{Canonical, Content, ContentForm, Parsed};
+pub use content::{Canonical, Content, ContentForm, Parsed, shortened};
 pub use declare::{FixedKind, Key, KeyType, Keyed, SettingError, json_object};
 pub(crate) use declare::{choices, keys};
 pub use distribution::{Distribution, DistributionError};

@@ -127,15 +127,15 @@ impl Reader<'_> {
                 draft.environment.override_with(read);
             }
             "population" if self.family.people.is_empty() => {
+                let people = match self.family.is_external() {
+                    true => "a program may draw its own people",
+                    false => "the people come from the file that [environment] names",
+                };
                 let says = format!(
-                    "`population`: the people in environments of the family {} do not differ",
+                    "`population` does not apply to the family {}: {people}",
                     self.family.name
                 );
-                let fault = Fault::at(node.span().into(), says);
-                self.faults.add(fault.help(match self.family.is_external() {
-                    true => "remove the table; a program may draw its own people",
-                    false => "remove the table; [environment] names the file of people",
-                }));
+                self.faults.add(Fault::at(node.span().into(), says).help("remove the table"));
             }
             "population" => {
                 draft.population = self.section(Section::Population(self.family), &[], node);

@@ -46,7 +46,7 @@ pub(super) struct Reader<'t> {
 #[derive(Clone, Copy, Default)]
 pub struct Runs<'r>(pub Option<&'r PolicyOf<'r>>);
 
-/// Returns the text of the policy of a job; the error says why there is none.
+/// Returns the text of the policy of a job; the error says why the job has no policy.
 pub type PolicyOf<'r> = dyn Fn(&str) -> Result<String, String> + 'r;
 
 impl fmt::Debug for Runs<'_> {

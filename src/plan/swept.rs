@@ -4,8 +4,7 @@ use serde_json::Value;
 
 use crate::job::short_name;
 use crate::job::{Job, shown, value_of};
-use crate::key::Parameter;
-use crate::key::printable;
+use crate::key::{Parameter, printable, shortened};
 use crate::manifest::{Manifest, Varying};
 
 /// The additional parameters in which the jobs of an agent differ.
@@ -56,7 +55,7 @@ impl Swept {
                 Some(format!(" {key}={}", job.number(Parameter::Environment(key))?))
             });
         let headline = headline.unwrap_or_default();
-        let words = self.words(agent, job);
+        let words = shortened(&self.words(agent, job));
         let agent = printable(agent);
         format!("{agent} {scenario}{headline} seed={seed} {words}").trim_end().to_owned()
     }

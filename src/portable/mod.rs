@@ -10,6 +10,7 @@ mod protobuf;
 use serde_json::Value as Json;
 
 use crate::agent::{BanditPolicy, LinearThompson, NetworkPolicy, Weights, WeightsError};
+use crate::job::NoWeights;
 use crate::store::StoredWeights;
 pub use description::digest;
 
@@ -50,12 +51,17 @@ pub enum PortableError {
         /// The algorithm.
         algorithm: &'static str,
     },
-    /// The job is a trial in which each person has a bandit.
-    #[error(
-        "job {key} has no common posterior: in its trial, each person has an agent (`pooling = \"none\"`); a trial \
-         with `pooling = \"full\"` has one"
-    )]
-    NotPooled {
+    /// The job has no weights.
+    #[error("job {key} has no stored policy: {reason}")]
+    NoWeights {
+        /// The job.
+        key: String,
+        /// The reason.
+        reason: NoWeights,
+    },
+    /// The store lacks the weights of the job.
+    #[error("job {key} lacks its weights: the store is damaged; examine it with `jitai doctor`")]
+    Missing {
         /// The job.
         key: String,
     },
@@ -90,9 +96,23 @@ pub enum PortableError {
     },
 }
 
+/// The weights of a completed job.
+///
+/// **Errors**: the job has no weights, or they cannot be read.
+pub fn weights_of(stored: &StoredWeights) -> Result<Weights, PortableError> {
+    let key = stored.job_key.to_string();
+    match (&stored.safetensors, stored.job.no_weights()) {
+        (Some(bytes), _) => {
+            Weights::from_bytes(bytes).map_err(|error| PortableError::Weights { key, error })
+        }
+        (None, Some(reason)) => Err(PortableError::NoWeights { key, reason }),
+        (None, None) => Err(PortableError::Missing { key }),
+    }
+}
+
 /// The network of a completed job with its weights.
 ///
-/// **Errors**: the job has no network, or the network has a memory, or the weights do not fit.
+/// **Errors**: the job has no weights or no network, or the network has a memory, or the weights do not fit.
 pub fn network_of(stored: &StoredWeights) -> Result<(Weights, NetworkPolicy), PortableError> {
     let key = || stored.job_key.to_string();
     let refused = |error| match error {
@@ -101,8 +121,7 @@ pub fn network_of(stored: &StoredWeights) -> Result<(Weights, NetworkPolicy), Po
         }
         error => PortableError::Weights { key: key(), error },
     };
-    let bytes = stored.safetensors.as_ref().ok_or_else(|| refused(WeightsError::NoNetwork))?;
-    let weights = Weights::from_bytes(bytes).map_err(refused)?;
+    let weights = weights_of(stored)?;
     let policy = stored.job.agent.network(stored.job.task().shape(), &weights).map_err(refused)?;
     if policy.network.memory() > 0 {
         return Err(PortableError::HasMemory { key: key() });
@@ -112,7 +131,7 @@ pub fn network_of(stored: &StoredWeights) -> Result<(Weights, NetworkPolicy), Po
 
 /// The policy of a completed bandit with the weights that hold its posterior.
 ///
-/// **Errors**: the job has another agent, or an agent for each person of a trial, or the weights do not fit.
+/// **Errors**: the job has another agent or no weights, or the weights do not fit.
 pub fn bandit_of(stored: &StoredWeights) -> Result<(Weights, BanditPolicy), PortableError> {
     let key = || stored.job_key.to_string();
     let job = &stored.job;
@@ -120,14 +139,10 @@ pub fn bandit_of(stored: &StoredWeights) -> Result<(Weights, BanditPolicy), Port
         .agent
         .parameters()
         .ok_or_else(|| PortableError::NoBandit { key: key(), algorithm: job.algorithm() })?;
-    let bytes = stored.safetensors.as_ref();
-    let bytes = bytes.ok_or_else(|| PortableError::NotPooled { key: key() })?;
-    let read = || {
-        let weights = Weights::from_bytes(bytes)?;
-        let policy = BanditPolicy::new(&parameters, &job.task().interface(), &weights, job.seed)?;
-        Ok((weights, policy))
-    };
-    read().map_err(|error| PortableError::Weights { key: key(), error })
+    let weights = weights_of(stored)?;
+    let policy = BanditPolicy::new(&parameters, &job.task().interface(), &weights, job.seed);
+    let policy = policy.map_err(|error| PortableError::Weights { key: key(), error })?;
+    Ok((weights, policy))
 }
 
 /// The description of a completed bandit without the draws of its probabilities: all that another bandit takes as its
@@ -141,7 +156,7 @@ pub fn bandit_posterior(stored: &StoredWeights) -> Result<String, PortableError>
 
 /// The policy of a completed job as files.
 ///
-/// **Errors**: the job has neither a network nor a posterior, or the network has a memory or does not state its
+/// **Errors**: the job has no weights, or neither a network nor a posterior, or the network has a memory or does not state its
 /// layers, or the weights do not fit.
 pub fn portable(stored: &StoredWeights) -> Result<PortablePolicy, PortableError> {
     if stored.job.agent.parameters::<LinearThompson>().is_some() {

@@ -1,6 +1,7 @@
 //! A table of numbers and words, and its forms: CSV, Markdown, LaTeX.
 
 use super::escape;
+use crate::key::shortened;
 
 /// A table.
 #[derive(Clone, Debug, PartialEq)]
@@ -58,10 +59,10 @@ pub enum Entry {
 }
 
 impl Entry {
-    /// Text.
+    /// Text, for readers with short digests of files.
     pub fn text(text: impl Into<String>) -> Entry {
-        let shown = text.into();
-        Entry::Text { exact: shown.clone(), shown }
+        let exact = text.into();
+        Entry::Text { shown: shortened(&exact), exact }
     }
 
     /// A name: in files the key, for readers the label.

@@ -1,11 +1,12 @@
 //! Displayed names in figures and tables: labels of agents, symbols of parameters.
 //!
-//! They are made where text is drawn. CSV files keep the names of keys.
+//! They are made where text is drawn. CSV files keep the names of keys and whole digests of files.
 
 use super::figure::arm_label;
 use super::symbols;
 use crate::analyse::declared::{ArmId, implied};
 use crate::job::short_name;
+use crate::key::shortened;
 use crate::manifest::{FigureKeys, PanelKey};
 use crate::record::JobRecord;
 
@@ -43,7 +44,7 @@ impl Names {
             None if has_agents => self.agent(word),
             None => word.to_owned(),
         };
-        text.split(' ').map(word).collect::<Vec<_>>().join(" ")
+        shortened(&text.split(' ').map(word).collect::<Vec<_>>().join(" "))
     }
 
     /// What figures show of an arm: its agent's label, and its settings without implied ones.
@@ -99,5 +100,8 @@ mod tests {
         assert_eq!(names.label(&arm), "Deep Q P-H-D ρ_1=50");
         assert_eq!(names.words("dqn - ppo epsilon_d=0.2", true), "Deep Q - ppo ε_d=0.2");
         assert_eq!(names.words("dqn", false), "dqn");
+        // The subject of a map, which its sentences name.
+        let subject = format!("P-H-D people=sha256:{} kappa_h=10", "0123456789abcdef".repeat(4));
+        assert_eq!(names.subject(&subject, false), "P-H-D people=sha256:01234567");
     }
 }

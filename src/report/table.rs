@@ -3,6 +3,7 @@
 use crate::analyse::Moments;
 use crate::analyse::declared::ArmSummary;
 use crate::job::short_name;
+use crate::key::shortened;
 use crate::plan::Swept;
 
 /// One line of the summary: the words that identify the arm, then its numbers.
@@ -38,7 +39,7 @@ pub fn summary_table(arms: &[ArmSummary], swept: &Swept) -> (Vec<String>, Vec<Li
         words.extend(names.iter().map(|name| {
             let value = arm.settings.iter().find(|(known, _)| known == name);
             let value = value.filter(|_| swept.is_of(&arm.agent, name));
-            value.map_or_else(String::new, |(_, value)| value.to_string())
+            value.map_or_else(String::new, |(_, value)| shortened(&value.to_string()))
         }));
         Line {
             arm: words,

@@ -7,7 +7,7 @@ use super::kinds::{amount, ends, gap, gap_ends};
 use crate::analyse::declared::{Arm, ArmId, Candidate, Content, Finding, Ranking, is_at};
 use crate::analyse::{Interval, Sample};
 use crate::job::{Job, Measure, PlannedJob, counted};
-use crate::key::printable;
+use crate::key::{printable, shortened};
 use crate::manifest::{Analysis, AnalysisKind, Manifest};
 use crate::plan::{self};
 use crate::record::{JobRecord, JobStatus, SharedSettings};
@@ -68,7 +68,7 @@ impl Search<'_> {
         let held_out = self.held_out(&planned)?;
         let mut out = String::new();
         for line in self.comments(ranking, winner, &held_out) {
-            out += &format!("# {}\n", printable(&line));
+            out += &format!("# {}\n", printable(&shortened(&line)));
         }
         Ok(Some(out + &agent.chosen(|parameter| planned.job.value(parameter))))
     }

@@ -426,7 +426,7 @@ fn what_the_family_lacks_is_refused_with_a_sentence() {
         ),
         (
             MANIFEST.replace("[evaluation]", "[population]\ndelta_d = 0.1\n[evaluation]"),
-            "the people in environments of the family external do not differ",
+            "`population` does not apply to the family external: a program may draw its own people",
         ),
         (
             MANIFEST.replace("family = \"external\"", "family = \"step_count\""),

@@ -151,10 +151,40 @@ fn a_trial_begins_with_the_posterior_of_a_pooled_trial() {
         // The prior of an agent that knows nothing gives one half.
         assert!(begun.values().any(|row| (row[1] - 0.5).abs() > 1e-2), "{begun:?}");
     }
-    let says = "no common posterior: in its trial, each person has an agent (`pooling = \"none\"`)";
+    let says = "no stored policy: in its trial, each person has an agent (`pooling = \"none\"`)";
     folder.jitai(["export", "--policy", &none, "--out", "pilot"]).ended(2).says(says);
     folder.write("next.toml", next(TRIAL, &format!("run:{none}")));
     folder.jitai(["check", "next.toml"]).ended(2).says(says);
+}
+
+#[test]
+fn a_job_that_stores_metrics_alone_has_no_policy_and_says_why() {
+    let recorded = "record_decisions = \"all\"";
+    let folder = Folder::completed(&PILOT.replace(recorded, "record_episodes = \"none\""));
+    let says = "has no stored policy: it stores metrics alone (`record_episodes = \"none\"`)";
+    for agent in ["thompson", "dqn"] {
+        let key = key(&folder, &format!("agent = '{agent}'"));
+        folder.jitai(["export", "--policy", &key, "--out", "policy"]).ended(2).says(says);
+        folder.jitai(["simulate", "--policy", &format!("run:{key}")]).ended(2).says(says);
+    }
+    let pilot = key(&folder, "agent = 'thompson'");
+    folder.write("next.toml", next(PILOT, &format!("run:{pilot}")));
+    folder.jitai(["check", "next.toml"]).ended(2).says("next.toml").says(says);
+    folder.jitai(["doctor"]).succeeded();
+    // Without its weights, a job that has some is damaged, as `jitai doctor` finds.
+    let folder = Folder::completed(PILOT);
+    let dqn = key(&folder, "agent = 'dqn'");
+    let raw = rusqlite::Connection::open(folder.path("jitai.sqlite")).unwrap();
+    let trigger = "SELECT sql FROM sqlite_schema WHERE name = 'trained_weights_stay'";
+    let trigger: String = raw.query_row(trigger, [], |row| row.get(0)).unwrap();
+    let delete = "DROP TRIGGER trained_weights_stay; DELETE FROM trained_weights";
+    raw.execute_batch(&format!("{delete}; {trigger}")).unwrap();
+    drop(raw);
+    let says = "lacks its weights: the store is damaged";
+    folder.jitai(["export", "--policy", &dqn, "--out", "policy"]).ended(2).says(says);
+    folder.jitai(["simulate", "--policy", &format!("run:{dqn}")]).ended(2).says(says);
+    let found = folder.jitai(["doctor"]).ended(3).stdout;
+    assert!(found.contains("do not match their digest"), "{found}");
 }
 
 #[test]

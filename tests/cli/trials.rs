@@ -172,6 +172,50 @@ fn a_trial_without_episodes_has_the_same_metrics() {
 }
 
 #[test]
+fn readers_see_eight_digits_of_the_people_and_programs_see_all() {
+    let text = MANIFEST.replace("pooling = [\"full\", \"none\"]\n", "");
+    let text = text.replace("people = \"people.csv\"", "people = [\"people.csv\", \"fewer.csv\"]");
+    let analysis = "[[analysis]]\nname = \"gain\"\nkind = \"contrast\"\nby = \"agent\"\n\
+        between = [\"thompson\", \"never\"]\n";
+    let folder = folder(&(text + analysis));
+    let fewer: Vec<&str> = PEOPLE.lines().take(20).collect();
+    folder.write("fewer.csv", fewer.join("\n"));
+    let shown = folder.jitai(["run", "trial.toml"]).succeeded();
+    folder.jitai(["report", "trial.toml", "--out", "report"]).succeeded();
+    let digests = "SELECT DISTINCT value FROM parameter WHERE name = 'environment.people'";
+    let store = folder.store();
+    let mut digests = store.prepare(digests).unwrap();
+    let digests = digests.query_map([], |row| row.get(0)).unwrap();
+    let digests: Vec<String> = digests.collect::<Result<_, _>>().unwrap();
+    assert_eq!(digests.len(), 2);
+    let read = |file: &str| std::fs::read_to_string(folder.path("report").join(file)).unwrap();
+    let plan = |format: &str| {
+        folder.jitai(["plan", "trial.toml", "--jobs", "--format", format]).succeeded().stdout
+    };
+    let people = [
+        shown.stdout,
+        plan("table"),
+        read("tables/trial-arms.md"),
+        read("tables/trial-arms.tex"),
+        read("figures/trial-gain.svg"),
+    ];
+    let programs = [plan("csv"), plan("json"), read("tables/trial-arms.csv")];
+    for digest in digests {
+        assert_eq!(digest.len(), "synthetic:sha256:".len() + 64);
+        let short = &digest[..digest.len() - 56];
+        for text in &people {
+            assert!(text.contains(short) && !text.contains(&digest), "{text}");
+        }
+        assert!(programs.iter().all(|text| text.contains(&digest)), "{programs:?}");
+        let page = read("index.html");
+        // The page has whole digests in queries alone.
+        let is_query = |line: &&str| line.contains("FROM parameter WHERE job_key");
+        assert!(page.contains(&format!("people={short}")));
+        assert!(page.lines().filter(|line| !is_query(line)).all(|line| !line.contains(&digest)));
+    }
+}
+
+#[test]
 fn a_trial_gives_the_same_bits_on_any_number_of_workers() {
     let (one, two) = (folder(MANIFEST), folder(MANIFEST));
     one.jitai(["run", "trial.toml", "--workers", "1"]).succeeded();

@@ -61,7 +61,9 @@ def serve(
     ``make`` is a function that takes the parameters of the manifest as keywords and returns an environment,
     the id of an environment, or an environment, which is copied. Observations are flattened, as
     :func:`gymnasium.spaces.flatten` does it, which gives a ``Discrete`` one entry per value; entries of a
-    ``Dict`` are matched by name where ``features`` has their names; actions must be ``Discrete``. ``features`` and ``actions`` name their entries. ``horizon`` is the maximum number of steps, if the environment has no limit of its own.
+    ``Dict`` are matched by name where ``features`` has their names; actions must be ``Discrete``.
+    ``features`` and ``actions`` name their entries. ``horizon`` is the maximum number of steps, if the
+    environment has no limit of its own.
     ``description`` are ``nothing``, ``reward``, ``unit``, ``state`` and ``availability``, as in the
     protocol; names of the state, and ``available``, are those of infos.
     """

@@ -25,7 +25,7 @@ PROTOCOL = 1
 _REPORTED_TOGETHER = 8192
 
 Observations = npt.NDArray[np.float32]
-#: Maps observations, one row per lane, to one action or one row of four probabilities per lane.
+#: Maps observations, one row per lane, to one action or one row of probabilities of all actions per lane.
 Policy = Callable[[Observations], Any]
 
 

@@ -1,5 +1,6 @@
 //! The looks of arms. An arm looks the same in every figure of a report.
 
+use crate::key::shortened;
 use crate::report::symbols;
 use std::collections::HashMap;
 
@@ -204,8 +205,10 @@ pub fn facets(name: &ArmId) -> Facets {
     let words = [("agent", &name.agent), ("scenario", &name.scenario)];
     let words = words.into_iter().filter(|(_, word)| !word.is_empty());
     let words = words.map(|(key, word)| (key.to_owned(), word.clone()));
-    let settings =
-        name.settings.iter().map(|(key, value)| (symbols::key(last(key)), value.to_string()));
+    let settings = name
+        .settings
+        .iter()
+        .map(|(key, value)| (symbols::key(last(key)), shortened(&value.to_string())));
     words.chain(settings).collect()
 }
 
@@ -226,7 +229,7 @@ fn joined(parts: [&str; 3]) -> String {
 /// Settings on one line: `learning_rate=0.001 σ=0.6`.
 pub fn settings_label(settings: &[(String, Scalar)]) -> String {
     let word = |(key, value): &(String, Scalar)| format!("{}={value}", symbols::key(last(key)));
-    settings.iter().map(word).collect::<Vec<_>>().join(" ")
+    shortened(&settings.iter().map(word).collect::<Vec<_>>().join(" "))
 }
 
 /// Settings on one line with the names of keys: `learning_rate=0.001 horizon=50`.
