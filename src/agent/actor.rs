@@ -1,6 +1,7 @@
 //! The contracts of actors, which choose the actions of episodes, and of observers, which see every
 //! step.
 
+use crate::agent::learner::LearnerError;
 use crate::agent::weights::Weights;
 use crate::env::{Action, LaneSet, Simulated, VectorEnvironment};
 use crate::rng::Stream;
@@ -34,8 +35,11 @@ pub trait Actor<Env: VectorEnvironment + ?Sized = Simulated>: Resumable + Send {
     );
 
     /// Learns at a calendar time of a trial from the data that count. Does nothing by default.
-    fn update(&mut self, update: &StudyUpdate<'_>) {
+    ///
+    /// **Errors**: the agent cannot act on what it has learned; it cannot be used afterwards.
+    fn update(&mut self, update: &StudyUpdate<'_>) -> Result<(), LearnerError> {
         let _ = update;
+        Ok(())
     }
 
     /// The weights that an agent has learned in a trial. None by default.

@@ -1,6 +1,6 @@
 //! A trial in progress: who is in the study on a day, and when the agent learns.
 
-use crate::agent::{Actor, StudyUpdate};
+use crate::agent::{Actor, LearnerError, StudyUpdate};
 use crate::env::{EpisodeStatus, LaneSet, LaneStreams, Reports, Simulated, VectorEnvironment};
 use crate::job::{Calendar, Pooling, Stay, Trial, UpdateData};
 use crate::rng::{Purpose, Stream};
@@ -115,14 +115,16 @@ impl Study {
     }
 
     /// Prepares a step: at the first of a day, people leave, the agent learns, and people enter.
+    ///
+    /// **Errors**: as [`Actor::update`].
     pub fn begin_step(
         &mut self,
         environment: &mut Simulated,
         actor: &mut dyn Actor,
         streams: &mut LaneStreams,
-    ) {
+    ) -> Result<(), LearnerError> {
         if !self.time.is_multiple_of(self.calendar.per_day) {
-            return;
+            return Ok(());
         }
         let (day, _) = self.days();
         for (person, stay) in self.stays.iter().enumerate() {
@@ -131,7 +133,7 @@ impl Study {
             }
         }
         if !self.calendar.is_outage(day) {
-            self.update(day, actor);
+            self.update(day, actor)?;
         }
         let entering = self.entering.iter_mut().zip(&self.stays);
         entering.for_each(|(enters, stay)| *enters = stay.start == day);
@@ -139,16 +141,17 @@ impl Study {
             environment.reset(LaneSet::Masked(&self.entering), streams);
             actor.reset(LaneSet::Masked(&self.entering));
         }
+        Ok(())
     }
 
     /// Updates the agents that are due on a day.
-    fn update(&mut self, day: u32, actor: &mut dyn Actor) {
+    fn update(&mut self, day: u32, actor: &mut dyn Actor) -> Result<(), LearnerError> {
         let before = day.saturating_sub(self.trial.update_lag_days) * self.calendar.per_day;
         match self.trial.pooling {
             Pooling::Full => {
                 let entered = self.stays.iter().filter(|stay| stay.start < day).count() as u32;
                 if !self.calendar.is_updated(day, entered) {
-                    return;
+                    return Ok(());
                 }
                 for (counts, stay) in self.counting.iter_mut().zip(&self.stays) {
                     *counts = match self.trial.update_data {
@@ -156,7 +159,7 @@ impl Study {
                         UpdateData::InStudy => stay.contains(day - 1),
                     };
                 }
-                actor.update(&StudyUpdate { people: &self.counting, before, agent: None });
+                actor.update(&StudyUpdate { people: &self.counting, before, agent: None })?;
                 self.policies[0] += 1;
             }
             Pooling::None => {
@@ -167,12 +170,13 @@ impl Study {
                         self.counting.fill(false);
                         self.counting[person] = true;
                         let agent = Some(person);
-                        actor.update(&StudyUpdate { people: &self.counting, before, agent });
+                        actor.update(&StudyUpdate { people: &self.counting, before, agent })?;
                         self.policies[person] += 1;
                     }
                 }
             }
         }
+        Ok(())
     }
 
     /// Ends a step. Replaces the rewards that do not reach the agent by NaN; `times` returns the number of steps that

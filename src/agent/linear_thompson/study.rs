@@ -3,6 +3,7 @@
 use crate::agent::Actions;
 use crate::agent::actor::{Actor, StudyUpdate};
 use crate::agent::layers::Shape;
+use crate::agent::learner::LearnerError;
 use crate::agent::linear_thompson::posterior::{Acting, Decision};
 use crate::agent::linear_thompson::sampler::Sampler;
 use crate::agent::linear_thompson::{BanditDraw, Design, LinearThompson, Posterior};
@@ -142,10 +143,14 @@ impl LinearThompsonStudy {
         }
     }
 
+    /// Factors the posteriors; returns false if a precision is not positive definite.
+    fn factors(&mut self) -> bool {
+        self.acting.iter_mut().all(|acting| acting.refresh().is_ok())
+    }
+
     /// The means of all coefficients of a person's posterior.
     pub fn means(&mut self, person: usize) -> Vec<f64> {
         let place = person.min(self.acting.len() - 1);
-        let _ = self.acting[place].refresh();
         self.acting[place].factored().iter().flat_map(|one| one.mean().to_vec()).collect()
     }
 }
@@ -159,8 +164,6 @@ impl Actor for LinearThompsonStudy {
         probabilities: Option<&mut [f64]>,
     ) {
         environment.observe(&mut self.observations);
-        // The factors are not saved. Precisions grow from a prior that has a root.
-        self.acting.iter_mut().for_each(|acting| _ = acting.refresh());
         let count = self.sampler.actions();
         for (person, action) in actions.iter_mut().enumerate() {
             // Drawn for everybody, so that choices do not depend on who is in the study.
@@ -198,15 +201,19 @@ impl Actor for LinearThompsonStudy {
         self.time += 1;
     }
 
-    fn update(&mut self, update: &StudyUpdate<'_>) {
-        let place = update.agent.unwrap_or(0);
+    fn update(&mut self, update: &StudyUpdate<'_>) -> Result<(), LearnerError> {
         let mut posterior = self.prior.clone();
         let mut row = Decision::default();
+        let mut steps = 0;
         for (person, _) in update.people.iter().enumerate().filter(|(_, counts)| **counts) {
-            self.people[person].count(update.before, &mut row);
-            posterior.add(&self.people[person].known);
+            let person = &mut self.people[person];
+            person.count(update.before, &mut row);
+            posterior.add(&person.known);
+            steps += person.counted as u64;
         }
-        self.acting[place].begin(&posterior);
+        let acting = &mut self.acting[update.agent.unwrap_or(0)];
+        acting.begin(&posterior);
+        acting.refresh().map_err(|_| LearnerError::Singular { steps })
     }
 
     /// The posterior of everybody; `None` if each person has one.
@@ -221,4 +228,10 @@ resumable!([] Person {
     grown times, actions, rewards, features, probabilities;
     check fits, "decisions of a person"
 });
-resumable!([] LinearThompsonStudy { each acting, people, decisions, chooses; parts time });
+// The factors are not saved.
+resumable!([] LinearThompsonStudy {
+    each acting;
+    check factors, "posteriors of a trial";
+    each people, decisions, chooses;
+    parts time
+});
