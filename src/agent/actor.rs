@@ -42,9 +42,11 @@ pub trait Actor<Env: VectorEnvironment + ?Sized = Simulated>: Resumable + Send {
         Ok(())
     }
 
-    /// The weights that an agent has learned in a trial. None by default.
-    fn weights(&self) -> Option<Weights> {
-        None
+    /// The weights that an agent has learned from all data of a trial that is over. None by default.
+    ///
+    /// **Errors**: as [`Actor::update`].
+    fn weights(&mut self) -> Result<Option<Weights>, LearnerError> {
+        Ok(None)
     }
 
     /// Sees the rewards of the step, \[lanes\], and the environment after the step with the status

@@ -202,10 +202,85 @@ resumable!([] Study { parts time; fixed policies });
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::agent::{Agent, LinearThompson, Weights};
+    use crate::env::StepCount;
+    use crate::job::{EvaluatedOn, Evaluation, Job, RecordedDecisions, Results};
     use crate::key::{Keyed, Value};
+    use crate::train::training::{Stage, Training};
 
     fn trial(people: u32, days: u32) -> Trial {
         Trial::with_required(&[Value::Integer(people.into()), Value::Integer(days.into())])
+    }
+
+    /// The results of a trial. Habituation begins at 0 and grows by 1/8 with every message, so that untailored messages
+    /// have the rewards 56, 48, 40, ….
+    fn played(agent: Agent, trial: &Trial, seed: u64) -> Results {
+        let environment = StepCount {
+            horizon: trial.decisions() as u32,
+            initial_habituation: 0.0,
+            delta_h: 0.0,
+            epsilon_h: 0.125,
+            epsilon_d: 0.0,
+            rho_1: 64.0,
+            rho_2: 256.0,
+            mu: [0.0, 0.0],
+            ..StepCount::paper(0.0)
+        };
+        let job = Job {
+            environment: environment.into(),
+            scenario: "C".parse().unwrap(),
+            agent,
+            evaluation: Evaluation {
+                test_episodes: 0,
+                on: EvaluatedOn::Trial,
+                record_decisions: RecordedDecisions::Test,
+                ..Evaluation::default()
+            },
+            trial: Some(trial.clone()),
+            seed,
+        };
+        let mut training = Training::new(&job).unwrap();
+        while training.stage() != Stage::Over {
+            training.advance(&|| false).unwrap();
+        }
+        training.results().unwrap()
+    }
+
+    fn bandit() -> Agent {
+        Agent::of(&LinearThompson { noise_sd: 2.0, prior_sd: 0.5, ..LinearThompson::default() })
+    }
+
+    /// Asserts that the bandit's posterior has the data of all recorded decisions but the hidden ones, by person from 1
+    /// and step from 0. All sums are exact: features are 1 and the context, and 1 / noise_sd² is a quarter.
+    #[track_caller]
+    fn assert_learned(results: &Results, hidden: &[(u32, u32)]) {
+        let (mut precision, mut information) = ([[4.0, 0.0, 0.0, 4.0]; 4], [[0.0; 2]; 4]);
+        for decision in &results.decisions {
+            if !hidden.contains(&(decision.episode, decision.step)) {
+                let (action, context) = (usize::from(decision.action), decision.state[0]);
+                let products = [1.0, context, context, context * context];
+                let sums = precision[action].iter_mut().zip(products);
+                sums.for_each(|(sum, product)| *sum += product / 4.0);
+                information[action][0] += decision.reward / 4.0;
+                information[action][1] += context * decision.reward / 4.0;
+            }
+        }
+        let weights = Weights::from_bytes(results.weights.as_ref().unwrap()).unwrap();
+        assert_eq!(weights.doubles["precision"].values, precision.as_flattened());
+        assert_eq!(weights.doubles["information"].values, information.as_flattened());
+    }
+
+    #[test]
+    fn the_posterior_of_a_trial_has_all_data_whatever_the_updates() {
+        let early = Trial { decisions_per_day: 2, entry_every_days: 2, ..trial(3, 3) };
+        let never = Trial { update_every_days: 0, ..early.clone() };
+        let late = Trial { update_lag_days: 3, ..early.clone() };
+        let forgetful = Trial { update_data: UpdateData::InStudy, ..early.clone() };
+        for trial in [early, never, late, forgetful] {
+            let results = played(bandit(), &trial, 1);
+            assert_eq!(results.decisions.len(), 18);
+            assert_learned(&results, &[]);
+        }
     }
 
     #[test]

@@ -166,17 +166,23 @@ impl<'j> Training<'j> {
     }
 
     /// The results of the finished training.
-    pub(super) fn results(self) -> Results {
+    ///
+    /// **Errors**: a regression has no posterior.
+    pub(super) fn results(mut self) -> Result<Results, Failure> {
+        let episodes = self.episodes();
         let wanted = self.job.evaluation.first_returns();
         let learns = self.learner.is_some();
-        let of_actor = || self.actor.as_ref().and_then(|actor| actor.weights());
-        let weights = self.learner.as_ref().map(|learner| learner.weights()).or_else(of_actor);
+        let weights = match (&self.learner, &mut self.actor) {
+            (Some(learner), _) => Some(learner.weights()),
+            (None, Some(actor)) => actor.weights().map_err(|error| failure(&error, episodes))?,
+            (None, None) => None,
+        };
         let weights = weights.map(|weights| weights.to_bytes());
         let first = |tested: &Tested, curve: &CurveRecorder| match learns {
             true => curve.first_returns().collect(),
             false => tested.first_returns(wanted).collect(),
         };
-        assemble(self.test, self.curve, self.log, first, weights)
+        Ok(assemble(self.test, self.curve, self.log, first, weights))
     }
 }
 
@@ -341,7 +347,7 @@ mod tests {
             assert!(from.is_empty());
             interruptions += 1;
         }
-        Ok((training.results(), interruptions))
+        Ok((training.results()?, interruptions))
     }
 
     #[test]

@@ -143,6 +143,19 @@ impl LinearThompsonStudy {
         }
     }
 
+    /// The posterior of the data of some people before a step, \[people\], and the number of their decisions.
+    fn posterior(&mut self, people: &[bool], before: u32) -> (Posterior, u64) {
+        let mut posterior = self.prior.clone();
+        let mut row = Decision::default();
+        let mut steps = 0;
+        for (person, _) in self.people.iter_mut().zip(people).filter(|(_, counts)| **counts) {
+            person.count(before, &mut row);
+            posterior.add(&person.known);
+            steps += person.counted as u64;
+        }
+        (posterior, steps)
+    }
+
     /// Factors the posteriors; returns false if a precision is not positive definite.
     fn factors(&mut self) -> bool {
         self.acting.iter_mut().all(|acting| acting.refresh().is_ok())
@@ -202,24 +215,20 @@ impl Actor for LinearThompsonStudy {
     }
 
     fn update(&mut self, update: &StudyUpdate<'_>) -> Result<(), LearnerError> {
-        let mut posterior = self.prior.clone();
-        let mut row = Decision::default();
-        let mut steps = 0;
-        for (person, _) in update.people.iter().enumerate().filter(|(_, counts)| **counts) {
-            let person = &mut self.people[person];
-            person.count(update.before, &mut row);
-            posterior.add(&person.known);
-            steps += person.counted as u64;
-        }
+        let (posterior, steps) = self.posterior(update.people, update.before);
         let acting = &mut self.acting[update.agent.unwrap_or(0)];
         acting.begin(&posterior);
         acting.refresh().map_err(|_| LearnerError::Singular { steps })
     }
 
-    /// The posterior of everybody; `None` if each person has one.
-    fn weights(&self) -> Option<Weights> {
-        let [joint] = &self.acting[..] else { return None };
-        Some(joint.posterior().weights())
+    /// The posterior of the prior and all data of everybody; `None` if each person has one.
+    fn weights(&mut self) -> Result<Option<Weights>, LearnerError> {
+        if self.acting.len() > 1 {
+            return Ok(None);
+        }
+        let (posterior, steps) = self.posterior(&vec![true; self.people.len()], self.time);
+        let last = Acting::new(posterior).map_err(|_| LearnerError::Singular { steps })?;
+        Ok(Some(last.posterior().weights()))
     }
 }
 
