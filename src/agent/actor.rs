@@ -1,6 +1,7 @@
 //! The contracts of actors, which choose the actions of episodes, and of observers, which see every
 //! step.
 
+use crate::agent::learner::LearnerError;
 use crate::agent::weights::Weights;
 use crate::env::{Action, LaneSet, Simulated, VectorEnvironment};
 use crate::rng::Stream;
@@ -34,13 +35,18 @@ pub trait Actor<Env: VectorEnvironment + ?Sized = Simulated>: Resumable + Send {
     );
 
     /// Learns at a calendar time of a trial from the data that count. Does nothing by default.
-    fn update(&mut self, update: &StudyUpdate<'_>) {
+    ///
+    /// **Errors**: the agent cannot act on what it has learned; it cannot be used afterwards.
+    fn update(&mut self, update: &StudyUpdate<'_>) -> Result<(), LearnerError> {
         let _ = update;
+        Ok(())
     }
 
-    /// The weights that an agent has learned in a trial. None by default.
-    fn weights(&self) -> Option<Weights> {
-        None
+    /// The weights that an agent has learned from all data of a trial that is over. None by default.
+    ///
+    /// **Errors**: as [`Actor::update`].
+    fn weights(&mut self) -> Result<Option<Weights>, LearnerError> {
+        Ok(None)
     }
 
     /// Sees the rewards of the step, \[lanes\], and the environment after the step with the status

@@ -51,7 +51,7 @@ fn train(job: &Job, control: &dyn TrainingControl) -> Outcome {
             return Outcome::Interrupted;
         }
     }
-    Outcome::Completed(training.results())
+    training.results().map_or_else(Outcome::Failed, Outcome::Completed)
 }
 
 /// A job at its start, or at a checkpoint.

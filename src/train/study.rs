@@ -1,6 +1,6 @@
 //! A trial in progress: who is in the study on a day, and when the agent learns.
 
-use crate::agent::{Actor, StudyUpdate};
+use crate::agent::{Actor, LearnerError, StudyUpdate};
 use crate::env::{EpisodeStatus, LaneSet, LaneStreams, Reports, Simulated, VectorEnvironment};
 use crate::job::{Calendar, Pooling, Stay, Trial, UpdateData};
 use crate::rng::{Purpose, Stream};
@@ -115,14 +115,16 @@ impl Study {
     }
 
     /// Prepares a step: at the first of a day, people leave, the agent learns, and people enter.
+    ///
+    /// **Errors**: as [`Actor::update`].
     pub fn begin_step(
         &mut self,
         environment: &mut Simulated,
         actor: &mut dyn Actor,
         streams: &mut LaneStreams,
-    ) {
+    ) -> Result<(), LearnerError> {
         if !self.time.is_multiple_of(self.calendar.per_day) {
-            return;
+            return Ok(());
         }
         let (day, _) = self.days();
         for (person, stay) in self.stays.iter().enumerate() {
@@ -131,7 +133,7 @@ impl Study {
             }
         }
         if !self.calendar.is_outage(day) {
-            self.update(day, actor);
+            self.update(day, actor)?;
         }
         let entering = self.entering.iter_mut().zip(&self.stays);
         entering.for_each(|(enters, stay)| *enters = stay.start == day);
@@ -139,16 +141,17 @@ impl Study {
             environment.reset(LaneSet::Masked(&self.entering), streams);
             actor.reset(LaneSet::Masked(&self.entering));
         }
+        Ok(())
     }
 
     /// Updates the agents that are due on a day.
-    fn update(&mut self, day: u32, actor: &mut dyn Actor) {
+    fn update(&mut self, day: u32, actor: &mut dyn Actor) -> Result<(), LearnerError> {
         let before = day.saturating_sub(self.trial.update_lag_days) * self.calendar.per_day;
         match self.trial.pooling {
             Pooling::Full => {
                 let entered = self.stays.iter().filter(|stay| stay.start < day).count() as u32;
                 if !self.calendar.is_updated(day, entered) {
-                    return;
+                    return Ok(());
                 }
                 for (counts, stay) in self.counting.iter_mut().zip(&self.stays) {
                     *counts = match self.trial.update_data {
@@ -156,7 +159,7 @@ impl Study {
                         UpdateData::InStudy => stay.contains(day - 1),
                     };
                 }
-                actor.update(&StudyUpdate { people: &self.counting, before, agent: None });
+                actor.update(&StudyUpdate { people: &self.counting, before, agent: None })?;
                 self.policies[0] += 1;
             }
             Pooling::None => {
@@ -167,12 +170,13 @@ impl Study {
                         self.counting.fill(false);
                         self.counting[person] = true;
                         let agent = Some(person);
-                        actor.update(&StudyUpdate { people: &self.counting, before, agent });
+                        actor.update(&StudyUpdate { people: &self.counting, before, agent })?;
                         self.policies[person] += 1;
                     }
                 }
             }
         }
+        Ok(())
     }
 
     /// Ends a step. Replaces the rewards that do not reach the agent by NaN; `times` returns the number of steps that
@@ -198,10 +202,85 @@ resumable!([] Study { parts time; fixed policies });
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::agent::{Agent, LinearThompson, Weights};
+    use crate::env::StepCount;
+    use crate::job::{EvaluatedOn, Evaluation, Job, RecordedDecisions, Results};
     use crate::key::{Keyed, Value};
+    use crate::train::training::{Stage, Training};
 
     fn trial(people: u32, days: u32) -> Trial {
         Trial::with_required(&[Value::Integer(people.into()), Value::Integer(days.into())])
+    }
+
+    /// The results of a trial. Habituation begins at 0 and grows by 1/8 with every message, so that untailored messages
+    /// have the rewards 56, 48, 40, ….
+    fn played(agent: Agent, trial: &Trial, seed: u64) -> Results {
+        let environment = StepCount {
+            horizon: trial.decisions() as u32,
+            initial_habituation: 0.0,
+            delta_h: 0.0,
+            epsilon_h: 0.125,
+            epsilon_d: 0.0,
+            rho_1: 64.0,
+            rho_2: 256.0,
+            mu: [0.0, 0.0],
+            ..StepCount::paper(0.0)
+        };
+        let job = Job {
+            environment: environment.into(),
+            scenario: "C".parse().unwrap(),
+            agent,
+            evaluation: Evaluation {
+                test_episodes: 0,
+                on: EvaluatedOn::Trial,
+                record_decisions: RecordedDecisions::Test,
+                ..Evaluation::default()
+            },
+            trial: Some(trial.clone()),
+            seed,
+        };
+        let mut training = Training::new(&job).unwrap();
+        while training.stage() != Stage::Over {
+            training.advance(&|| false).unwrap();
+        }
+        training.results().unwrap()
+    }
+
+    fn bandit() -> Agent {
+        Agent::of(&LinearThompson { noise_sd: 2.0, prior_sd: 0.5, ..LinearThompson::default() })
+    }
+
+    /// Asserts that the bandit's posterior has the data of all recorded decisions but the hidden ones, by person from 1
+    /// and step from 0. All sums are exact: features are 1 and the context, and 1 / noise_sd² is a quarter.
+    #[track_caller]
+    fn assert_learned(results: &Results, hidden: &[(u32, u32)]) {
+        let (mut precision, mut information) = ([[4.0, 0.0, 0.0, 4.0]; 4], [[0.0; 2]; 4]);
+        for decision in &results.decisions {
+            if !hidden.contains(&(decision.episode, decision.step)) {
+                let (action, context) = (usize::from(decision.action), decision.state[0]);
+                let products = [1.0, context, context, context * context];
+                let sums = precision[action].iter_mut().zip(products);
+                sums.for_each(|(sum, product)| *sum += product / 4.0);
+                information[action][0] += decision.reward / 4.0;
+                information[action][1] += context * decision.reward / 4.0;
+            }
+        }
+        let weights = Weights::from_bytes(results.weights.as_ref().unwrap()).unwrap();
+        assert_eq!(weights.doubles["precision"].values, precision.as_flattened());
+        assert_eq!(weights.doubles["information"].values, information.as_flattened());
+    }
+
+    #[test]
+    fn the_posterior_of_a_trial_has_all_data_whatever_the_updates() {
+        let early = Trial { decisions_per_day: 2, entry_every_days: 2, ..trial(3, 3) };
+        let never = Trial { update_every_days: 0, ..early.clone() };
+        let late = Trial { update_lag_days: 3, ..early.clone() };
+        let forgetful = Trial { update_data: UpdateData::InStudy, ..early.clone() };
+        for trial in [early, never, late, forgetful] {
+            let results = played(bandit(), &trial, 1);
+            assert_eq!(results.decisions.len(), 18);
+            assert_learned(&results, &[]);
+        }
     }
 
     #[test]

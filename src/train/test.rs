@@ -1,6 +1,6 @@
 //! The test episodes of a trained agent and their results.
 
-use crate::agent::{Actor, OutOfMemory, StepObserver, reserve_exact};
+use crate::agent::{Actor, LearnerError, OutOfMemory, StepObserver, reserve_exact};
 use crate::env::{
     Action, Environment, EpisodeStatus, LaneSet, Reported, Simulated, VectorEnvironment,
 };
@@ -141,29 +141,29 @@ impl Test {
 
     /// Plays a batch of episodes to its end, or until `pause` returns true; the next call continues.
     ///
-    /// **Errors**: there is not enough memory for the episodes.
+    /// **Errors**: there is not enough memory for the episodes, or the agent of a trial cannot learn.
     pub(super) fn advance(
         &mut self,
         actor: &mut dyn Actor,
         pause: &dyn Fn() -> bool,
-    ) -> Result<(), OutOfMemory> {
+    ) -> Result<(), LearnerError> {
         if self.study.is_some() {
             return self.advance_study(actor, pause);
         }
         self.begin_batch(|environment, streams| begin(environment, actor, streams))?;
         let (batch, streams, mut player) = self.player(pause);
         roll(batch, actor, streams, &mut player);
-        self.end_batch()
+        Ok(self.end_batch()?)
     }
 
     /// Plays a trial to its end, or until `pause` returns true; the next call continues.
     ///
-    /// **Errors**: there is not enough memory for the episodes.
+    /// **Errors**: there is not enough memory for the episodes, or the agent cannot learn.
     fn advance_study(
         &mut self,
         actor: &mut dyn Actor,
         pause: &dyn Fn() -> bool,
-    ) -> Result<(), OutOfMemory> {
+    ) -> Result<(), LearnerError> {
         self.begin_batch(|_, _| {})?;
         let mut study = self.study.take().expect("the caller has a trial");
         let (lanes, streams, mut player) = self.player(pause);
@@ -172,7 +172,7 @@ impl Test {
         let mut probabilities = vec![0.0; actions.len() * lanes.action_spec().count];
         let mut rewards = vec![0.0; actions.len()];
         while !study.is_over() && !player.stop_requested() {
-            study.begin_step(lanes, actor, &mut streams.environment);
+            study.begin_step(lanes, actor, &mut streams.environment)?;
             actor.act(lanes, &mut streams.actions, &mut actions, Some(&mut probabilities));
             if let Some(log) = &mut player.log {
                 log.stand_beside(study.beside());
@@ -185,7 +185,7 @@ impl Test {
         }
         let is_over = study.is_over();
         self.study = Some(study);
-        if is_over { self.end_batch() } else { Ok(()) }
+        if is_over { Ok(self.end_batch()?) } else { Ok(()) }
     }
 
     /// The day of the trial and its number of days; `None` without a trial.

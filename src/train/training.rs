@@ -122,7 +122,7 @@ impl<'j> Training<'j> {
 
     /// Continues training or test for a span, which is suspended as soon as `pause` returns true.
     ///
-    /// **Errors**: a loss or weight is not finite, or there is not enough memory.
+    /// **Errors**: a loss or weight is not finite, a regression has no posterior, or there is not enough memory.
     pub(super) fn advance(&mut self, pause: &dyn Fn() -> bool) -> Result<(), Failure> {
         match self.stage() {
             Stage::Training => {
@@ -142,7 +142,7 @@ impl<'j> Training<'j> {
                     None => self.trained()?,
                 };
                 let played = self.test.advance(&mut *actor, pause);
-                played.map_err(|error| out_of_memory(&error, self.episodes()))?;
+                played.map_err(|error| failure(&error, self.episodes()))?;
                 self.actor = Some(actor);
             }
             Stage::Over => {}
@@ -166,17 +166,23 @@ impl<'j> Training<'j> {
     }
 
     /// The results of the finished training.
-    pub(super) fn results(self) -> Results {
+    ///
+    /// **Errors**: a regression has no posterior.
+    pub(super) fn results(mut self) -> Result<Results, Failure> {
+        let episodes = self.episodes();
         let wanted = self.job.evaluation.first_returns();
         let learns = self.learner.is_some();
-        let of_actor = || self.actor.as_ref().and_then(|actor| actor.weights());
-        let weights = self.learner.as_ref().map(|learner| learner.weights()).or_else(of_actor);
+        let weights = match (&self.learner, &mut self.actor) {
+            (Some(learner), _) => Some(learner.weights()),
+            (None, Some(actor)) => actor.weights().map_err(|error| failure(&error, episodes))?,
+            (None, None) => None,
+        };
         let weights = weights.map(|weights| weights.to_bytes());
         let first = |tested: &Tested, curve: &CurveRecorder| match learns {
             true => curve.first_returns().collect(),
             false => tested.first_returns(wanted).collect(),
         };
-        assemble(self.test, self.curve, self.log, first, weights)
+        Ok(assemble(self.test, self.curve, self.log, first, weights))
     }
 }
 
@@ -211,7 +217,7 @@ pub(super) fn assemble(
     results
 }
 
-/// The failure of a training whose learner failed after `episode` episodes.
+/// The failure of a training whose agent failed after `episode` episodes.
 fn failure(error: &LearnerError, episode: u32) -> Failure {
     match error {
         LearnerError::Diverged(diverged) => {
@@ -323,13 +329,13 @@ mod tests {
         job: &'j Job,
         span: Option<u32>,
         started: fn(&'j Job) -> Training<'j>,
-    ) -> (Results, u32) {
+    ) -> Result<(Results, u32), Failure> {
         let mut training = started(job);
         let mut interruptions = 0;
         while training.stage() != Stage::Over {
             let left = Cell::new(span);
             let pause = || left.replace(left.get().map(|left| left.saturating_sub(1))) == Some(0);
-            training.advance(&pause).unwrap();
+            training.advance(&pause)?;
             if span.is_none() {
                 continue;
             }
@@ -341,7 +347,7 @@ mod tests {
             assert!(from.is_empty());
             interruptions += 1;
         }
-        (training.results(), interruptions)
+        Ok((training.results()?, interruptions))
     }
 
     #[test]
@@ -355,42 +361,67 @@ mod tests {
             trial: None,
             seed: 4,
         };
-        let (undisturbed, _) = tested(&job, None, started);
+        let (undisturbed, _) = tested(&job, None, started).unwrap();
         for span in [1, 3, 19] {
-            let (results, interruptions) = tested(&job, Some(span), started);
+            let (results, interruptions) = tested(&job, Some(span), started).unwrap();
             assert!(interruptions > 2);
             assert!(results == undisturbed, "interrupted every {span} steps");
         }
     }
 
+    /// Four people with two decisions on each of five days.
+    fn plan() -> Trial {
+        let required = [Value::Integer(4), Value::Integer(5)];
+        Trial { decisions_per_day: 2, ..Trial::with_required(&required) }
+    }
+
+    fn trial(agent: Agent, trial: Trial) -> Job {
+        Job {
+            environment: StepCount { horizon: 10, ..StepCount::paper(0.6) }.into(),
+            scenario: "P-H-D".parse().unwrap(),
+            agent,
+            evaluation: Evaluation {
+                test_episodes: 0,
+                on: EvaluatedOn::Trial,
+                record_decisions: RecordedDecisions::Test,
+                ..Evaluation::default()
+            },
+            trial: Some(trial),
+            seed: 4,
+        }
+    }
+
+    #[test]
+    fn a_trial_fails_at_an_update_without_a_posterior_interrupted_or_not() {
+        let bandit = LinearThompson {
+            action_centring: true,
+            noise_sd: 1e-6,
+            prior_sd: 1e6,
+            ..LinearThompson::default()
+        };
+        for pooling in [Pooling::Full, Pooling::None] {
+            let job = trial(Agent::of(&bandit), Trial { pooling, ..plan() });
+            let started = |job| Training::new(job).unwrap();
+            let failure = tested(&job, None, started).err().unwrap();
+            assert_eq!(failure.kind, FailureKind::Diverged);
+            assert!(
+                failure.message.contains("the precision of a regression is not positive definite")
+            );
+            for span in [1, 3] {
+                assert_eq!(tested(&job, Some(span), started).err().unwrap(), failure);
+            }
+        }
+    }
+
     #[test]
     fn what_phones_last_reported_survives_an_interruption() {
-        let trial = Trial {
-            decisions_per_day: 2,
-            entry_every_days: 2,
-            entry_people: 2,
-            unreported: 0.6,
-            ..Trial::with_required(&[Value::Integer(4), Value::Integer(5)])
-        };
-        let evaluation = Evaluation {
-            test_episodes: 0,
-            on: EvaluatedOn::Trial,
-            record_decisions: RecordedDecisions::Test,
-            ..Evaluation::default()
-        };
+        let reports = Trial { entry_every_days: 2, entry_people: 2, unreported: 0.6, ..plan() };
         let bandit = LinearThompson { noise_sd: 40.0, ..LinearThompson::default() };
         let tailored = RuleParameters::new(DecisionRule::Tailored);
         for agent in [Agent::of(&bandit), Agent::of(&tailored)] {
-            let job = Job {
-                environment: StepCount { horizon: 10, ..StepCount::paper(0.6) }.into(),
-                scenario: "P-H-D".parse().unwrap(),
-                agent,
-                evaluation: evaluation.clone(),
-                trial: Some(trial.clone()),
-                seed: 4,
-            };
+            let job = trial(agent, reports.clone());
             let started = |job| Training::new(job).unwrap();
-            let (undisturbed, _) = tested(&job, None, started);
+            let (undisturbed, _) = tested(&job, None, started).unwrap();
             assert_eq!(undisturbed.state_names[5..], ["reported", "calendar_day", "policy"]);
             let silent = |decision: &&crate::job::Decision| decision.state[5] == 0.0;
             assert!(undisturbed.decisions.iter().filter(silent).count() > 10);
@@ -403,7 +434,7 @@ mod tests {
                 }
             }
             for span in [1, 3] {
-                let (results, interruptions) = tested(&job, Some(span), started);
+                let (results, interruptions) = tested(&job, Some(span), started).unwrap();
                 assert!(interruptions > 2 && results == undisturbed, "every {span} steps");
             }
         }

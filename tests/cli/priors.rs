@@ -34,7 +34,6 @@ seeds = 1
 people = 6
 days = 8
 decisions_per_day = 2
-entry = { every_days = 3, people = 2 }
 update = { every_days = 2 }
 pooling = ["full", "none"]
 [environment]
@@ -139,9 +138,12 @@ fn a_trial_begins_with_the_posterior_of_a_pooled_trial() {
     folder.write("next.toml", next(TRIAL, &format!("run:{full}")));
     folder.jitai(["run", "next.toml"]).succeeded();
     let state = "printf('%d%d', step % 2, json_extract(state, '$.app_before'))";
-    let last = "(SELECT max(json_extract(state, '$.policy')) FROM decision WHERE job_key = ";
-    let ended =
-        format!("job_key = '{full}' AND json_extract(state, '$.policy') = {last} '{full}')");
+    // The same people for two more days: the update on day 8 has the data of the whole shorter trial.
+    let longer = TRIAL.replace("days = 8", "days = 10").replacen("trial", "longer", 1);
+    folder.write("longer.toml", longer);
+    folder.jitai(["run", "longer.toml"]).succeeded();
+    let longer = key(&folder, &format!("experiment = 'longer' AND {}", pooled("full")));
+    let ended = format!("job_key = '{longer}' AND json_extract(state, '$.policy') = 4");
     let ended = by_state(&folder, state, &ended);
     for pooling in ["full", "none"] {
         let next = key(&folder, &format!("experiment = 'next-trial' AND {}", pooled(pooling)));

@@ -216,6 +216,18 @@ fn readers_see_eight_digits_of_the_people_and_programs_see_all() {
 }
 
 #[test]
+fn a_trial_whose_bandit_has_no_posterior_fails_with_the_remedy() {
+    let manifest =
+        MANIFEST.replace("noise_sd = 60\nprior_sd = 30", "noise_sd = 0.01\nprior_sd = 1e6");
+    let folder = folder(&manifest);
+    folder.jitai(["run", "trial.toml", "--filter", "agent=thompson"]).ended(1);
+    let failed = "SELECT count(*) FROM run_summary WHERE failure_kind = 'diverged' AND failure_message LIKE \
+                  'after % steps the precision of a regression is not positive definite; choose a prior_sd %'";
+    assert_eq!(folder.number(failed), 4);
+    folder.jitai(["doctor"]).succeeded();
+}
+
+#[test]
 fn a_trial_gives_the_same_bits_on_any_number_of_workers() {
     let (one, two) = (folder(MANIFEST), folder(MANIFEST));
     one.jitai(["run", "trial.toml", "--workers", "1"]).succeeded();

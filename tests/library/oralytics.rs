@@ -159,7 +159,7 @@ fn replayed(calendar: &Trial) -> (Vec<f64>, Vec<f64>) {
     let (mut of_probabilities, mut of_means) = (Vec::new(), Vec::new());
     let mut time = 0;
     while !study.is_over() {
-        study.begin_step(&mut lanes, &mut agent, &mut streams);
+        study.begin_step(&mut lanes, &mut agent, &mut streams).unwrap();
         let entry = |person: usize| 14 + 28 * (person / 5);
         let brushing: &mut Brushing = lanes.downcast_mut().unwrap();
         for person in (0..70).filter(|person| time == entry(*person)) {

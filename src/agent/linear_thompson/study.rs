@@ -3,6 +3,7 @@
 use crate::agent::Actions;
 use crate::agent::actor::{Actor, StudyUpdate};
 use crate::agent::layers::Shape;
+use crate::agent::learner::LearnerError;
 use crate::agent::linear_thompson::posterior::{Acting, Decision};
 use crate::agent::linear_thompson::sampler::Sampler;
 use crate::agent::linear_thompson::{BanditDraw, Design, LinearThompson, Posterior};
@@ -142,10 +143,27 @@ impl LinearThompsonStudy {
         }
     }
 
+    /// The posterior of the data of some people before a step, \[people\], and the number of their decisions.
+    fn posterior(&mut self, people: &[bool], before: u32) -> (Posterior, u64) {
+        let mut posterior = self.prior.clone();
+        let mut row = Decision::default();
+        let mut steps = 0;
+        for (person, _) in self.people.iter_mut().zip(people).filter(|(_, counts)| **counts) {
+            person.count(before, &mut row);
+            posterior.add(&person.known);
+            steps += person.counted as u64;
+        }
+        (posterior, steps)
+    }
+
+    /// Factors the posteriors; returns false if a precision is not positive definite.
+    fn factors(&mut self) -> bool {
+        self.acting.iter_mut().all(|acting| acting.refresh().is_ok())
+    }
+
     /// The means of all coefficients of a person's posterior.
     pub fn means(&mut self, person: usize) -> Vec<f64> {
         let place = person.min(self.acting.len() - 1);
-        let _ = self.acting[place].refresh();
         self.acting[place].factored().iter().flat_map(|one| one.mean().to_vec()).collect()
     }
 }
@@ -159,8 +177,6 @@ impl Actor for LinearThompsonStudy {
         probabilities: Option<&mut [f64]>,
     ) {
         environment.observe(&mut self.observations);
-        // The factors are not saved. Precisions grow from a prior that has a root.
-        self.acting.iter_mut().for_each(|acting| _ = acting.refresh());
         let count = self.sampler.actions();
         for (person, action) in actions.iter_mut().enumerate() {
             // Drawn for everybody, so that choices do not depend on who is in the study.
@@ -198,21 +214,21 @@ impl Actor for LinearThompsonStudy {
         self.time += 1;
     }
 
-    fn update(&mut self, update: &StudyUpdate<'_>) {
-        let place = update.agent.unwrap_or(0);
-        let mut posterior = self.prior.clone();
-        let mut row = Decision::default();
-        for (person, _) in update.people.iter().enumerate().filter(|(_, counts)| **counts) {
-            self.people[person].count(update.before, &mut row);
-            posterior.add(&self.people[person].known);
-        }
-        self.acting[place].begin(&posterior);
+    fn update(&mut self, update: &StudyUpdate<'_>) -> Result<(), LearnerError> {
+        let (posterior, steps) = self.posterior(update.people, update.before);
+        let acting = &mut self.acting[update.agent.unwrap_or(0)];
+        acting.begin(&posterior);
+        acting.refresh().map_err(|_| LearnerError::Singular { steps })
     }
 
-    /// The posterior of everybody; `None` if each person has one.
-    fn weights(&self) -> Option<Weights> {
-        let [joint] = &self.acting[..] else { return None };
-        Some(joint.posterior().weights())
+    /// The posterior of the prior and all data of everybody; `None` if each person has one.
+    fn weights(&mut self) -> Result<Option<Weights>, LearnerError> {
+        if self.acting.len() > 1 {
+            return Ok(None);
+        }
+        let (posterior, steps) = self.posterior(&vec![true; self.people.len()], self.time);
+        let last = Acting::new(posterior).map_err(|_| LearnerError::Singular { steps })?;
+        Ok(Some(last.posterior().weights()))
     }
 }
 
@@ -221,4 +237,10 @@ resumable!([] Person {
     grown times, actions, rewards, features, probabilities;
     check fits, "decisions of a person"
 });
-resumable!([] LinearThompsonStudy { each acting, people, decisions, chooses; parts time });
+// The factors are not saved.
+resumable!([] LinearThompsonStudy {
+    each acting;
+    check factors, "posteriors of a trial";
+    each people, decisions, chooses;
+    parts time
+});

@@ -2,7 +2,7 @@
 
 use std::sync::atomic::{AtomicBool, Ordering};
 
-use crate::agent::{Actions, Actor, StudyUpdate};
+use crate::agent::{Actions, Actor, LearnerError, StudyUpdate};
 use crate::env::{Action, Simulated};
 use crate::external::{Program, ProgramError, ToProgram};
 use crate::job::{Job, Trial};
@@ -34,7 +34,13 @@ pub(super) fn play(
         has_failed: &has_failed,
     };
     let mut test = Test::new(job);
-    test.advance(&mut agent, &|| has_failed.load(Ordering::Relaxed) || control.stop_requested())?;
+    let pause = || has_failed.load(Ordering::Relaxed) || control.stop_requested();
+    test.advance(&mut agent, &pause).map_err(|error| match error {
+        LearnerError::OutOfMemory(error) => Broken::from(error),
+        LearnerError::Diverged(_) | LearnerError::Singular { .. } => {
+            unreachable!("a program reports no such error: {error}")
+        }
+    })?;
     match agent.failure {
         Some(error) => Err(error.into()),
         None if test.is_over() => Ok(test),
@@ -114,7 +120,7 @@ impl Actor for InTrial<'_> {
         self.time += 1;
     }
 
-    fn update(&mut self, update: &StudyUpdate<'_>) {
+    fn update(&mut self, update: &StudyUpdate<'_>) -> Result<(), LearnerError> {
         let people = update.people.iter().enumerate();
         let people: Vec<usize> =
             people.filter(|(_, counts)| **counts).map(|(person, _)| person).collect();
@@ -124,6 +130,7 @@ impl Actor for InTrial<'_> {
             before: update.before / self.per_day,
             agent: update.agent,
         });
+        Ok(())
     }
 }
 
