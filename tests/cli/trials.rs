@@ -318,7 +318,7 @@ fn what_does_not_suit_a_trial_is_refused_with_a_sentence() {
         (
             "[environment]",
             "[population]\nsigma = { uniform = [0, 1] }\n[environment]",
-            "[environment] names the file of people",
+            "the people come from the file that [environment] names",
         ),
     ] {
         let manifest = MANIFEST.replacen(from, to, 1);
