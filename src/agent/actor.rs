@@ -1,7 +1,7 @@
 //! The contracts of actors, which choose the actions of episodes, and of observers, which see every
 //! step.
 
-use crate::agent::learner::LearnerError;
+use crate::agent::learner_error::LearnerError;
 use crate::agent::weights::Weights;
 use crate::env::{Action, LaneSet, Simulated, VectorEnvironment};
 use crate::rng::Stream;

@@ -26,6 +26,7 @@ mod external;
 mod fused;
 mod layers;
 mod learner;
+mod learner_error;
 mod linear_thompson;
 mod memory;
 mod network;

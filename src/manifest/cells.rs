@@ -16,8 +16,8 @@ use crate::job::Condition;
 use crate::key::{Key, Kind, Parameter, Value};
 
 /// The keys of an exclusion in addition to the keys of the sections.
-const CONDITIONS: [&str; 6] =
-    ["scenario", "seed", "agent", "environment", "population", "evaluation"];
+const CONDITIONS: [&str; 7] =
+    ["scenario", "seed", "agent", "environment", "population", "evaluation", "trial"];
 
 impl Reader<'_> {
     /// Reads `zip`: a list of lists of dotted names.
@@ -98,10 +98,9 @@ impl Reader<'_> {
                     let value = Condition { parameter: Parameter::SEED, values };
                     conditions.push(Located { value, span });
                 }
-                "agent" => self.key_conditions(("agent", place), node, &mut conditions),
-                "environment" => self.key_conditions(("environment", place), node, &mut conditions),
-                "population" => self.key_conditions(("population", place), node, &mut conditions),
-                "evaluation" => self.key_conditions(("evaluation", place), node, &mut conditions),
+                section @ ("agent" | "environment" | "population" | "evaluation" | "trial") => {
+                    self.key_conditions((section, place), node, &mut conditions);
+                }
                 found if self.short_condition(found, node, &mut conditions) => {}
                 found => {
                     let message = format!("unknown key `{}` in {place}", shortened(found));

@@ -15,6 +15,9 @@ use crate::env::{Environment, Scenario};
 use crate::job::{Evaluation, Trial};
 use crate::key::{Assignment, Constraint, Key, Keyed, Parameter, Value, Violation};
 
+/// The number of observations that an agent sees at a time.
+const HISTORY: Parameter = Parameter::Agent("history");
+
 /// The grid of one agent of a manifest.
 #[derive(Debug)]
 pub struct Grid<'m> {
@@ -144,10 +147,20 @@ impl<'m> Grid<'m> {
         let family = self.manifest.family();
         let of_environment = family.keys.iter().map(|key| Parameter::Environment(key.name));
         let of_trial = Trial::KEYS.iter().map(|key| Parameter::Trial(key.name));
-        let parameters: Vec<Parameter> = of_environment.chain(of_trial).collect();
+        let parameters: Vec<Parameter> = of_environment.chain(of_trial).chain([HISTORY]).collect();
         let seeds: Vec<u64> = self.manifest.seeds().collect();
         let judge = |assignment: &Assignment<'m>| {
             let trial: Trial = assignment.keyed(|one| matches!(one, Parameter::Trial(_)))?;
+            if trial.unreported > 0.0 && assignment.whole(HISTORY) > 1 {
+                let says = format!(
+                    "`unreported` = {} hides observations, and agent `{}` with `history` = {} would see them at the next \
+                     report; write history = 1",
+                    trial.unreported,
+                    self.agent.name,
+                    assignment.whole(HISTORY)
+                );
+                return Some((Parameter::Trial("unreported"), says));
+            }
             let of_environment = |one: &Parameter| matches!(one, Parameter::Environment(_));
             let people: Vec<Value> = family.people.iter().filter_map(Key::default).collect();
             let environment =

@@ -201,8 +201,10 @@ resumable!([] Study { parts time; fixed policies });
 
 #[cfg(test)]
 mod tests {
+    use std::collections::BTreeMap;
+
     use super::*;
-    use crate::agent::{Agent, LinearThompson, Weights};
+    use crate::agent::{Agent, DecisionRule, LinearThompson, RuleParameters, Weights};
     use crate::env::StepCount;
     use crate::job::{EvaluatedOn, Evaluation, Job, RecordedDecisions, Results};
     use crate::key::{Keyed, Value};
@@ -247,22 +249,23 @@ mod tests {
     }
 
     fn bandit() -> Agent {
-        Agent::of(&LinearThompson { noise_sd: 2.0, prior_sd: 0.5, ..LinearThompson::default() })
+        Agent::of(&LinearThompson { noise_sd: 256.0, prior_sd: 128.0, ..LinearThompson::default() })
     }
 
     /// Asserts that the bandit's posterior has the data of all recorded decisions but the hidden ones, by person from 1
-    /// and step from 0. All sums are exact: features are 1 and the context, and 1 / noise_sd² is a quarter.
+    /// and step from 0. All sums are exact: features are 1 and the context, and the standard deviations are powers of 2.
     #[track_caller]
     fn assert_learned(results: &Results, hidden: &[(u32, u32)]) {
-        let (mut precision, mut information) = ([[4.0, 0.0, 0.0, 4.0]; 4], [[0.0; 2]; 4]);
+        let [prior, weight] = [0.5_f64.powi(14), 0.5_f64.powi(16)];
+        let (mut precision, mut information) = ([[prior, 0.0, 0.0, prior]; 4], [[0.0; 2]; 4]);
         for decision in &results.decisions {
             if !hidden.contains(&(decision.episode, decision.step)) {
                 let (action, context) = (usize::from(decision.action), decision.state[0]);
                 let products = [1.0, context, context, context * context];
                 let sums = precision[action].iter_mut().zip(products);
-                sums.for_each(|(sum, product)| *sum += product / 4.0);
-                information[action][0] += decision.reward / 4.0;
-                information[action][1] += context * decision.reward / 4.0;
+                sums.for_each(|(sum, product)| *sum += weight * product);
+                information[action][0] += weight * decision.reward;
+                information[action][1] += weight * context * decision.reward;
             }
         }
         let weights = Weights::from_bytes(results.weights.as_ref().unwrap()).unwrap();
@@ -280,6 +283,54 @@ mod tests {
             let results = played(bandit(), &trial, 1);
             assert_eq!(results.decisions.len(), 18);
             assert_learned(&results, &[]);
+        }
+    }
+
+    #[test]
+    fn a_return_is_the_sum_to_the_day_of_leaving() {
+        let trial =
+            Trial { decisions_per_day: 2, entry_every_days: 1, dropout: 0.4, ..trial(3, 3) };
+        // The first person leaves after a day, the second stays, and the third leaves after two days.
+        let is_so =
+            |seed: &u64| Study::new(&trial, *seed).stays.iter().map(|stay| stay.end).eq([1, 4, 4]);
+        let seed = (0..).find(is_so).unwrap();
+        let untailored = Agent::of(&RuleParameters::new(DecisionRule::Untailored));
+        let results = played(untailored, &trial, seed);
+        let returns = results.episodes.iter().map(|episode| (episode.length, episode.total_reward));
+        // 56 + 48, then 40 + 32, then 24 + 16.
+        assert!(returns.eq([(2, 104.0), (6, 216.0), (4, 176.0)]));
+    }
+
+    #[test]
+    fn a_hidden_outcome_counts_for_the_person_and_not_for_the_bandit() {
+        let trial = Trial { missing_outcomes: 0.4, ..trial(2, 3) };
+        let hidden = [false, true, false, true, false, false];
+        let seed = (0..).find(|seed| Study::new(&trial, *seed).missing == hidden).unwrap();
+        let results = played(bandit(), &trial, seed);
+        assert_eq!(results.decisions.len(), 6);
+        assert_learned(&results, &[(1, 1), (2, 0)]);
+        let all: f64 = results.decisions.iter().map(|decision| decision.reward).sum();
+        let returns = results.episodes.iter().map(|episode| episode.total_reward);
+        assert_eq!((returns.sum::<f64>(), results.episodes[1].length), (all, 3));
+    }
+
+    #[test]
+    fn the_last_posterior_acts_in_an_outage() {
+        let trial = Trial { decisions_per_day: 4, outage: vec![2, 3], ..trial(4, 5) };
+        let results = played(bandit(), &trial, 1);
+        // By day and context, which is the whole state that the bandit sees.
+        let mut probabilities = BTreeMap::new();
+        for decision in &results.decisions {
+            let [context, .., day, policy] = decision.state[..] else { unreachable!() };
+            assert_eq!(policy, [0.0, 1.0, 1.0, 1.0, 2.0][day as usize]);
+            let row = &decision.probabilities;
+            let known = probabilities.entry((day as u8, context as u8)).or_insert(row);
+            assert_eq!(*known, row);
+        }
+        for context in [0, 1] {
+            let [before, first, second, after] =
+                [1, 2, 3, 4].map(|day| probabilities[&(day, context)]);
+            assert!(first == before && second == before && after != before, "{probabilities:?}");
         }
     }
 

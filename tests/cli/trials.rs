@@ -336,6 +336,20 @@ fn what_does_not_suit_a_trial_is_refused_with_a_sentence() {
     folder.jitai(["check", "trial.toml"]).ended(2).says("the manifest has no [trial]");
 }
 
+#[test]
+fn agents_see_one_observation_at_a_time_where_phones_do_not_report() {
+    let manifest = MANIFEST
+        .replace("pooling = [", "unreported = [0, 0.3]\npooling = [")
+        .replace("noise_sd", "history = [1, 2]\nnoise_sd");
+    let folder = folder(&manifest);
+    let says = "`unreported` = 0.3 hides observations, and agent `thompson` with `history` = 2 would see them";
+    folder.jitai(["check", "trial.toml"]).ended(2).says("trial.toml:12").says(says);
+    // Each of the two alone is possible.
+    let excluded = "\n[[exclude]]\ntrial.unreported = 0.3\nagent.history = 2\n";
+    folder.write("trial.toml", manifest + excluded);
+    folder.jitai(["check", "trial.toml"]).succeeded();
+}
+
 /// A program that sends an untailored message to everybody, and writes what it hears without observations into `log`.
 const PROGRAM: &str = r#"
 hear() { read -r line || exit 9; }
