@@ -108,7 +108,8 @@ fn trials(draft: &Draft, manifest: &Manifest, grids: &[Grid], faults: &mut Fault
     for (declared, agent) in manifest.agents.iter().zip(&draft.agents) {
         let unread = declared.algorithm.unread_in_trials();
         for key in unread.unwrap_or_default() {
-            if let Some(span) = agent.settings.span_of(key) {
+            // Manifests that are written out in full have every key.
+            if let Some(span) = agent.settings.differs(key) {
                 let says = format!("agent `{}`: `{key}` is not read in a trial", declared.name);
                 faults
                     .add(Fault::at(span, says).help("remove it; [trial] has the times of updates"));

@@ -69,6 +69,14 @@ impl Settings {
         self.given.get(&place).map(|values| values.span)
     }
 
+    /// The position of the values of the key called `name`, if they are not its default alone.
+    pub fn differs(&self, name: &str) -> Option<Span> {
+        let (place, key) = self.section.find(name)?;
+        let given = self.given.get(&place)?;
+        (key.default() != given.value.first().cloned() || given.value.len() > 1)
+            .then_some(given.span)
+    }
+
     /// Whether the key called `name` was given values that could not be read.
     pub fn is_invalid(&self, name: &str) -> bool {
         let given = self.section.find(name).and_then(|(place, _)| self.given.get(&place));
