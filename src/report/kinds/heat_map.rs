@@ -141,12 +141,16 @@ fn ahead(map: &HeatFigure, lead: &Lead, metric: Measure) -> String {
 /// Space on the left beside the rows' values.
 const LEFT: f64 = 26.0;
 const TOP: f64 = 26.0;
+/// Height of each further line of the heading.
+const LINE: f64 = 12.0;
 const RIGHT: f64 = 8.0;
 /// Space for numbers, title, and two lines of notes.
 const BOTTOM: f64 = 60.0;
 const TILE_HEIGHT: f64 = 44.0;
 /// Colour of the edges of tiles and of the colour bar.
 const EDGE: Color = Color(170, 170, 170);
+/// The smallest letters of a number without an exponent, as a share of the usual size.
+const LEAST_LETTERS: f64 = 0.65;
 /// Height of three lines of numbers.
 const LEAST_TILE: f64 = 36.0;
 
@@ -198,16 +202,19 @@ fn heat_figure(
     // The explanation of colours is also shown in print, because no caption contains it.
     let bottom = BOTTOM - if style.has_titles() { 0.0 } else { NOTE + 3.0 };
     let tile_height = style.row(TILE_HEIGHT, rows.len(), TOP + bottom).max(LEAST_TILE);
-    let height = TOP + bottom + tile_height * rows.len() as f64;
+    let heading = heading(figure, names, style.width() - first - RIGHT);
+    let over = TOP + LINE * (heading.len() - 1) as f64;
+    let height = over + bottom + tile_height * rows.len() as f64;
     let tile_width = (style.width() - first - RIGHT) / columns.len().max(1) as f64;
     let named = named(figure, names);
+    let letters = letters(figure, metric, tile_width);
     let mut marks: Vec<Mark> = Vec::new();
     for tile in &figure.tiles {
         let place =
             |list: &[f64], value: f64| list.iter().position(|one| *one == value).unwrap_or(0);
         let left = first + place(columns, tile.x) as f64 * tile_width;
         // Small values are at the bottom, as on an axis.
-        let top = TOP + (rows.len() - 1 - place(rows, tile.y)) as f64 * tile_height;
+        let top = over + (rows.len() - 1 - place(rows, tile.y)) as f64 * tile_height;
         let color = match tile.value {
             Ok(value) => color(value, range, figure.scale),
             Err(_) => Color(240, 240, 240),
@@ -215,17 +222,28 @@ fn heat_figure(
         marks.extend(tile_marks(
             tile,
             (figure, metric, &named),
-            color,
+            (color, letters),
             (left, top, (tile_width, tile_height)),
         ));
     }
     let facets = facets(&names.arm(&figure.name));
     let mut marks: Vec<Mark> = marks.into_iter().map(|mark| mark.of(0)).collect();
     let across = (first, tile_width, tile_height);
-    marks.extend(frame((figure, metric, style), &named, (range, is_shared), across, height));
+    let sizes = (over, height);
+    marks.extend(frame((figure, metric, style), &heading, (range, is_shared), across, sizes));
     let title = metric.title();
     let description = format!("{title}: {} of {} over two parameters", named[1], named[0]);
     Scene { width: style.width(), height, description, marks, series: vec![facets] }
+}
+
+/// The size of the letters of values, at which every value fits that needs no exponent.
+fn letters(figure: &HeatFigure, metric: Measure, tile_width: f64) -> f64 {
+    let largest = TEXT + 1.0;
+    let values = figure.tiles.iter().filter_map(|tile| tile.value.ok());
+    let sizes = values.map(|value| {
+        narrowed(&in_unit(value, metric), (largest, Weight::SemiBold), tile_width - 3.0)
+    });
+    sizes.filter(|size| *size >= LEAST_LETTERS * largest).fold(largest, f64::min)
 }
 
 /// The left edge of the tiles, right of the rows' values.
@@ -324,7 +342,7 @@ fn share(part: f64, whole: f64) -> f64 {
 fn tile_marks(
     tile: &HeatTile,
     (figure, metric, [agent, subject]): (&HeatFigure, Measure, &[String; 2]),
-    color: Color,
+    (color, letters): (Color, f64),
     (left, top, (width, height)): (f64, f64, (f64, f64)),
 ) -> Vec<Mark> {
     let ink = if color.lightness() < 0.55 { Color::WHITE } else { INK };
@@ -340,7 +358,7 @@ fn tile_marks(
     // A number that needs much smaller letters has an exponent.
     let short = |value: f64, sign: &str, letters: (f64, Weight)| {
         let words = format!("{sign}{}", in_unit(value));
-        match narrowed(&words, letters, width - 3.0) < 0.75 * letters.0 {
+        match narrowed(&words, letters, width - 3.0) < LEAST_LETTERS * letters.0 {
             true => format!("{sign}{}", signed(&exponential(value * factor(metric), 2))),
             false => words,
         }
@@ -375,8 +393,9 @@ fn tile_marks(
     let first = height / 2.0 - if published.is_some() { 7.0 } else { 2.0 };
     match tile.value {
         Ok(value) => {
-            let letters = (TEXT + 1.0, Weight::SemiBold);
-            marks.push(line(first, short(value, "", letters), letters.0, letters.1));
+            let bold = Weight::SemiBold;
+            let words = short(value, "", (TEXT + 1.0, bold));
+            marks.push(line(first, words, letters, bold));
         }
         Err(_) => marks.push(line(first, "–".to_owned(), TEXT + 1.0, Weight::Regular)),
     }
@@ -394,31 +413,46 @@ fn tile_marks(
     marks
 }
 
+/// The lines of the heading, none wider than `room` unless it has a single word.
+fn heading(figure: &HeatFigure, names: &Names, room: f64) -> Vec<String> {
+    let [agent, subject] = named(figure, names);
+    let subject = subject.replace(" - ", " − ");
+    let heading = if agent.is_empty() { subject } else { format!("{agent}, {subject}") };
+    let mut lines: Vec<String> = Vec::new();
+    for word in heading.split(' ') {
+        let longer = lines.last().map(|line| format!("{line} {word}"));
+        let fits = |line: &String| width(line, TEXT + 1.0, Weight::SemiBold) <= room;
+        match (lines.last_mut(), longer.filter(fits)) {
+            (Some(line), Some(longer)) => *line = longer,
+            (_, _) => lines.push(word.to_owned()),
+        }
+    }
+    lines
+}
+
 /// The heading, the values and names of the parameters, and the note.
 fn frame(
     (figure, metric, style): (&HeatFigure, Measure, &Style),
-    [agent, subject]: &[String; 2],
+    heading: &[String],
     (range, is_shared): ((f64, f64), bool),
     (left, tile_width, tile_height): (f64, f64, f64),
-    height: f64,
+    (over, height): (f64, f64),
 ) -> Vec<Mark> {
     let plain = (TEXT, Weight::Regular);
     let (columns, rows) = (&figure.x.1, &figure.y.1);
-    let bottom = TOP + tile_height * rows.len() as f64;
-    let subject = subject.replace(" - ", " − ");
-    let heading = match agent.as_str() {
-        "" => subject,
-        agent => format!("{agent}, {subject}"),
+    let bottom = over + tile_height * rows.len() as f64;
+    let line = |(line, words): (usize, &String)| -> Mark {
+        let room = tile_width * columns.len() as f64;
+        let bold = (narrowed(words, (TEXT + 1.0, Weight::SemiBold), room), Weight::SemiBold);
+        text((left, 17.0 + LINE * line as f64), words, bold, INK, Anchor::Start).into()
     };
-    let mut marks: Vec<Mark> = vec![
-        text((left, 17.0), heading, (TEXT + 1.0, Weight::SemiBold), INK, Anchor::Start).into(),
-    ];
+    let mut marks: Vec<Mark> = heading.iter().enumerate().map(line).collect();
     for (at, value) in columns.iter().enumerate() {
         let at = (left + (at as f64 + 0.5) * tile_width, bottom + 13.0);
         marks.push(fitting(at, parameter(*value), (TEXT, tile_width - 3.0), FAINT).into());
     }
     for (at, value) in rows.iter().rev().enumerate() {
-        let at = (left - 5.0, TOP + (at as f64 + 0.5) * tile_height + 3.0);
+        let at = (left - 5.0, over + (at as f64 + 0.5) * tile_height + 3.0);
         let words = parameter(*value);
         let size = narrowed(&words, plain, left - LEFT + 3.0);
         marks.push(text(at, words, (size, Weight::Regular), FAINT, Anchor::End).into());
@@ -426,9 +460,9 @@ fn frame(
     let at = (left + tile_width * columns.len() as f64 / 2.0, bottom + 27.0);
     marks.push(text(at, symbols::quantity(&figure.x.0), plain, INK, Anchor::Middle).into());
     let title = rising_title(
-        (12.0, (TOP + bottom) / 2.0),
+        (12.0, (over + bottom) / 2.0),
         symbols::quantity(&figure.y.0),
-        bottom - TOP + 30.0,
+        bottom - over + 30.0,
     );
     marks.push(title.into());
     let note = format!(
