@@ -113,20 +113,21 @@ const FIRST_EPISODES: Parameter = Parameter::Evaluation("first_episodes");
 
 /// An agent trains for at least as many first episodes as metrics need.
 const FIRST_TRAINED: Constraint = Constraint {
-    parameters: &[FIRST_EPISODES, EPISODES],
+    parameters: &[FIRST_EPISODES, EPISODES, PEOPLE],
     violation: |assignment| first_fit(assignment, EPISODES),
 };
 
 /// An agent that does not train has at least as many test episodes as metrics of first episodes
 /// need.
 const FIRST_TESTED: Constraint = Constraint {
-    parameters: &[FIRST_EPISODES, TEST_EPISODES],
+    parameters: &[FIRST_EPISODES, TEST_EPISODES, PEOPLE],
     violation: |assignment| first_fit(assignment, TEST_EPISODES),
 };
 
 fn first_fit(assignment: &Assignment, episodes: Parameter) -> Option<Violation> {
     let Some(Value::Wholes(numbers)) = assignment.value(FIRST_EPISODES) else { return None };
     let most = numbers.last().map_or(0, |most| u64::from(*most));
+    let episodes = if assignment.value(PEOPLE).is_some() { PEOPLE } else { episodes };
     let violated = most > assignment.whole(episodes);
     violated.then(|| assignment.contradiction(FIRST_EPISODES, "must not exceed", episodes))
 }

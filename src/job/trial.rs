@@ -167,6 +167,39 @@ impl Trial {
         u64::from(self.days) * u64::from(self.decisions_per_day)
     }
 
+    /// A key with a value under which nobody's best mean return is that of the environment, and its value.
+    pub fn without_optimum(&self) -> Option<(&'static str, f64)> {
+        let realities = [("dropout", self.dropout), ("unreported", self.unreported)];
+        realities.into_iter().find(|(_, value)| *value > 0.0)
+    }
+
+    /// Why an agent never learns in the trial; `None` if it does, or is meant not to.
+    pub fn never_learns(&self, calendar: &Calendar) -> Option<&'static str> {
+        let stays = &calendar.stays;
+        let is_due = |day: u32| match self.pooling {
+            Pooling::Full => {
+                let entered = stays.iter().filter(|stay| stay.start < day).count() as u32;
+                calendar.is_updated(day, entered) && !calendar.is_outage(day)
+            }
+            Pooling::None => calendar.is_updated(day, u32::MAX),
+        };
+        let first = stays.iter().map(|stay| stay.start).min().unwrap_or(0);
+        let (start, days) = match self.pooling {
+            Pooling::Full => (first, calendar.days()),
+            Pooling::None => (0, self.days),
+        };
+        let has_data = |day: &u32| day.saturating_sub(self.update_lag_days) > start;
+        if self.update_every_days == 0 {
+            None
+        } else if !(1..days).any(is_due) {
+            Some("no update comes before the last person leaves")
+        } else if !(1..days).filter(|day| is_due(*day)).any(|day| has_data(&day)) {
+            Some("no update has data before the last person leaves")
+        } else {
+            None
+        }
+    }
+
     /// The calendar.
     ///
     /// **Errors**: the file of stays does not have the people and days of the trial.

@@ -12,7 +12,7 @@ use super::limits::{MOST_COMPARISONS, MOST_JOBS};
 use super::presence::absent;
 use super::source::Span;
 use crate::agent::Algorithm;
-use crate::job::{Condition, EvaluatedOn, Trial};
+use crate::job::{Condition, EvaluatedOn, TestActions, Trial};
 use crate::key::{Assignment, Constraint, Keyed, Parameter, Size, Value, Violation};
 
 /// Reports faults between the keys of `manifest`, which was completed from `draft`.
@@ -104,6 +104,11 @@ fn trials(draft: &Draft, manifest: &Manifest, grids: &[Grid], faults: &mut Fault
     }
     if !has_trial {
         return;
+    }
+    if has("test_actions", &Value::Choice(TestActions::Greedy.word())) {
+        let says =
+            "`test_actions` is not read in a trial: an agent acts there by its probabilities";
+        fault(place("test_actions"), says, "remove it");
     }
     for (declared, agent) in manifest.agents.iter().zip(&draft.agents) {
         let unread = declared.algorithm.unread_in_trials();

@@ -405,9 +405,10 @@ fn trial_fault(
             "`entry` names the day of every person, and keys `entry_*` are not read beside it";
         return fault("entry", says.to_owned());
     }
-    if let Err(says) = trial.calendar() {
-        return fault("entry", format!("`entry`: {says}"));
-    }
+    let calendar = match trial.calendar() {
+        Ok(calendar) => calendar,
+        Err(says) => return fault("entry", format!("`entry`: {says}")),
+    };
     if trial.update_first_with_people > trial.people {
         let (first, people) = (trial.update_first_with_people, trial.people);
         let says = format!(
@@ -416,12 +417,19 @@ fn trial_fault(
         );
         return fault("update_first_with_people", says);
     }
+    if let Some(says) = trial.never_learns(&calendar) {
+        let says = format!("`update_every_days` = {}: {says}", trial.update_every_days);
+        return fault(
+            "update_every_days",
+            says + ", so that the agent never learns; 0 is for no updates",
+        );
+    }
     let longest = u64::from(environment.longest_episode());
     if !environment.family().is_external() && trial.decisions() != longest {
         let (days, per_day) = (trial.days, trial.decisions_per_day);
         let says = format!(
             "`days` = {days} with `decisions_per_day` = {per_day} are {} decisions of a person; an episode of the \
-             environment has {longest}",
+             environment has {longest}: change `days`, or the key of [environment] that sets the length of an episode",
             trial.decisions()
         );
         return fault("days", says);

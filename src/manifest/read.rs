@@ -162,8 +162,19 @@ impl Reader<'_> {
                 DeValue::Table(below) if ["entry", "update"].contains(&key.get_ref().as_ref()) => {
                     for (own, node) in below {
                         let name = format!("{}_{}", key.get_ref(), own.get_ref());
+                        if table.contains_key(name.as_str()) {
+                            let says = format!(
+                                "`{name}` is given twice: by itself, and in `{}`",
+                                key.get_ref()
+                            );
+                            self.faults
+                                .add(Fault::at(own.span().into(), says).help("remove one of them"));
+                        }
                         flat.insert(Spanned::new(own.span(), name.into()), node.clone());
                     }
+                }
+                _ if key.get_ref() == "update" => {
+                    self.expected("update", "a table, as in { every_days = 7 }", node);
                 }
                 _ => {
                     flat.insert(key.clone(), node.clone());
@@ -640,10 +651,13 @@ fn belonging(fault: Fault, here: Option<Section>, found: &str, names: &[&str]) -
     if here.is_some() && TOP_KEYS[..ABOVE_TABLES].contains(&found) {
         return fault.help(format!("`{found}` belongs above the first table"));
     }
-    let elsewhere: Vec<Section> = Section::all()
+    let mut elsewhere: Vec<Section> = Section::all()
         .into_iter()
         .filter(|section| Some(*section) != here && section.find(found).is_some())
         .collect();
+    // A key of another family stands in the right table.
+    let of_family = |section: &Section| matches!(section, Section::Environment(_));
+    elsewhere.sort_by_key(|section| !(here.as_ref().is_some_and(of_family) && of_family(section)));
     let agent_here = here.and_then(algorithm_of);
     match elsewhere.first().map(|section| (*section, algorithm_of(*section), here)) {
         Some((_, Some(_), Some(Section::Agent(_)))) => {

@@ -41,7 +41,8 @@ impl Varying {
                 &agent.parameters,
                 &manifest.evaluation,
             ];
-            let keys = sections.into_iter().flat_map(|parameters| {
+            let trial = manifest.has_trial().then_some(&manifest.trial);
+            let keys = sections.into_iter().chain(trial).flat_map(|parameters| {
                 let name = |key: &str| format!("{}.{key}", parameters.section().name());
                 parameters.iter().map(move |(key, values)| (name(key.name), values))
             });

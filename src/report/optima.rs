@@ -17,10 +17,11 @@ pub(super) struct Places {
     of_jobs: Vec<usize>,
 }
 
-/// An environment and a scenario.
+/// An environment and a scenario, and what keeps everybody in a trial from the optimum.
 struct Place {
     environment: Environment,
     scenario: Scenario,
+    reality: Option<(&'static str, f64)>,
 }
 
 /// The optima of jobs.
@@ -31,9 +32,16 @@ pub(super) struct Optima {
     pub(super) unknown: Vec<String>,
 }
 
+/// What keeps everybody in the trial of a job from the optimum of the environment.
+fn reality(job: &Job) -> Option<(&'static str, f64)> {
+    job.trial.as_ref()?.without_optimum()
+}
+
 impl Place {
     fn is_of(&self, job: &Job) -> bool {
-        self.environment == job.environment && self.scenario == job.scenario
+        self.environment == job.environment
+            && self.scenario == job.scenario
+            && self.reality == reality(job)
     }
 
     /// `None` in a family without an optimum.
@@ -46,10 +54,13 @@ impl Place {
     fn check(&self) -> Result<(), NoOptimum> {
         let family = self.environment.family().name;
         let model = self.model().ok_or(NoOptimum::Family { family })?;
+        let reality = self.reality.map_or(Ok(()), |(key, value)| {
+            Err(NoOptimum::NotKnown { key, value: value.to_string() })
+        });
         let alike = optimum::check_people(&model.population);
         match optimum::check(&model.parameters, &self.scenario) {
             hidden @ Err(NoOptimum::StateHidden { .. }) => hidden,
-            other => alike.and(other),
+            other => alike.and(reality).and(other),
         }
     }
 }
@@ -65,12 +76,12 @@ impl Places {
         }
         let (environment, people) =
             (environment_text(&job.environment), people_text(&job.environment));
-        let text = format!("{environment} {people} {}", job.scenario);
+        let text = format!("{environment} {people} {} {:?}", job.scenario, reality(job));
         let new = self.places.len();
         let place = *self.known.entry(text).or_insert(new);
         if place == new {
             let (environment, scenario) = (job.environment.clone(), job.scenario.clone());
-            self.places.push(Place { environment, scenario });
+            self.places.push(Place { environment, scenario, reality: reality(job) });
         }
         self.of_jobs.push(place);
     }

@@ -50,7 +50,12 @@ fn folder(manifest: &str) -> Folder {
 #[test]
 fn the_people_of_a_trial_are_its_evaluation() {
     let folder = folder(MANIFEST);
-    folder.jitai(["run", "trial.toml", "--workers", "2"]).succeeded();
+    let ran = folder.jitai(["run", "trial.toml", "--workers", "2"]).succeeded();
+    // Lines and tables tell arms of the trial apart.
+    let row = "thompson  time_of_day-brushing-dosage-app  none         2";
+    assert!(ran.stdout.contains(row), "{}", ran.stdout);
+    let planned = folder.jitai(["plan", "trial.toml", "--jobs"]).succeeded();
+    assert!(planned.stdout.contains("pooling"), "{}", planned.stdout);
     assert_eq!(folder.number("SELECT count(*) FROM run_summary WHERE status = 'completed'"), 8);
     assert_eq!(folder.number("SELECT count(*) FROM evaluation_episode WHERE length = 16"), 48);
     assert_eq!(folder.number("SELECT count(*) FROM decision"), 8 * 6 * 16);
@@ -117,6 +122,26 @@ by = "agent.name"
 between = ["thompson", "random"]
 participants = { parameter = "epsilon_h", to_quantile = 0.5 }
 "#;
+
+#[test]
+fn people_who_leave_or_do_not_report_have_no_known_optimum() {
+    let folder = Folder::new();
+    let (plain, _) = POPULATION.split_once("[population]").unwrap();
+    let (_, rest) = POPULATION.split_once("[evaluation]").unwrap();
+    let plain = format!("{plain}[evaluation]{}", rest.split("[[analysis]]").next().unwrap());
+    for (keys, is_known) in [("", true), ("dropout = 0.1\n", false), ("unreported = 0.1\n", false)]
+    {
+        folder.write("trial.toml", plain.replace("people = 8\n", &format!("people = 8\n{keys}")));
+        folder.jitai(["run", "trial.toml", "--replace"]).succeeded();
+        folder.jitai(["report", "trial.toml", "--out", "report"]).succeeded();
+        let page = folder.read("report/index.html");
+        let says = "no optimum can be computed with `";
+        assert_eq!(page.contains(says), !is_known, "{keys}");
+        let table = folder.read("report/tables/population-arms.csv");
+        let first = table.lines().nth(1).unwrap();
+        assert_eq!(first.ends_with(",,,,"), !is_known, "{table}");
+    }
+}
 
 #[test]
 fn people_of_a_trial_are_participants_with_parameters() {
@@ -309,6 +334,36 @@ fn what_does_not_suit_a_trial_is_refused_with_a_sentence() {
             "update = { every_days = 2 }",
             "update = { every_days = 2, first_with_people = 9 }",
             "`update_first_with_people` = 9 is never reached with `people` = 6",
+        ),
+        (
+            "update = { every_days = 2 }",
+            "update = { every_days = 2, lag_days = 20 }",
+            "no update has data before the last person leaves, so that the agent never learns",
+        ),
+        (
+            "update = { every_days = 2 }",
+            "update = { every_days = 2, first_day = 13 }",
+            "no update comes before the last person leaves",
+        ),
+        (
+            "update = { every_days = 2 }",
+            "update = 2",
+            "`update`: expected a table, as in { every_days = 7 }",
+        ),
+        (
+            "update = { every_days = 2 }",
+            "update = { every_days = 2 }\nupdate_every_days = 3",
+            "`update_every_days` is given twice: by itself, and in `update`",
+        ),
+        (
+            "on = \"trial\"\n",
+            "on = \"trial\"\ntest_actions = \"greedy\"\n",
+            "`test_actions` is not read in a trial",
+        ),
+        (
+            "on = \"trial\"\n",
+            "on = \"trial\"\nfirst_episodes = [7]\n",
+            "`first_episodes` must not exceed `people`, found [7] and 6",
         ),
         (
             "entry = { every_days = 3,",

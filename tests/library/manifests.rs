@@ -106,7 +106,7 @@ fn shipped() -> Vec<(&'static str, u64)> {
         ("experiments/bots/figure_5_readings.toml", 170),
         ("experiments/step_count.toml", 180),
         ("experiments/population.toml", 40),
-        ("experiments/oralytics/updates.toml", 160),
+        ("experiments/oralytics/updates.toml", 100),
         ("experiments/paper/context_error.toml", 144),
         ("experiments/paper/disengagement.toml", 192),
         ("experiments/paper/hyperparameters.toml", 780),
