@@ -63,6 +63,15 @@ impl Person {
 
     /// Records a decision with its reward.
     fn push(&mut self, time: u32, decision: &Decision, reward: f64) {
+        /// The decisions for which there is room at first.
+        const ROOM: usize = 160;
+        if self.times.is_empty() {
+            self.times.reserve(ROOM);
+            self.actions.reserve(ROOM);
+            self.rewards.reserve(ROOM);
+            self.features.reserve(ROOM * decision.features.len());
+            self.probabilities.reserve(ROOM * decision.probabilities.len());
+        }
         self.times.push(time);
         self.actions.push(decision.action.index() as u8);
         self.rewards.push(reward);
@@ -72,15 +81,16 @@ impl Person {
 
     /// Counts the decisions before a step; `row` is a buffer.
     fn count(&mut self, before: u32, row: &mut Decision) {
+        let widths =
+            [&self.features, &self.probabilities].map(|all| all.len() / self.times.len().max(1));
         while self.times.get(self.counted).is_some_and(|time| *time < before) {
             let place = self.counted;
             let of = |all: &[f64], width: usize, into: &mut Vec<f64>| {
                 into.clear();
                 into.extend_from_slice(&all[place * width..(place + 1) * width]);
             };
-            of(&self.features, self.features.len() / self.times.len(), &mut row.features);
-            let actions = self.probabilities.len() / self.times.len();
-            of(&self.probabilities, actions, &mut row.probabilities);
+            of(&self.features, widths[0], &mut row.features);
+            of(&self.probabilities, widths[1], &mut row.probabilities);
             row.action = Action::from_index(self.actions[place].into()).unwrap_or_default();
             self.known.learn(row, self.rewards[place]);
             self.counted += 1;
@@ -178,11 +188,12 @@ impl Actor for LinearThompsonStudy {
     ) {
         environment.observe(&mut self.observations);
         let count = self.sampler.actions();
+        let statuses = environment.statuses();
         for (person, action) in actions.iter_mut().enumerate() {
             // Drawn for everybody, so that choices do not depend on who is in the study.
             let word = stream.bits();
             let decision = &mut self.decisions[person];
-            let is_running = environment.statuses()[person] == EpisodeStatus::Running;
+            let is_running = statuses[person] == EpisodeStatus::Running;
             self.chooses[person] = is_running && self.unavailable.chooses(environment, person);
             if !self.chooses[person] {
                 decision.withhold();
