@@ -63,15 +63,6 @@ impl Person {
 
     /// Records a decision with its reward.
     fn push(&mut self, time: u32, decision: &Decision, reward: f64) {
-        /// The decisions for which there is room at first.
-        const ROOM: usize = 160;
-        if self.times.is_empty() {
-            self.times.reserve(ROOM);
-            self.actions.reserve(ROOM);
-            self.rewards.reserve(ROOM);
-            self.features.reserve(ROOM * decision.features.len());
-            self.probabilities.reserve(ROOM * decision.probabilities.len());
-        }
         self.times.push(time);
         self.actions.push(decision.action.index() as u8);
         self.rewards.push(reward);

@@ -93,7 +93,7 @@ impl Drawn for Vec<HeatFigure> {
             let maps = match self.len() {
                 1 => String::new(),
                 all => format!(
-                    ". The best tile is clearly ahead of every neighbour in {} of {all} maps",
+                    ". The largest mean is clearly ahead of every neighbour in {} of {all} maps",
                     clear.count()
                 ),
             };
