@@ -15,10 +15,10 @@ use crate::support::{
     Effort, Folder, Running, assert_prompt, assert_same_rows, is_timed, manifest, until,
 };
 
-/// Two jobs of about three seconds each: a fast machine must not complete them between a few kills.
+/// Two jobs of about a second each: a fast machine must not complete them before they are stopped.
 fn text() -> String {
     let long = manifest("sweep", "0.6", "1", Effort::Long);
-    long.replace("episodes = 4000", "episodes = 6000").replace("120000", "180000")
+    long.replace("episodes = 4000", "episodes = 2000").replace("120000", "60000")
 }
 
 /// The results of the jobs in an undisturbed sweep.

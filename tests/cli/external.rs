@@ -96,8 +96,8 @@ say '{"type":"trained"}'
 while read -r line; do
   case $line in
     *'"type":"act"'*)
-      rows=${line#*'"observations":[['}; rows=${rows%%']]'*}
-      chosen=$(echo "$rows" | sed 's/\],\[/\n/g' | sed 's/^0.*/2/; s/^1.*/3/' | tr '\n' ,)
+      rows=$(echo "$line" | sed 's/.*"observations":\[\[//; s/\]\].*//; s/\],\[/\n/g')
+      chosen=$(echo "$rows" | sed 's/^0.*/2/; s/^1.*/3/' | tr '\n' ,)
       say "{\"type\":\"choices\",\"actions\":[${chosen%,}]}";;
   esac
 done

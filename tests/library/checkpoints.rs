@@ -503,12 +503,21 @@ fn a_checkpoint_of_other_code_or_another_job_is_refused_and_says_so() {
 
 /// The bytes of each state that are changed, about: many bytes are parts of equal numbers. `make test-damage` changes
 /// every byte.
-const CHANGED: usize = 4000;
+const CHANGED: usize = 2000;
 
 #[test]
 fn states_that_make_no_sense_are_no_reason_to_panic() {
+    no_changed_state_panics(|name| name.contains("Fused"));
+}
+
+#[test]
+fn other_states_that_make_no_sense_are_no_reason_to_panic() {
+    no_changed_state_panics(|name| !name.contains("Fused"));
+}
+
+fn no_changed_state_panics(chosen: impl Fn(&str) -> bool) {
     let changes_all = std::env::var_os("JITAI_EVERY_BYTE").is_some();
-    for (name, job) in small_jobs() {
+    for (name, job) in small_jobs().into_iter().filter(|(name, _)| chosen(name)) {
         let (kept, _) = every_checkpoint(&job);
         let checkpoint = &kept[kept.len() / 2];
         let state =
