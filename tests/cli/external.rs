@@ -81,7 +81,7 @@ fn is_alive(id: &str) -> bool {
 #[test]
 fn the_test_is_of_the_episodes_that_every_agent_of_the_seed_meets() {
     let text =
-        manifest("", "parameters = { depth = [1, 2] }").replace("seeds = 1", "seeds = 3").replace(
+        manifest("", "parameters = { depth = [1, 2] }").replace("seeds = 1", "seeds = 2").replace(
             "test_episodes = 20",
             "test_episodes = 1003\nevaluation.record_decisions = \"test\"",
         );
@@ -103,7 +103,7 @@ while read -r line; do
 done
 "#;
     folder.write("program.sh", format!("{LIBRARY}\n{tailored}"));
-    folder.jitai(["run", "sweep.toml"]).succeeded().says("9 jobs run, 9 completed in all");
+    folder.jitai(["run", "sweep.toml"]).succeeded().says("6 jobs run, 6 completed in all");
     for (view, columns) in [
         ("evaluation_episode", "seed, episode, total_reward, length, disengaged"),
         (
@@ -118,7 +118,7 @@ done
         };
         let (rule, outside) = (rows("= 'rule'"), rows("= 'outside'"));
         let count = |sql: &str| folder.number(&format!("SELECT count(*) FROM ({sql})"));
-        assert!(count(&rule) >= 3 * 1003, "{view}");
+        assert!(count(&rule) >= 2 * 1003, "{view}");
         assert_eq!(count(&outside), 2 * count(&rule), "{view}");
         assert_eq!(count(&format!("{outside} EXCEPT {rule}")), 0, "{view}");
         assert_eq!(count(&format!("{rule} EXCEPT {outside}")), 0, "{view}");

@@ -16,7 +16,7 @@ const COMPLETED: &str = "SELECT count(*) AS n FROM run_summary WHERE status = 'c
 /// A folder whose store `real/s.sqlite` was left by a killed process, with completed runs in its log.
 /// `links/s.sqlite` leads to the store through another link and a linked folder.
 fn killed() -> (Folder, i64) {
-    let folder = Folder::with(&manifest("sweep", "0.6", "2000", Effort::Trivial));
+    let folder = Folder::with(&manifest("sweep", "0.6", "400", Effort::Trivial));
     for name in ["real", "links"] {
         fs::create_dir(folder.path(name)).unwrap();
     }

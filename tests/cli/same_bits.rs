@@ -141,7 +141,9 @@ fn killed_sweep_stores_the_same_rows(
     let sweep = |seeds: i64| {
         let recorded = "evaluation.record_decisions = \"all\"\nevaluation.test_episodes";
         let text = changed(&manifest("sweep", "0.6", &seeds.to_string(), effort));
+        // All decisions of the training are rows.
         text.replace("evaluation.test_episodes", recorded)
+            .replace("episodes = 6000", "episodes = 1500")
     };
     killed.write("sweep.toml", sweep(seeds));
     while kills < KILLS || !met_a_job {
