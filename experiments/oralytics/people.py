@@ -6,9 +6,9 @@
 
 writes v2.csv, v2_daily.csv, v3.csv, v3_daily.csv and v4.csv into this folder, and which people the published trials
 had: v2_trials.csv, v3_trials.csv and v4_trial.csv. The second clone is needed for V4 alone. It needs NumPy. The files
-have the terms of use of their repositories (GPL-3.0); do not share them with your manifests. Cite Trella et al., "Oralytics Reinforcement Learning Algorithm", arXiv 2406.13127, for V2 and V3, and
-Trella et al., "A Deployed Online Reinforcement Learning Algorithm In An Oral Health Clinical Trial", arXiv
-2409.02069, for V4. The files were last changed in the commits dd9947aa and f7154719.
+have the terms of use of their repositories (GPL-3.0); do not share them with your manifests. Cite Trella et al.,
+"Oralytics Reinforcement Learning Algorithm", arXiv 2406.13127, for V2 and V3, and Trella et al., "A Deployed Online
+Reinforcement Learning Algorithm In An Oral Health Clinical Trial", arXiv 2409.02069, for V4. The files were last changed in the commits dd9947aa and f7154719.
 """
 
 import csv
@@ -140,7 +140,7 @@ def everybody(name, people):
 
 
 def main():
-    if len(sys.argv) not in (2, 3):
+    if len(sys.argv) not in (2, 3) or not pathlib.Path(sys.argv[1]).is_dir():
         sys.exit(__doc__)
     design = sys.argv[1]
     v2(design, "stat", "v2.csv")

@@ -129,6 +129,11 @@ pub trait Simulation: VectorEnvironment + Any + fmt::Debug + Send + Sync {
         out.extend(observations.row(lane).iter().copied().map(f64::from));
     }
 
+    /// Whether [`Simulation::exact_features`] reads `observations`; true by default.
+    fn exact_features_read_observations(&self) -> bool {
+        true
+    }
+
     /// Makes the people of lanes that are reset those in these rows of the file of people, \[lanes\]. Does nothing
     /// by default.
     fn assign(&mut self, rows: &[u32]) {

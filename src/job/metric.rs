@@ -79,7 +79,7 @@ metrics! {
     NET_RETURN = "mean_net_return", "mean return minus the cost of messages", Return, [Test, Analyses],
         "mean undiscounted return minus the cost of messages; absent if messages cost nothing";
     LOWER_QUARTILE_RETURN = "lower_quartile_return", "lower-quartile return", Return, [Analyses, Participants],
-        "lower quartile of the return over test episodes; computed when it is read, and recorded where episodes are not";
+        "lower quartile of the return over evaluated episodes; computed when it is read, and recorded where episodes are not";
     MEAN_LENGTH = "mean_length", "mean episode length", Steps, [Test, Curve, Analyses, Participants],
         "mean episode length";
     DISENGAGEMENT_RATE = "disengagement_rate", "episodes ended by disengagement", Share,

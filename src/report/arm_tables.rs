@@ -46,7 +46,7 @@ pub fn arms(
     ];
     let Words { return_unit, terminated, has_optimum } = words;
     let caption = format!(
-        "Arms: means over seeds of the return ({return_unit}), its lower quartile over test episodes, the \
+        "Arms: means over seeds of the return ({return_unit}), its lower quartile over evaluated episodes, the \
          share of {}, and the messages sent per episode; IQM: inter-quartile mean of the return, the mean \
          of fewer than four values",
         terminated.in_unit(return_unit).quantity()

@@ -25,7 +25,21 @@ pub struct Decision {
     pub action: Action,
 }
 
+/// A decision that is stored elsewhere; see [`Decision`].
+#[derive(Clone, Copy, Debug)]
+pub struct Made<'a> {
+    pub features: &'a [f64],
+    pub probabilities: &'a [f64],
+    pub action: Action,
+}
+
 impl Decision {
+    /// The decision, borrowed.
+    pub fn made(&self) -> Made<'_> {
+        let Decision { features, probabilities, action } = self;
+        Made { features, probabilities, action: *action }
+    }
+
     /// A decision to be made among this number of actions.
     pub fn among(actions: usize) -> Self {
         let (features, probabilities) = (Vec::new(), vec![0.0; actions]);
@@ -75,6 +89,7 @@ impl Posterior {
     }
 
     /// Adds the data of another posterior, which has no prior of its own.
+    #[inline(always)]
     pub fn add(&mut self, data: &Posterior) {
         let pairs = self.regressions.iter_mut().zip(&data.regressions);
         pairs.for_each(|(own, data)| own.add(data));
@@ -139,13 +154,19 @@ impl Posterior {
 
     /// Learns the reward of a step; returns the index of the regression that changed.
     pub fn learn(&mut self, decision: &Decision, reward: f64) -> usize {
+        self.learn_made(decision.made(), reward)
+    }
+
+    /// [`Posterior::learn`], compiled into its caller.
+    #[inline(always)]
+    pub fn learn_made(&mut self, decision: Made<'_>, reward: f64) -> usize {
         if let [joint] = &mut self.regressions[..] {
             centred(decision, &mut self.row);
             joint.learn(&self.row, reward, self.noise_variance);
             return 0;
         }
         let place = decision.action.index();
-        self.regressions[place].learn(&decision.features, reward, self.noise_variance);
+        self.regressions[place].learn(decision.features, reward, self.noise_variance);
         place
     }
 
@@ -182,8 +203,8 @@ fn prior(parameters: &LinearThompson, features: usize, width: usize) -> Regressi
 
 /// Writes the regressors of a step with action centring: the features f; p_k f for each message k;
 /// and (1\[A = k\] - p_k) f for each message k.
-fn centred(decision: &Decision, row: &mut Vec<f64>) {
-    let Decision { features, probabilities, action } = decision;
+#[inline(always)]
+fn centred(Made { features, probabilities, action }: Made<'_>, row: &mut Vec<f64>) {
     row.clear();
     row.extend_from_slice(features);
     for probability in &probabilities[1..] {
@@ -257,7 +278,7 @@ impl Acting {
     /// The reward that the posterior means predict for a decision.
     pub fn predict(&mut self, decision: &Decision) -> f64 {
         if let [joint] = &self.factored[..] {
-            centred(decision, &mut self.posterior.row);
+            centred(decision.made(), &mut self.posterior.row);
             return joint.predict(&self.posterior.row);
         }
         self.factored[decision.action.index()].predict(&decision.features)

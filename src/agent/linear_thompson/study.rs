@@ -1,15 +1,18 @@
 //! Linear Thompson sampling in a trial: many people at once, and updates at calendar times.
 
+use pulp::{Simd, WithSimd};
+
 use crate::agent::Actions;
 use crate::agent::actor::{Actor, StudyUpdate};
 use crate::agent::layers::Shape;
 use crate::agent::learner::LearnerError;
-use crate::agent::linear_thompson::posterior::{Acting, Decision};
+use crate::agent::linear_thompson::posterior::{Acting, Decision, Made};
 use crate::agent::linear_thompson::sampler::Sampler;
 use crate::agent::linear_thompson::{BanditDraw, Design, LinearThompson, Posterior};
 use crate::agent::unavailable::Unavailable;
 use crate::agent::weights::Weights;
 use crate::env::{Action, EpisodeStatus, Observations, Simulated, VectorEnvironment};
+use crate::kernel::Isa;
 use crate::rng::Stream;
 use crate::state::resumable;
 
@@ -28,7 +31,9 @@ pub struct LinearThompsonStudy {
     chooses: Vec<bool>,
     /// The number of steps of the trial so far.
     time: u32,
+    /// The last observations, if they are read: features in full precision need none in some families.
     observations: Observations,
+    observes: bool,
     letters: Vec<f64>,
     /// Coefficients of an episode, which trials do not have.
     drawn: Vec<f64>,
@@ -70,20 +75,20 @@ impl Person {
         self.probabilities.extend_from_slice(&decision.probabilities);
     }
 
-    /// Counts the decisions before a step; `row` is a buffer.
-    fn count(&mut self, before: u32, row: &mut Decision) {
-        let widths =
-            [&self.features, &self.probabilities].map(|all| all.len() / self.times.len().max(1));
+    /// Counts the decisions before a step.
+    #[inline(always)]
+    fn count(&mut self, before: u32) {
+        let decisions = self.times.len().max(1);
+        let [features, chances] =
+            [&self.features, &self.probabilities].map(|all| all.len() / decisions);
         while self.times.get(self.counted).is_some_and(|time| *time < before) {
             let place = self.counted;
-            let of = |all: &[f64], width: usize, into: &mut Vec<f64>| {
-                into.clear();
-                into.extend_from_slice(&all[place * width..(place + 1) * width]);
+            let decision = Made {
+                features: &self.features[place * features..(place + 1) * features],
+                probabilities: &self.probabilities[place * chances..(place + 1) * chances],
+                action: Action::from_index(self.actions[place].into()).unwrap_or_default(),
             };
-            of(&self.features, widths[0], &mut row.features);
-            of(&self.probabilities, widths[1], &mut row.probabilities);
-            row.action = Action::from_index(self.actions[place].into()).unwrap_or_default();
-            self.known.learn(row, self.rewards[place]);
+            self.known.learn_made(decision, self.rewards[place]);
             self.counted += 1;
         }
     }
@@ -96,6 +101,29 @@ impl Person {
         arrays.iter().all(|length| *length == decisions)
             && tables.iter().all(|length| *length % decisions.max(1) == 0)
             && self.counted <= decisions
+    }
+}
+
+/// The sum of a prior and the data of some people before a step.
+struct Sum<'a> {
+    posterior: Posterior,
+    all: &'a mut [Person],
+    people: &'a [bool],
+    before: u32,
+}
+
+impl WithSimd for Sum<'_> {
+    type Output = (Posterior, u64);
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(mut self, _: S) -> (Posterior, u64) {
+        let mut steps = 0;
+        for (person, _) in self.all.iter_mut().zip(self.people).filter(|(_, counts)| **counts) {
+            person.count(self.before);
+            self.posterior.add(&person.known);
+            steps += person.counted as u64;
+        }
+        (self.posterior, steps)
     }
 }
 
@@ -126,6 +154,7 @@ impl LinearThompsonStudy {
             chooses: vec![false; people],
             time: 0,
             observations: spec.observations(),
+            observes: spec.one_hot > 0 || environment.exact_features_read_observations(),
             letters: Vec::new(),
             drawn: Vec::new(),
             prior,
@@ -146,15 +175,8 @@ impl LinearThompsonStudy {
 
     /// The posterior of the data of some people before a step, \[people\], and the number of their decisions.
     fn posterior(&mut self, people: &[bool], before: u32) -> (Posterior, u64) {
-        let mut posterior = self.prior.clone();
-        let mut row = Decision::default();
-        let mut steps = 0;
-        for (person, _) in self.people.iter_mut().zip(people).filter(|(_, counts)| **counts) {
-            person.count(before, &mut row);
-            posterior.add(&person.known);
-            steps += person.counted as u64;
-        }
-        (posterior, steps)
+        let (posterior, all) = (self.prior.clone(), &mut self.people);
+        Isa::chosen().run(Sum { posterior, all, people, before })
     }
 
     /// Factors the posteriors; returns false if a precision is not positive definite.
@@ -177,7 +199,9 @@ impl Actor for LinearThompsonStudy {
         actions: &mut [Action],
         probabilities: Option<&mut [f64]>,
     ) {
-        environment.observe(&mut self.observations);
+        if self.observes {
+            environment.observe(&mut self.observations);
+        }
         let count = self.sampler.actions();
         let statuses = environment.statuses();
         for (person, action) in actions.iter_mut().enumerate() {

@@ -40,7 +40,7 @@ pub struct Lead {
     /// The test of their difference, and whether it is paired by seed.
     pub test: TTest,
     pub is_paired: bool,
-    /// The number of neighbours, and of those whose interval excludes 0.
+    /// The number of neighbours with a mean, and of those whose interval is above 0.
     pub neighbours: usize,
     pub behind: usize,
 }
@@ -159,10 +159,16 @@ fn figure(
                 })
             };
             let published = known.iter().find(is_here).map(|row| row.value);
-            if sides.is_none() {
-                samples.push(sample(here.clone(), metric));
-            }
-            tiles.push(HeatTile { x: column, y: row, published, ..tile(&here, sides, metric) });
+            let (value, interval, seeds) = match sides {
+                None => {
+                    let all = sample(here, metric);
+                    let shown = (all.mean(), all.interval(), all.n());
+                    samples.push(all);
+                    shown
+                }
+                Some(sides) => difference(&here, sides, metric),
+            };
+            tiles.push(HeatTile { x: column, y: row, value, interval, seeds, published });
         }
     }
     let settings = name
@@ -201,14 +207,15 @@ fn lead(tiles: &[HeatTile], samples: &[Sample]) -> Option<Lead> {
         let test = t_test(&samples[best], &samples[place], design(place));
         test.ok().map(|test| (place, test))
     };
-    let tests: Vec<(usize, TTest)> = (0..samples.len()).filter(is_near).filter_map(test).collect();
+    let near = || (0..samples.len()).filter(is_near).filter(|place| value(place).is_some());
+    let tests: Vec<(usize, TTest)> = near().filter_map(test).collect();
     let (closest, nearest) =
         tests.iter().min_by(|(_, one), (_, other)| one.difference.total_cmp(&other.difference))?;
     Some(Lead {
         tiles: [best, *closest],
         test: *nearest,
         is_paired: design(*closest) == Design::Matched,
-        neighbours: tests.len(),
+        neighbours: near().count(),
         behind: tests.iter().filter(|(_, test)| test.interval.low > 0.0).count(),
     })
 }
@@ -219,24 +226,19 @@ fn sample(jobs: Vec<&JobRecord>, metric: MetricName) -> Sample {
     Arm { name, jobs }.sample(metric)
 }
 
-fn tile(jobs: &[&JobRecord], sides: Option<&Sides>, metric: MetricName) -> HeatTile {
-    let sample = |jobs| sample(jobs, metric);
-    let (value, interval, seeds) = match sides {
-        None => {
-            let all = sample(jobs.to_vec());
-            (all.mean(), all.interval(), all.n())
-        }
-        Some(sides) => {
-            let side = |condition: &Condition| {
-                sample(jobs.iter().filter(|job| condition.is_met_by(job)).copied().collect())
-            };
-            let (first, second) = (side(&sides.first), side(&sides.second));
-            let contrast = Contrast::new(&first, &second, Design::of(&first, &second));
-            let interval = contrast.test.map(|test| test.interval);
-            (contrast.difference, interval, contrast.seeds.0.min(contrast.seeds.1))
-        }
+/// The difference of means of two sides, its interval, and the seeds of the smaller side.
+fn difference(
+    jobs: &[&JobRecord],
+    sides: &Sides,
+    metric: MetricName,
+) -> (Result<f64, Undefined>, Result<Interval, Undefined>, usize) {
+    let side = |condition: &Condition| {
+        sample(jobs.iter().filter(|job| condition.is_met_by(job)).copied().collect(), metric)
     };
-    HeatTile { x: 0.0, y: 0.0, value, interval, seeds, published: None }
+    let (first, second) = (side(&sides.first), side(&sides.second));
+    let contrast = Contrast::new(&first, &second, Design::of(&first, &second));
+    let interval = contrast.test.map(|test| test.interval);
+    (contrast.difference, interval, contrast.seeds.0.min(contrast.seeds.1))
 }
 
 #[cfg(test)]

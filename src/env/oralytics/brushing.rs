@@ -477,10 +477,16 @@ impl Simulation for Brushing {
     fn exact_features(&self, lane: usize, observations: &Observations, out: &mut Vec<f64>) {
         out.clear();
         // Earlier observations are kept in the precision of observations.
-        let earlier = observations.width() - self.shown.len();
-        out.extend(observations.row(lane)[..earlier].iter().copied().map(f64::from));
+        if self.history.is_some() {
+            let earlier = observations.width() - self.shown.len();
+            out.extend(observations.row(lane)[..earlier].iter().copied().map(f64::from));
+        }
         let seen = self.seen(lane);
         out.extend(self.shown.iter().map(|place| seen[*place]));
+    }
+
+    fn exact_features_read_observations(&self) -> bool {
+        self.history.is_some()
     }
 
     fn assign(&mut self, rows: &[u32]) {

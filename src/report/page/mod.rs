@@ -91,7 +91,7 @@ fn header(
             h1 { (title) }
             p.lead {
                 (state) " in " code { (store) }
-                ". Every mean is over seeds, with one policy each, and never over test episodes."
+                ". Every mean is over seeds, with one policy each, and never over episodes."
             }
             p.note {
                 "Links to CSV, Markdown, LaTeX, SVG, PDF and PNG files point into the folder of this page; \
