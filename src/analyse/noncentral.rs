@@ -59,7 +59,7 @@ fn over_normal(t: f64, df: f64, shift: f64) -> f64 {
 }
 
 /// The standard normal distribution function.
-fn normal(z: f64) -> f64 {
+pub(super) fn normal(z: f64) -> f64 {
     0.5 * libm::erfc(-z * std::f64::consts::FRAC_1_SQRT_2)
 }
 
