@@ -20,10 +20,8 @@ mod permutation;
 mod power;
 mod quantile;
 mod recovery;
-mod root;
 mod sample;
 mod smooth;
-mod student;
 mod t_test;
 mod undefined;
 
