@@ -28,12 +28,15 @@ CREATE TABLE recorded_estimate (
     low REAL CHECK (abs(low) < 1e308),
     high REAL CHECK (abs(high) < 1e308),
     p_value REAL CHECK (p_value BETWEEN 0 AND 1),
+    decisions INTEGER CHECK (decisions > 0),                -- that the estimate uses
+    residual_sd REAL CHECK (residual_sd BETWEEN 0 AND 1e308),   -- weighted
+    truth REAL CHECK (abs(truth) < 1e308),                  -- in the simulation of the job; NULL if not simulated
     failure TEXT,               -- why there is no estimate; NULL if there is one
     sha256 BLOB NOT NULL CHECK (length(sha256) = 32),       -- of the row, its job and its declaration
     PRIMARY KEY (run, declaration, number),
     CHECK (iif(failure IS NULL,
-        (estimate + standard_error + degrees_of_freedom + low + high + p_value) IS NOT NULL,
-        coalesce(estimate, standard_error, degrees_of_freedom, low, high, p_value) IS NULL))
+        (estimate + standard_error + degrees_of_freedom + low + high + p_value + decisions + residual_sd) IS NOT NULL,
+        coalesce(estimate, standard_error, degrees_of_freedom, low, high, p_value, decisions, residual_sd, truth) IS NULL))
 ) STRICT, WITHOUT ROWID;
 
 CREATE TRIGGER recorded_estimate_is_of_a_completed_run BEFORE INSERT ON recorded_estimate
@@ -62,6 +65,9 @@ SELECT
     recorded.low AS low,
     recorded.high AS high,
     recorded.p_value AS p_value,
+    recorded.decisions AS decisions,
+    recorded.residual_sd AS residual_sd,
+    recorded.truth AS truth,
     recorded.failure AS failure,
     recorded.number AS number,
     declared.canonical AS declaration

@@ -101,7 +101,7 @@ impl Estimation {
             actions,
             treatments,
             layout,
-            sums: Sums { columns, numbers: Vec::new() },
+            sums: Sums { columns, ..Sums::default() },
             last: Vec::new(),
             certain: 0,
             first_certain: [0; 2],
@@ -269,6 +269,9 @@ impl Estimation {
                 low: value - half,
                 high: value + half,
                 p_value: two_sided_p(value / standard_error, df),
+                decisions: self.sums.rows,
+                residual_sd: fit.residual_sd,
+                truth: None,
             }
         };
         Ok((first..columns).map(effect).collect())
@@ -331,16 +334,16 @@ impl Layout {
 
 /// The effect, if it can be stored.
 fn checked(effect: Effect) -> Result<Effect, String> {
-    let Effect { value, standard_error, low, high, p_value, .. } = effect;
+    let Effect { value, standard_error, low, high, p_value, residual_sd, .. } = effect;
     if standard_error.is_nan() || standard_error <= 0.0 {
         return Err("its standard error is 0: the outcome does not vary between people".to_owned());
     }
-    match [value, standard_error, low, high, p_value].iter().all(|number| number.abs() < 1e300) {
+    match [value, standard_error, low, high, p_value, residual_sd].iter().all(|number| number.abs() < 1e300) {
         true => Ok(effect),
         false => Err("its numbers are too large".to_owned()),
     }
 }
 
-resumable!([] Sums { grown numbers });
+resumable!([] Sums { grown numbers; parts weights, squares, rows });
 
 resumable!([] Estimation { parts certain, first_certain, unknown, sums; grown last });

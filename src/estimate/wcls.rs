@@ -9,6 +9,10 @@ pub(super) struct Sums {
     pub(super) columns: usize,
     /// \[people, [`Sums::stride`]\].
     pub(super) numbers: Vec<f64>,
+    /// The sums of the weights, and of the weighted squares of outcomes, over all rows; and their number.
+    pub(super) weights: f64,
+    pub(super) squares: f64,
+    pub(super) rows: u64,
 }
 
 /// The coefficients with their covariance matrix, \[columns, columns\].
@@ -18,6 +22,8 @@ pub(super) struct Fit {
     pub(super) covariance: Vec<f64>,
     /// The number of people with rows.
     pub(super) people: usize,
+    /// The weighted standard deviation of the residuals.
+    pub(super) residual_sd: f64,
 }
 
 /// Why a regression has no fit.
@@ -65,6 +71,9 @@ impl Sums {
             *sum += weight * value * outcome;
         }
         own[stride - 1] += 1.0;
+        self.weights += weight;
+        self.squares += weight * outcome * outcome;
+        self.rows += 1;
     }
 
     /// The fit, with standard errors clustered by person.
@@ -93,6 +102,9 @@ impl Sums {
         let explained = times(gram, &coefficients);
         let rest: Vec<f64> = right.iter().zip(explained).map(|(right, one)| right - one).collect();
         coefficients.iter_mut().zip(product(&rest)).for_each(|(one, more)| *one += more);
+        // The residuals are orthogonal to X.
+        let explained: f64 = right.iter().zip(&coefficients).map(|(sum, one)| sum * one).sum();
+        let residual_sd = ((self.squares - explained).max(0.0) / self.weights).sqrt();
         let mut meat = vec![0.0; size * size];
         let mut matrix = vec![0.0; size * size];
         for (person, (gram, own)) in people().enumerate() {
@@ -126,6 +138,6 @@ impl Sums {
                 covariance[row * size + column] = value;
             }
         }
-        Ok(Fit { coefficients, covariance, people: counted })
+        Ok(Fit { coefficients, covariance, people: counted, residual_sd })
     }
 }

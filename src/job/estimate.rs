@@ -142,4 +142,11 @@ pub struct Effect {
     pub high: f64,
     /// The two-sided p-value of the hypothesis that the coefficient is 0.
     pub p_value: f64,
+    /// The number of decisions that the estimate uses.
+    pub decisions: u64,
+    /// The weighted standard deviation of the residuals.
+    pub residual_sd: f64,
+    /// What the estimate estimates, in the job's trial: the coefficient of the effects that the simulation has at the
+    /// trial's own decisions. `None` where it is not simulated.
+    pub truth: Option<f64>,
 }

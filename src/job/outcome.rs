@@ -141,6 +141,8 @@ pub enum DataPart {
     ActionChoice,
     /// Returns of the test episodes.
     Returns,
+    /// Estimates of causal effects.
+    Estimates,
     /// Test episodes of some participants.
     Participants(ParticipantRange),
 }

@@ -17,14 +17,14 @@ use super::writer::Store;
 use super::{Reader, StoreError};
 
 /// The columns of a row besides run, declaration and digest.
-const COLUMNS: usize = 9;
+const COLUMNS: usize = 12;
 
 /// A row of another store: the canonical text of the declaration, its columns, and its digest.
 pub(super) type Row = [Value; COLUMNS + 2];
 
 /// The rows of run `?1` in order.
 const SELECT: &str = "SELECT canonical, number, term, estimate, standard_error, degrees_of_freedom, low, high,
-        p_value, failure, sha256
+        p_value, decisions, residual_sd, truth, failure, sha256
     FROM recorded_estimate AS recorded JOIN estimate_declaration AS declared ON declared.id = recorded.declaration
     WHERE run = ?1 ORDER BY canonical, number";
 
@@ -53,12 +53,23 @@ fn rows_of<'e>(job_key: &'e str, estimates: &'e Estimates) -> impl Iterator<Item
     (1_i64..).zip(&estimates.terms).map(move |(number, Estimate { term, effect })| {
         let numbers = match effect {
             Ok(of) => {
-                [of.value, of.standard_error, of.degrees_of_freedom, of.low, of.high, of.p_value]
-                    .map(Value::Real)
+                let [value, error, freedom, low, high, p_value, sd] = [
+                    of.value,
+                    of.standard_error,
+                    of.degrees_of_freedom,
+                    of.low,
+                    of.high,
+                    of.p_value,
+                    of.residual_sd,
+                ]
+                .map(Value::Real);
+                let decisions = Value::Integer(of.decisions as i64);
+                let truth = of.truth.map_or(Value::Null, Value::Real);
+                [value, error, freedom, low, high, p_value, decisions, sd, truth]
             }
-            Err(_) => [const { Value::Null }; 6],
+            Err(_) => [const { Value::Null }; 9],
         };
-        let [value, error, freedom, low, high, p_value] = numbers;
+        let [value, error, freedom, low, high, p_value, decisions, sd, truth] = numbers;
         let failure = effect.as_ref().err().map_or(Value::Null, |why| Value::Text(why.clone()));
         let (canonical, term) = (Value::Text(canonical.clone()), Value::Text(term.clone()));
         let mut row = [
@@ -71,6 +82,9 @@ fn rows_of<'e>(job_key: &'e str, estimates: &'e Estimates) -> impl Iterator<Item
             low,
             high,
             p_value,
+            decisions,
+            sd,
+            truth,
             failure,
             Value::Null,
         ];
@@ -180,7 +194,7 @@ pub(super) fn of_run(
     let mut all: Vec<(String, Estimates)> = Vec::new();
     while let Some(row) = rows.next()? {
         let canonical: String = row.get(0)?;
-        let effect = match row.get(9)? {
+        let effect = match row.get(12)? {
             Some(failure) => Err(failure),
             None => Ok(Effect {
                 value: row.get(3)?,
@@ -189,6 +203,9 @@ pub(super) fn of_run(
                 low: row.get(6)?,
                 high: row.get(7)?,
                 p_value: row.get(8)?,
+                decisions: row.get(9)?,
+                residual_sd: row.get(10)?,
+                truth: row.get(11)?,
             }),
         };
         let estimate = Estimate { term: row.get(2)?, effect };
