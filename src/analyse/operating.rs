@@ -3,8 +3,7 @@
 use super::interval::{Interval, LEVEL, NORMAL_CRITICAL, critical, mean_interval};
 use super::moments::{Moments, mean_and_sd};
 use super::noncentral::{noncentral_t, normal};
-use super::root::root;
-use super::student::{chi_squared_of_p, t_of_p};
+use crate::estimate::{chi_squared_of_p, root};
 use super::undefined::{Undefined, at_least, finite};
 
 /// An estimate of one trial.

@@ -153,7 +153,7 @@ fn row(arm: &Arm<'_>, x: Option<f64>, jobs: &[&JobRecord], term: &Term) -> Opera
     let trials: Vec<TrialEstimate> = effects.iter().map(trial).collect();
     let mean = |of: fn(&Effect) -> f64| effects.iter().map(of).sum::<f64>() / effects.len() as f64;
     let design = design.filter(|_| !effects.is_empty()).map(|(people, numerator, controls)| {
-        let decisions = mean(|effect| f64::from(effect.decisions)) / people;
+        let decisions = mean(|effect| effect.decisions as f64) / people;
         (decisions, mean(|effect| effect.residual_sd), numerator, controls)
     });
     OperatingRow {
