@@ -212,7 +212,7 @@ fn faulty_estimates_are_reported_where_they_stand() {
     for (estimate, expected) in [
         (
             "control = [\"habituatoin\"]",
-            "25:11: `control`: the recorded state has no `habituatoin`",
+            "22:11: `control`: the recorded state has no `habituatoin`",
         ),
         ("control = [\"habituatoin\"]", "did you mean `habituation`?"),
         ("moderators = [\"1\"]", "`moderators`: the constant 1 is always included"),
