@@ -139,6 +139,7 @@ fn estimates_travel_with_their_runs() {
     let manifest = format!("{}{ESTIMATES}", recorded());
     let whole = Folder::completed(&manifest);
     let parts = Folder::with(&manifest);
+    std::fs::create_dir(parts.path("parts")).unwrap();
     for shard in ["1/2", "2/2"] {
         let store = format!("parts/{}.sqlite", &shard[..1]);
         parts.jitai(["run", "sweep.toml", "--shard", shard, "--store", &store]).succeeded();
@@ -167,7 +168,7 @@ fn a_trial_that_resumes_has_the_estimates_of_one_that_does_not() {
 name = "trial"
 scenarios = ["P-H-D"]
 seeds = 3
-environment.sigma = 0.4
+environment = { sigma = 0.4, horizon = 1000 }
 evaluation = { on = "trial", record_episodes = "none" }
 [trial]
 people = 40
@@ -212,7 +213,7 @@ fn faulty_estimates_are_reported_where_they_stand() {
     for (estimate, expected) in [
         (
             "control = [\"habituatoin\"]",
-            "25:11: `control`: the recorded state has no `habituatoin`",
+            "22:11: `control`: the recorded state has no `habituatoin`",
         ),
         ("control = [\"habituatoin\"]", "did you mean `habituation`?"),
         ("moderators = [\"1\"]", "`moderators`: the constant 1 is always included"),
