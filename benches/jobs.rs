@@ -252,6 +252,7 @@ fn wcls(bencher: Bencher<'_, '_>) {
         numerator: 0.3,
         outcome: "reward".to_owned(),
         treatment: Treatment::Messages(Messages::Any),
+        truth: false,
     });
     bencher.bench_local(|| {
         let mut estimation = Estimation::new(declaration.clone(), 2, &names);

@@ -21,6 +21,7 @@ fn declared(control: &[&str], moderators: &[&str], treatment: Treatment) -> Esti
         numerator: 0.5,
         outcome: REWARD.to_owned(),
         treatment,
+        truth: false,
     }
 }
 

@@ -10,7 +10,7 @@ use super::{
     CanonicalForm, Evaluation, JobKey, MetricName, Pooling, RecordedEpisodes, Scalar, TestActions,
     Trial, Versions,
 };
-use crate::agent::{Agent, Algorithm, Engine, Task, Work};
+use crate::agent::{Agent, Algorithm, Engine, External, Task, Work};
 use crate::env::{Environment, Family, Scenario};
 use crate::key::{CanonicalError, Key, Keyed, Parameter, Value, free_key, read_object};
 
@@ -114,6 +114,11 @@ impl Job {
         let is_greedy = self.evaluation.test_actions == TestActions::Greedy;
         (is_greedy && self.trial.is_none() && self.agent.algorithm().learns())
             || self.agent.never_draws()
+    }
+
+    /// Whether the agent or the environment is an outside program.
+    pub fn is_outside(&self) -> bool {
+        self.agent.parameters::<External>().is_some() || self.environment.family().is_external()
     }
 
     /// The names of the numbers in the recorded state of a decision, as far as they are known before the job runs.

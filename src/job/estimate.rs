@@ -40,6 +40,9 @@ pub struct EstimateDeclaration {
     pub outcome: String,
     /// What is compared with action 0.
     pub treatment: Treatment,
+    /// Whether the truth is simulated, too.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub truth: bool,
 }
 
 /// What an estimate compares with action 0.

@@ -21,8 +21,9 @@ use crate::job::{
 use crate::key::{Kind, Value};
 
 /// The keys of `[[estimate]]`.
-const KEYS: [&str; 8] =
-    ["name", "estimator", "outcome", "treatment", "control", "moderators", "numerator", "agents"];
+const KEYS: [&str; 9] = [
+    "name", "estimator", "outcome", "treatment", "control", "moderators", "numerator", "truth", "agents",
+];
 /// The most features in a list.
 const MOST_FEATURES: usize = 100;
 /// The most numbers of all people that the estimates of a job may hold: 400 MB.
@@ -84,6 +85,7 @@ impl Reader<'_> {
         if let Some(node) = table.get("numerator").filter(|_| numerator == 1.0) {
             self.expected("numerator", "a probability above 0 and below 1", node);
         }
+        let truth = one("truth", Kind::Flag) == Some(Value::Flag(true));
         let treatment = table.get("treatment").and_then(|node| self.treatment(node));
         let [control, moderators] = ["control", "moderators"].map(|key| self.features(key, table));
         let agents = table.get("agents").map(|node| {
@@ -101,6 +103,7 @@ impl Reader<'_> {
             numerator,
             outcome,
             treatment: treatment.unwrap_or(Treatment::Messages(Messages::Any)),
+            truth,
         });
         let estimate = DeclaredEstimate { declaration, agents };
         EstimateDraft { estimate, span, spans: spans.collect() }
@@ -185,6 +188,26 @@ impl Checked<'_> {
             }
         }
         self.randomisation(faults);
+        self.truth(faults);
+    }
+
+    /// Reports a truth that cannot be simulated.
+    fn truth(&self, faults: &mut FaultList) {
+        let declaration = &self.estimate.estimate.declaration;
+        let simulated = self.grids.iter().filter(|grid| self.is_estimated(grid));
+        let jobs = simulated.filter_map(|grid| Some(grid.job(&grid.first()?)));
+        let reason = match declaration.truth {
+            true => jobs.into_iter().find_map(|job| match (&job.trial, job.is_outside()) {
+                (None, _) => Some("it is simulated for the people of a [trial] alone"),
+                (_, true) => Some("an outside program cannot return to an earlier decision"),
+                (Some(_), false) => None,
+            }),
+            false => None,
+        };
+        if let Some(reason) = reason {
+            let fault = Fault::at(self.estimate.span_of("truth"), format!("`truth`: {reason}"));
+            faults.add(fault.help("remove `truth`, or declare another estimate with `agents`"));
+        }
     }
 
     fn is_estimated(&self, grid: &Grid) -> bool {
@@ -326,6 +349,11 @@ pub(super) fn schema() -> Json {
                 "exclusiveMaximum": 1,
                 "default": NUMERATOR,
                 "description": "probability of treatment in the numerator of the weights; several treatments share it equally",
+            },
+            "truth": {
+                "type": "boolean",
+                "default": false,
+                "description": "whether the true effect in each trial is simulated, too",
             },
             "agents": described(
                 json!({ "anyOf": [{ "$ref": "#/$defs/name" }, list(json!({ "$ref": "#/$defs/name" }))] }),

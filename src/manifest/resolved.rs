@@ -143,6 +143,9 @@ fn write_estimate(out: &mut String, estimate: &DeclaredEstimate) -> fmt::Result 
     writeln!(out, "outcome = {}\ntreatment = {treatment}", quoted(&of.outcome))?;
     writeln!(out, "control = {}\nmoderators = {}", texts(&of.control), texts(&of.moderators))?;
     writeln!(out, "numerator = {:?}", of.numerator)?;
+    if of.truth {
+        writeln!(out, "truth = true")?;
+    }
     let agents = estimate.agents.as_ref();
     agents.iter().try_for_each(|agents| writeln!(out, "agents = {}", texts(agents)))
 }

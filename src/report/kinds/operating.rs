@@ -51,10 +51,11 @@ impl Drawn for OperatingFigure {
             };
             let mut scenes = Vec::new();
             for group in [&[Shown::Power, Shown::Coverage][..], &[Shown::Bias]] {
-                let charts: Vec<Chart> =
-                    group.iter().map(|what| self.chart(*what, term, sheet)).collect();
-                if charts.iter().all(|chart| chart.lines.iter().all(|line| line.points.is_empty()))
-                {
+                let charts = group.iter().map(|what| (*what, self.chart(*what, term, sheet)));
+                let has_points = |chart: &Chart| chart.lines.iter().any(|line| !line.points.is_empty());
+                let (kinds, charts): (Vec<Shown>, Vec<Chart>) =
+                    charts.filter(|(_, chart)| has_points(chart)).unzip();
+                if charts.is_empty() {
                     continue;
                 }
                 let scale = sheet.style.x_scale(AxisScale::Linear);
@@ -64,7 +65,7 @@ impl Drawn for OperatingFigure {
                 };
                 let x = (symbols::quantity(axis), Numbers::Plain, scale);
                 let axes = axes_of(&charts, x, (title, numbers), sheet.style);
-                let stems = group.iter().map(|what| format!("{stem}-{}", what.word()));
+                let stems = kinds.iter().map(|what| format!("{stem}-{}", what.word()));
                 scenes.extend(stems.zip(draw(&charts, &axes, sheet.style)));
             }
             scenes
