@@ -75,6 +75,8 @@ pub mod cluster;
 #[doc(hidden)]
 pub mod env;
 #[doc(hidden)]
+pub mod estimate;
+#[doc(hidden)]
 pub mod external;
 #[doc(hidden)]
 pub mod job;

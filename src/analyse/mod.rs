@@ -19,10 +19,8 @@ mod permutation;
 mod power;
 mod quantile;
 mod recovery;
-mod root;
 mod sample;
 mod smooth;
-mod student;
 mod t_test;
 mod undefined;
 

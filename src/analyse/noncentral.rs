@@ -3,8 +3,8 @@
 use statrs::function::gamma::gamma_ur;
 
 use super::interval::{Interval, LEVEL};
-use super::root::root;
 use super::undefined::{Undefined, finite};
+use crate::estimate::root;
 
 /// Positive nodes and weights of the 16-point Gauss-Legendre rule on [-1, 1].
 const RULE: [(f64, f64); 8] = [

@@ -146,6 +146,7 @@ fn parts(manifest: &Manifest, job: &JobRecord) -> Parts {
         curve: reads(DataPart::LearningCurve),
         actions: reads(DataPart::ActionChoice),
         returns: true,
+        estimates: !manifest.estimates.is_empty(),
     }
 }
 

@@ -39,6 +39,7 @@ mod doctor;
 mod earlier_manifest;
 mod ending;
 mod error;
+mod estimate;
 mod experiment;
 mod export;
 mod family;

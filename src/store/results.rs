@@ -10,7 +10,7 @@ use super::ending::{complete_run, end_run};
 use super::error::StoreError;
 use super::insert::insert_rows;
 use super::writer::Store;
-use super::{choice, decision, family, participant};
+use super::{choice, decision, estimate, family, participant};
 
 /// The end of a claimed run.
 #[derive(Clone, Copy, Debug)]
@@ -77,6 +77,8 @@ fn finish_one(connection: &Connection, end: &RunEnd<'_>) -> rusqlite::Result<Fin
         Outcome::Completed(results) => {
             insert_results(connection, *run, results)?;
             complete_run(connection, *run, end.wall_seconds)?;
+            let key = end.claim.job_key.to_string();
+            estimate::insert(connection, (*run, &key), &results.estimates)?;
         }
         Outcome::Failed(failure) => {
             end_run(connection, *run, "failed", Some(failure), end.wall_seconds)?;

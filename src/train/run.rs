@@ -3,7 +3,7 @@
 use crate::agent::{External, StartError};
 use crate::env::outside::OutsideModel;
 use crate::job::{Job, Outcome};
-use crate::train::checkpoint::{self, Checkpoints, Resumed};
+use crate::train::checkpoint::{self, Resumed};
 use crate::train::control::TrainingControl;
 use crate::train::environment_program;
 use crate::train::outside;
@@ -24,7 +24,7 @@ fn train(job: &Job, control: &dyn TrainingControl) -> Outcome {
         return outside::run(job, &external, control);
     }
     let checkpoints = control.checkpoints();
-    let mut training = match start_or_resume(job, checkpoints) {
+    let mut training = match start_or_resume(job, control) {
         Ok(training) => training,
         Err(StartError::OutOfMemory(error)) => return Outcome::Failed(out_of_memory(&error, 0)),
         // What agents must suit in the environment of a program is known once it runs.
@@ -59,14 +59,19 @@ fn train(job: &Job, control: &dyn TrainingControl) -> Outcome {
 /// **Errors**: there is not enough memory for the learner, or the agent does not suit the environment.
 fn start_or_resume<'j>(
     job: &'j Job,
-    checkpoints: &dyn Checkpoints,
+    control: &dyn TrainingControl,
 ) -> Result<Training<'j>, StartError> {
     let mut found = None;
-    checkpoints.resume(&mut |file| {
-        let training = checkpoint::read(job, file)?;
+    control.checkpoints().resume(&mut |file| {
+        let training = checkpoint::read(job, control.estimates(), file)?;
         let resumed = Resumed { episode: training.episodes(), worked: training.before() };
         found = Some(training);
         Ok(resumed)
     });
-    found.map_or_else(|| Training::new(job), Ok)
+    if let Some(training) = found {
+        return Ok(training);
+    }
+    let mut training = Training::new(job)?;
+    training.estimate(control.estimates());
+    Ok(training)
 }
