@@ -4,25 +4,25 @@ use super::symmetric::{inverse, packed, solve, times};
 
 /// The sums of a weighted regression by person: X'WX as a packed triangle, X'Wy, and the number of rows.
 #[derive(Clone, Debug, Default)]
-pub(super) struct Sums {
+pub(crate) struct Sums {
     /// The number of columns of X.
-    pub(super) columns: usize,
+    pub(crate) columns: usize,
     /// \[people, [`Sums::stride`]\].
-    pub(super) numbers: Vec<f64>,
+    pub(crate) numbers: Vec<f64>,
 }
 
 /// The coefficients with their covariance matrix, \[columns, columns\].
 #[derive(Clone, Debug)]
-pub(super) struct Fit {
-    pub(super) coefficients: Vec<f64>,
-    pub(super) covariance: Vec<f64>,
+pub(crate) struct Fit {
+    pub(crate) coefficients: Vec<f64>,
+    pub(crate) covariance: Vec<f64>,
     /// The number of people with rows.
-    pub(super) people: usize,
+    pub(crate) people: usize,
 }
 
 /// Why a regression has no fit.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum NoFit {
+pub(crate) enum NoFit {
     /// There are at most as many people as columns.
     People(usize),
     /// This column is a linear combination of the columns before it.
@@ -33,7 +33,7 @@ pub(super) enum NoFit {
 
 /// Whether the residuals of each person are corrected for the person's own weight in the fit.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Correction {
+pub(crate) enum Correction {
     /// The correction of Mancl and DeRouen.
     ManclDeRouen,
     /// None, as in geepack.
@@ -47,7 +47,7 @@ impl Sums {
     }
 
     /// Adds a row of a person, numbered from 0.
-    pub(super) fn add(&mut self, person: usize, row: &[f64], weight: f64, outcome: f64) {
+    pub(crate) fn add(&mut self, person: usize, row: &[f64], weight: f64, outcome: f64) {
         let stride = self.stride();
         if self.numbers.len() < (person + 1) * stride {
             self.numbers.resize((person + 1) * stride, 0.0);
@@ -71,7 +71,7 @@ impl Sums {
     ///
     /// The leverage of a person is H = X A X'W with A the inverse of the sum of all X'WX. The corrected score
     /// X'W (I - H)⁻¹ r equals (I - X'WX A)⁻¹ X'W r, which needs the person's sums alone.
-    pub(super) fn fit(&self, correction: Correction) -> Result<Fit, NoFit> {
+    pub(crate) fn fit(&self, correction: Correction) -> Result<Fit, NoFit> {
         let (size, triangle) = (self.columns, packed(self.columns));
         let people = || self.numbers.chunks(self.stride()).map(|own| own.split_at(triangle));
         let counted = people().filter(|(_, own)| own[size] > 0.0).count();

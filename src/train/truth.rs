@@ -12,12 +12,10 @@
 //! the effects on f(S) with the weights of the estimand: one weight for every decision at which a message can be sent, as
 //! the probability of the numerator is a constant there.
 
-use nalgebra::{Cholesky, DMatrix, DVector};
-
 use crate::agent::{External, StartError};
+use crate::estimate::{Correction, Layout, NoFit, Sums};
 use crate::job::{
-    Decision, EstimateDeclaration, Failure, Job, Messages, REWARD, ROWS, RecordedDecisions, STEP,
-    Treatment,
+    Decision, EstimateDeclaration, Failure, Job, Messages, ROWS, RecordedDecisions, Treatment,
 };
 use crate::key::Content;
 use crate::rng::{Purpose, Stream};
@@ -46,18 +44,9 @@ pub enum NoTruth {
          decision"
     )]
     Outside,
-    /// The environment has no such action.
-    #[error("the environment has no action {0}; its actions beside 0 are 1 to {1}")]
-    NoAction(u8, usize),
-    /// The name is neither that of a feature nor that of an outcome.
-    #[error("`{0}` is not in the recorded state, which has {1}")]
-    NoSuchState(String, String),
-    /// One trial has no standard error.
-    #[error("the truth of an effect needs at least 2 simulated trials")]
-    TooFew,
-    /// The files of the trial do not suit it.
+    /// The declaration or a file of the trial does not suit it; the text says how.
     #[error("{0}")]
-    Files(String),
+    Unsuitable(String),
     /// The agent cannot start.
     #[error(transparent)]
     Start(#[from] StartError),
@@ -67,46 +56,58 @@ pub enum NoTruth {
     /// There is no decision to compare.
     #[error("no decision of the simulated trials can have the treatment")]
     Never,
-    /// A moderator is a combination of the others.
-    #[error("the moderators are collinear in the simulated trials; leave one of them out")]
-    Collinear,
+    /// Standard errors need more trials than coefficients.
+    #[error("the truth of {0} coefficients needs at least {least} simulated trials, found {1}", least = .0 + 1)]
+    TooFew(usize, usize),
+    /// The term is a linear combination of the terms before it.
+    #[error("the term `{0}` is a linear combination of the terms before it; leave it out")]
+    Dependent(String),
+    /// A trial alone determines a coefficient.
+    #[error("one of the simulated trials alone determines a coefficient; simulate more trials")]
+    Determined,
 }
 
 /// A job whose trials are simulated with other seeds, and what an estimate reads of them.
 struct Paired<'d> {
     job: Job,
     declaration: &'d EstimateDeclaration,
-    actions: usize,
-    /// The place of the outcome in the recorded state; `None` for the reward.
-    outcome: Option<usize>,
-    /// The places of the moderators; `None` for the step.
-    moderators: Vec<Option<usize>>,
-}
-
-/// The sums over the decisions of a trial: products of moderators, and moderators times the effect of every treatment.
-struct Sums {
-    products: DMatrix<f64>,
-    effects: DMatrix<f64>,
+    layout: Layout,
 }
 
 /// The truth of an estimate of a job's trial, over this number of simulated trials.
 ///
 /// The seeds of the simulated trials are words of the stream [`Purpose::Truth`] of the job's seed. Where a file says who
-/// the people of the job are, the simulated trials have the same people.
+/// the people of the job are, the simulated trials have the same people. Standard errors are clustered by trial.
 ///
 /// **Errors**: see [`NoTruth`].
 pub fn truth(job: &Job, declaration: &EstimateDeclaration, trials: u32) -> Result<Truth, NoTruth> {
     let mut paired = Paired::new(job, declaration)?;
-    if trials < 2 {
-        return Err(NoTruth::TooFew);
-    }
+    let columns = 1 + declaration.moderators.len();
+    let actions = job.task().interface().actions;
+    let treatments = declaration.treatment.count(actions);
+    let mut sums = vec![Sums { columns, numbers: Vec::new() }; treatments];
     let mut seeds = Stream::new(job.seed, Purpose::Truth);
-    let mut all = Vec::new();
-    for _ in 0..trials {
+    for trial in 0..trials as usize {
         paired.job.seed = seeds.bits();
-        all.push(paired.sums()?);
+        paired.simulate(&mut |row, effects| {
+            let each = sums.iter_mut().zip(effects);
+            each.for_each(|(sums, effect)| sums.add(trial, row, 1.0, *effect));
+        })?;
     }
-    project(&all)
+    let mut truth = Truth { coefficients: Vec::new(), errors: Vec::new() };
+    for sums in &sums {
+        let fit = sums.fit(Correction::ManclDeRouen).map_err(|why| match why {
+            NoFit::People(0) => NoTruth::Never,
+            NoFit::People(found) => NoTruth::TooFew(columns, found),
+            NoFit::Dependent(column) => NoTruth::Dependent(declaration.terms(2)[column].clone()),
+            NoFit::Determined(_) => NoTruth::Determined,
+        })?;
+        truth.coefficients.extend(fit.coefficients);
+        let variances = fit.covariance.iter().step_by(columns + 1);
+        // Rounding can make a variance of 0 negative.
+        truth.errors.extend(variances.map(|variance| variance.max(0.0).sqrt()));
+    }
+    Ok(truth)
 }
 
 impl<'d> Paired<'d> {
@@ -117,124 +118,71 @@ impl<'d> Paired<'d> {
         if is_outside || job.environment.family().is_external() {
             return Err(NoTruth::Outside);
         }
-        if let Some(rows) = trial.rows(job.seed).map_err(NoTruth::Files)? {
+        if let Some(rows) = trial.rows(job.seed).map_err(NoTruth::Unsuitable)? {
             let lines = rows.iter().enumerate().map(|(person, row)| format!("{person},{row}\n"));
             let text = format!("person,row\n{}", lines.collect::<String>());
-            trial.people_file = Content::read(&ROWS, &text).map_err(NoTruth::Files)?;
+            trial.people_file = Content::read(&ROWS, &text).map_err(NoTruth::Unsuitable)?;
         }
         job.evaluation.record_decisions = RecordedDecisions::Test;
-        let actions = job.task().interface().actions;
-        if let Treatment::Action(action) = declaration.treatment
-            && !(1..actions).contains(&usize::from(action))
-        {
-            return Err(NoTruth::NoAction(action, actions - 1));
-        }
         let mut names = job.environment.state_names();
         let of_person = names.len() + usize::from(trial.unreported > 0.0);
         names.extend(Study::new(&trial, job.seed).names());
         job.trial = Some(trial);
-        let place = |name: &String, names: &[String]| {
-            let place = names.iter().position(|known| known == name);
-            place.ok_or_else(|| NoTruth::NoSuchState(name.clone(), names.join(", ")))
-        };
-        let moderator = |name: &String| match name.as_str() {
-            STEP => Ok(None),
-            _ => place(name, &names).map(Some),
-        };
-        let moderators = declaration.moderators.iter().map(moderator).collect::<Result<_, _>>()?;
-        let outcome = match declaration.outcome.as_str() {
-            REWARD => None,
-            // The day and the policy are the same whatever is sent.
-            _ => Some(place(&declaration.outcome, &names[..of_person])?),
-        };
-        Ok(Paired { job, declaration, actions, outcome, moderators })
+        let actions = job.task().interface().actions;
+        let layout = Layout::of(declaration, actions, &names).map_err(NoTruth::Unsuitable)?;
+        if layout.outcome.is_some_and(|place| place >= of_person) {
+            let name = &declaration.outcome;
+            let says = format!("the outcome `{name}` is the same whatever message is sent");
+            return Err(NoTruth::Unsuitable(says));
+        }
+        Ok(Paired { job, declaration, layout })
     }
 
-    /// Simulates the trial.
-    fn sums(&self) -> Result<Sums, NoTruth> {
-        let excursions = Excursions::new(self.outcome);
+    /// Simulates the trial. Calls `add` with 1 and the moderators of each decision at which the treatment is possible, and
+    /// with the effect of every treatment.
+    fn simulate(&self, add: &mut dyn FnMut(&[f64], &[f64])) -> Result<(), NoTruth> {
+        let excursions = Excursions::new(self.layout.outcome);
         let mut training = Training::new(&self.job)?.with_excursions(excursions);
         while training.stage() != Stage::Over {
             training.advance(&|| false).map_err(NoTruth::Failed)?;
         }
         let (decisions, excursions) = training.into_excursions();
-        let width = 1 + self.moderators.len();
-        let treatments = self.declaration.treatment.count(self.actions);
-        let mut sums = Sums {
-            products: DMatrix::zeros(width, width),
-            effects: DMatrix::zeros(width, treatments),
-        };
         let mut rows = excursions.finish().into_iter();
-        for (place, decision) in decisions.iter().enumerate() {
-            if !decision.can_send {
-                continue;
-            }
+        let mut row = Vec::new();
+        for (place, decision) in decisions.iter().enumerate().filter(|(_, one)| one.can_send) {
             let (episode, step, outcomes) = rows.next().expect("every decision has a row");
             assert_eq!((decision.episode, decision.step), (episode, step));
+            let effects = self.effects(decision, &outcomes);
             // A state is an outcome at the person's next decision.
-            let next = decisions.get(place + 1).is_some_and(|next| next.episode == episode);
-            let effects = DVector::from_vec(self.effects(decision, &outcomes));
-            if (self.outcome.is_some() && !next) || !effects.iter().all(|effect| effect.is_finite())
-            {
-                continue;
+            let is_last = decisions.get(place + 1).is_none_or(|next| next.episode != episode);
+            let is_paid = self.layout.outcome.is_none() || !is_last;
+            if is_paid && effects.iter().all(|effect| effect.is_finite()) {
+                row.clear();
+                row.push(1.0);
+                row.extend(self.layout.moderators.iter().map(|one| one.of(decision)));
+                add(&row, &effects);
             }
-            let moderators = self.moderators.iter().map(|moderator| match moderator {
-                None => f64::from(decision.step),
-                Some(place) => decision.state[*place],
-            });
-            let row = DVector::from_iterator(width, [1.0].into_iter().chain(moderators));
-            sums.products.ger(1.0, &row, &row, 1.0);
-            sums.effects.ger(1.0, &row, &effects, 1.0);
         }
-        Ok(sums)
+        Ok(())
     }
 
     /// The effect of every treatment at a decision, given the outcomes of all actions. Not a number where the agent sends
     /// no message, so that no message can be compared.
     fn effects(&self, decision: &Decision, outcomes: &[f64]) -> Vec<f64> {
+        let gain = |outcome: &f64| outcome - outcomes[0];
         match self.declaration.treatment {
-            Treatment::Action(action) => vec![outcomes[usize::from(action)] - outcomes[0]],
-            Treatment::Messages(Messages::Each) => {
-                outcomes[1..].iter().map(|outcome| outcome - outcomes[0]).collect()
-            }
+            Treatment::Action(action) => vec![gain(&outcomes[usize::from(action)])],
+            Treatment::Messages(Messages::Each) => outcomes[1..].iter().map(gain).collect(),
             Treatment::Messages(Messages::Any) => {
                 // Each message with its probability, given that one is sent.
                 let messages = &decision.probabilities[1..];
-                let products =
-                    outcomes[1..].iter().zip(messages).map(|(y, p)| (y - outcomes[0]) * p);
-                vec![products.sum::<f64>() / messages.iter().sum::<f64>()]
+                let gains = outcomes[1..].iter().map(gain);
+                let sum: f64 =
+                    gains.zip(messages).map(|(gain, probability)| gain * probability).sum();
+                vec![sum / messages.iter().sum::<f64>()]
             }
         }
     }
-}
-
-/// The least squares of effects on moderators, with standard errors clustered by trial.
-fn project(all: &[Sums]) -> Result<Truth, NoTruth> {
-    let total = |of: fn(&Sums) -> &DMatrix<f64>| {
-        let [first, rest @ ..] = all else { unreachable!("there are trials") };
-        rest.iter().fold(of(first).clone(), |sum, sums| sum + of(sums))
-    };
-    let products = total(|sums| &sums.products);
-    if products[0] == 0.0 {
-        return Err(NoTruth::Never);
-    }
-    let factor = Cholesky::new(products.clone()).filter(|factor| {
-        let pivots = factor.l_dirty().diagonal();
-        pivots.iter().zip(&products.diagonal()).all(|(root, whole)| root * root > 1e-12 * whole)
-    });
-    let factor = factor.ok_or(NoTruth::Collinear)?;
-    let coefficients = factor.solve(&total(|sums| &sums.effects));
-    let mut variances = DMatrix::<f64>::zeros(coefficients.nrows(), coefficients.ncols());
-    for sums in all {
-        let influence = factor.solve(&(&sums.effects - &sums.products * &coefficients));
-        variances += influence.component_mul(&influence);
-    }
-    let correction = all.len() as f64 / (all.len() - 1) as f64;
-    Ok(Truth {
-        // Column by column: treatment by treatment.
-        coefficients: coefficients.as_slice().to_vec(),
-        errors: variances.iter().map(|variance| (correction * variance).sqrt()).collect(),
-    })
 }
 
 #[cfg(test)]
@@ -246,7 +194,9 @@ mod tests {
         Action, Environment, EpisodeStatus, Reported, Scenario, Simulated, StateNoise, StepCount,
         StepNoise, VectorEnvironment,
     };
-    use crate::job::{EvaluatedOn, Evaluation, Pooling, RecordedEpisodes, Trial, UpdateData};
+    use crate::job::{
+        EvaluatedOn, Evaluation, Pooling, REWARD, RecordedEpisodes, STEP, Trial, UpdateData,
+    };
     use crate::key::{Keyed, Value};
 
     fn job(environment: impl Into<Environment>, agent: Agent, trial: Trial) -> Job {
@@ -335,7 +285,7 @@ mod tests {
         let tailored = all(Treatment::Action(3), &["context"]);
         // In context 1 are no first decisions, which are in context 0.
         assert_close(&tailored.coefficients, &[0.0, 128.0], 25.0);
-        assert!(tailored.coefficients[0].abs() < 1e-9 && tailored.errors[0] < 1e-9);
+        assert_close(&[tailored.coefficients[0], tailored.errors[0]], &[0.0; 2], 1e-6);
         let each = all(EACH, &["context"]);
         assert_close(&each.coefficients[..2], &[39.0, -7.0], 6.0);
         assert_eq!(each.coefficients[4..], tailored.coefficients[..]);
@@ -489,7 +439,7 @@ mod tests {
         assert_eq!(found, of("person,row\n0,3\n1,5\n"));
         assert_ne!(found, of("person,row\n0,1\n1,2\n"));
         let says = "seed 7 has no row for person 0".to_owned();
-        assert_eq!(of("seed,person,row\n8,0,1\n8,1,2\n"), Err(NoTruth::Files(says)));
+        assert_eq!(of("seed,person,row\n8,0,1\n8,1,2\n"), Err(NoTruth::Unsuitable(says)));
     }
 
     #[test]
@@ -503,16 +453,18 @@ mod tests {
         let found = truth(&job, &estimate(Treatment::Action(1), &[]), 2).unwrap();
         // Nobody habituates.
         assert_close(&found.coefficients, &[56.0], 1e-12);
-        let says = "the moderators are collinear in the simulated trials; leave one of them out";
-        assert_eq!(fault(&job, &estimate(EACH, &["habituation"]), 2), says);
-        let says = "the environment has no action 4; its actions beside 0 are 1 to 3";
+        let says = "the term `action 1: habituation` is a linear combination of the terms before it; leave it out";
+        assert_eq!(fault(&job, &estimate(EACH, &["habituation"]), 3), says);
+        let says = "the truth of 2 coefficients needs at least 3 simulated trials, found 2";
+        assert_eq!(fault(&job, &estimate(EACH, &[STEP]), 2), says);
+        let says = "the environment has no action 4";
         assert_eq!(fault(&job, &estimate(Treatment::Action(4), &[]), 2), says);
-        let says = "`mood` is not in the recorded state, which has context, probability, likely_context, habituation, \
-                    disengagement, calendar_day, policy";
+        let says = "the recorded state has no `mood`; it has context, probability, likely_context, habituation, \
+                    disengagement, calendar_day, policy and step";
         assert_eq!(fault(&job, &estimate(ANY, &["mood"]), 2), says);
-        let mood = EstimateDeclaration { outcome: "policy".to_owned(), ..estimate(ANY, &[]) };
-        assert!(fault(&job, &mood, 2).starts_with("`policy` is not in the recorded state"));
-        assert_eq!(truth(&job, &estimate(ANY, &[]), 1), Err(NoTruth::TooFew));
+        let policy = EstimateDeclaration { outcome: "policy".to_owned(), ..estimate(ANY, &[]) };
+        let says = "the outcome `policy` is the same whatever message is sent";
+        assert_eq!(fault(&job, &policy, 2), says);
         let without = Job { trial: None, ..job.clone() };
         assert_eq!(truth(&without, &estimate(ANY, &[]), 2), Err(NoTruth::NoTrial));
         let program =
