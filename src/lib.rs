@@ -154,6 +154,7 @@ pub mod results {
         Answer, ColumnType, ExperimentCounts, FailedJob, Interrupter, JobState, Pace, Parts,
         QueryError, Reader, StoredWeights, VIEWS, Value as SqlValue,
     };
+    pub use crate::train::{NoTruth, Truth, truth};
 }
 
 /// Environments: the contract and its tests, and the simulation from the paper.

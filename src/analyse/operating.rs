@@ -3,8 +3,8 @@
 use super::interval::{Interval, LEVEL, NORMAL_CRITICAL, critical, mean_interval};
 use super::moments::{Moments, mean_and_sd};
 use super::noncentral::{noncentral_t, normal};
-use crate::estimate::{chi_squared_of_p, root};
 use super::undefined::{Undefined, at_least, finite};
+use crate::estimate::{chi_squared_of_p, root};
 
 /// An estimate of one trial.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -63,9 +63,8 @@ impl Operating {
             let pairs = trials.iter().zip(truths);
             mean(&pairs.map(|(trial, truth)| trial.value - truth).collect::<Vec<_>>())
         });
-        let coverage = truth.and_then(|truth| {
-            share(trials, |trial| trial.interval.contains(truth.value))
-        });
+        let coverage =
+            truth.and_then(|truth| share(trials, |trial| trial.interval.contains(truth.value)));
         Operating {
             trials: trials.len(),
             mean: mean(&all(|trial| trial.value)),
@@ -230,16 +229,25 @@ mod tests {
         assert_eq!(value(&found.coverage), 0.75);
         // R: t.test(c(-1.5, -0.5, 2, 4))$conf.int, and sqrt(3 * 20 / 3 / qchisq(c(.975, .025), 3)).
         let bias = found.bias.unwrap().interval.unwrap();
-        assert!((bias.low - -2.951_449).abs() < 1e-5 && (bias.high - 4.951_449).abs() < 1e-5, "{bias:?}");
+        assert!(
+            (bias.low - -2.951_449).abs() < 1e-5 && (bias.high - 4.951_449).abs() < 1e-5,
+            "{bias:?}"
+        );
         let error = found.empirical_error.unwrap().interval.unwrap();
-        assert!((error.low - 1.462_670).abs() < 1e-5 && (error.high - 9.627_068).abs() < 1e-5, "{error:?}");
+        assert!(
+            (error.low - 1.462_670).abs() < 1e-5 && (error.high - 9.627_068).abs() < 1e-5,
+            "{error:?}"
+        );
     }
 
     #[test]
     fn statistics_without_a_truth_have_a_reason() {
         let trials = [trial(1.0, 2.0), TrialEstimate { truth: None, ..trial(3.0, 3.0) }];
         let found = Operating::of(&trials);
-        assert_eq!((found.bias, found.coverage), (Err(Undefined::NoTruth), Err(Undefined::NoTruth)));
+        assert_eq!(
+            (found.bias, found.coverage),
+            (Err(Undefined::NoTruth), Err(Undefined::NoTruth))
+        );
         assert_eq!(found.power.unwrap().value, 0.5);
         assert_eq!(Operating::of(&[]).power, Err(Undefined::NoSeeds));
     }
@@ -274,7 +282,8 @@ mod tests {
 
     #[test]
     fn the_formula_gives_the_sample_size_of_the_noncentral_f_distribution() {
-        let formula = Formula { standardised_effect: 0.1, decisions: 210.0, probability: 0.4, controls: 3 };
+        let formula =
+            Formula { standardised_effect: 0.1, decisions: 210.0, probability: 0.4, controls: 3 };
         let people = formula.people(0.8).unwrap();
         // SciPy: the first N with 1 - ncf.cdf(f.ppf(0.95, 1, N - 4), 1, N - 4, N * 0.01 * 210 * 0.24) >= 0.8.
         assert_eq!(people, 19);

@@ -38,15 +38,17 @@ pub struct Estimation {
 
 /// Where the numbers of a decision are.
 #[derive(Clone, Debug)]
-struct Layout {
+pub struct Layout {
     control: Vec<Feature>,
-    moderators: Vec<Feature>,
+    /// The features that the effect depends on.
+    pub moderators: Vec<Feature>,
     /// The place of the outcome in the state; `None` for the reward.
-    outcome: Option<usize>,
+    pub outcome: Option<usize>,
 }
 
+/// A number that is known before a decision.
 #[derive(Clone, Copy, Debug)]
-enum Feature {
+pub enum Feature {
     /// The number of steps before the decision.
     Step,
     /// The number at this place of the state.
@@ -66,7 +68,8 @@ impl Feature {
         }
     }
 
-    fn of(self, decision: &Decision) -> f64 {
+    /// The number before a decision.
+    pub fn of(self, decision: &Decision) -> f64 {
         match self {
             Feature::Step => f64::from(decision.step),
             Feature::State(place) => decision.state[place],
@@ -314,7 +317,11 @@ impl Layout {
     /// Finds the features and the outcome of a declaration.
     ///
     /// **Errors**: a name is unknown, or the environment does not have the treatment.
-    fn of(of: &EstimateDeclaration, actions: usize, names: &[String]) -> Result<Layout, String> {
+    pub fn of(
+        of: &EstimateDeclaration,
+        actions: usize,
+        names: &[String],
+    ) -> Result<Layout, String> {
         let features = |list: &[String]| -> Result<Vec<Feature>, String> {
             list.iter().map(|name| Feature::named(name, names)).collect()
         };
@@ -343,7 +350,10 @@ fn checked(effect: Effect) -> Result<Effect, String> {
     if standard_error.is_nan() || standard_error <= 0.0 {
         return Err("its standard error is 0: the outcome does not vary between people".to_owned());
     }
-    match [value, standard_error, low, high, p_value, residual_sd].iter().all(|number| number.abs() < 1e300) {
+    match [value, standard_error, low, high, p_value, residual_sd]
+        .iter()
+        .all(|number| number.abs() < 1e300)
+    {
         true => Ok(effect),
         false => Err("its numbers are too large".to_owned()),
     }

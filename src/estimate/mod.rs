@@ -15,6 +15,7 @@ mod symmetric;
 mod tests;
 mod wcls;
 
-pub use estimation::Estimation;
+pub use estimation::{Estimation, Layout};
 pub(crate) use root::root;
 pub(crate) use student::{chi_squared_of_p, t_of_p, two_sided_p};
+pub(crate) use wcls::{Correction, NoFit, Sums};

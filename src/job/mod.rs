@@ -37,4 +37,4 @@ pub use outcome::{
 };
 pub use participant_range::ParticipantRange;
 pub use scalar::Scalar;
-pub use trial::{Calendar, Pooling, Stay, Trial, UpdateData};
+pub use trial::{Calendar, Pooling, ROWS, Stay, Trial, UpdateData};

@@ -22,7 +22,15 @@ use crate::key::{Kind, Value};
 
 /// The keys of `[[estimate]]`.
 const KEYS: [&str; 9] = [
-    "name", "estimator", "outcome", "treatment", "control", "moderators", "numerator", "truth", "agents",
+    "name",
+    "estimator",
+    "outcome",
+    "treatment",
+    "control",
+    "moderators",
+    "numerator",
+    "truth",
+    "agents",
 ];
 /// The most features in a list.
 const MOST_FEATURES: usize = 100;
@@ -78,6 +86,7 @@ impl Reader<'_> {
             Some(Value::Text(text)) => text,
             _ => REWARD.to_owned(),
         };
+        let truth = one("truth", Kind::Flag) == Some(Value::Flag(true));
         let numerator = match one("numerator", Kind::PositiveReal { max: 1.0 }) {
             Some(Value::Real(share)) => share,
             _ => NUMERATOR,
@@ -85,7 +94,6 @@ impl Reader<'_> {
         if let Some(node) = table.get("numerator").filter(|_| numerator == 1.0) {
             self.expected("numerator", "a probability above 0 and below 1", node);
         }
-        let truth = one("truth", Kind::Flag) == Some(Value::Flag(true));
         let treatment = table.get("treatment").and_then(|node| self.treatment(node));
         let [control, moderators] = ["control", "moderators"].map(|key| self.features(key, table));
         let agents = table.get("agents").map(|node| {

@@ -58,7 +58,8 @@ mod written;
 pub use analysis::Analysis;
 pub use analysis_kind::{
     ActionChoice, AnalysisKind, Bins, Contrast, Curve, EstimateNames, FamilyName, Find, HeatMap,
-    InferenceError, LearningCurve, OperatingCharacteristics, Pairing, Recovery, Selection, SelectionRule,
+    InferenceError, LearningCurve, OperatingCharacteristics, Pairing, Recovery, Selection,
+    SelectionRule,
 };
 pub use axis::{CurveAxis, ERROR_AXIS};
 pub use companions::{companions, self_contained};

@@ -139,7 +139,9 @@ fn compute(
             .collect();
         let add = |decision: &_| estimations.iter_mut().for_each(|one| one.add(decision));
         reader.decisions(&job, add).map_err(|error| error.to_string())?;
-        return Ok(Some((estimations.iter().map(Estimation::finish).collect(), None)));
+        let mut estimates: Vec<Estimates> = estimations.iter().map(Estimation::finish).collect();
+        train::add_truths(&job, &mut estimates);
+        return Ok(Some((estimates, None)));
     }
     let deadline = queued.time_limit.and_then(|limit| Instant::now().checked_add(limit));
     let control = Again { queued, stop, deadline, started: Instant::now() };

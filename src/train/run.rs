@@ -8,6 +8,7 @@ use crate::train::control::TrainingControl;
 use crate::train::environment_program;
 use crate::train::outside;
 use crate::train::training::{Stage, Training, out_of_memory};
+use crate::train::truth::add_truths;
 
 /// Trains the job's agent, tests it, and returns the outcome. Continues from a checkpoint if there is one,
 /// and writes one if it is stopped.
@@ -51,7 +52,11 @@ fn train(job: &Job, control: &dyn TrainingControl) -> Outcome {
             return Outcome::Interrupted;
         }
     }
-    training.results().map_or_else(Outcome::Failed, Outcome::Completed)
+    let results = training.results().map(|mut results| {
+        add_truths(job, &mut results.estimates);
+        results
+    });
+    results.map_or_else(Outcome::Failed, Outcome::Completed)
 }
 
 /// A job at its start, or at a checkpoint.

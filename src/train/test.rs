@@ -18,6 +18,7 @@ use crate::job::{
 use crate::job::{Job, MetricName};
 use crate::state::resumable;
 use crate::train::decision_log::DecisionLog;
+use crate::train::excursions::Excursions;
 use crate::train::roll::{Choose, RollStreams, begin, roll, roll_by};
 use crate::train::study::Study;
 
@@ -46,6 +47,8 @@ pub(super) struct Test {
     /// The trial whose people are the evaluation; `None` for people who come one after another.
     study: Option<Study>,
     recorded: RecordedEpisodes,
+    /// What other actions lead to at the decisions of a trial; `None` in jobs.
+    pub(super) excursions: Option<Excursions>,
 }
 
 /// The participants of a test. Their parameters do not depend on what happens in it.
@@ -128,6 +131,7 @@ impl Test {
             terminated: job.termination_metric(),
             study,
             recorded: job.evaluation.record_episodes,
+            excursions: None,
             batch: Batch { environment: tested, played: Vec::new() },
         }
     }
@@ -188,6 +192,7 @@ impl Test {
     ) -> Result<(), LearnerError> {
         self.begin_batch(|_, _| {})?;
         let mut study = self.study.take().expect("the caller has a trial");
+        let mut excursions = self.excursions.take();
         let (lanes, streams, mut player) = self.player(pause);
         study.assign(lanes);
         let mut actions = vec![Action::default(); lanes.lanes()];
@@ -200,6 +205,9 @@ impl Test {
                 log.stand_beside(study.beside());
             }
             player.chosen(lanes, &actions, &probabilities);
+            if let Some(excursions) = &mut excursions {
+                excursions.see(lanes, &streams.environment);
+            }
             lanes.step(&actions, &mut rewards, &mut streams.environment);
             player.paid(lanes, &rewards);
             study.end_step(&mut rewards, |person| lanes.time(person));
@@ -207,6 +215,7 @@ impl Test {
         }
         let is_over = study.is_over();
         self.study = Some(study);
+        self.excursions = excursions;
         if is_over { Ok(self.end_batch()?) } else { Ok(()) }
     }
 

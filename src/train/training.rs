@@ -8,12 +8,13 @@ use crate::agent::{
     TrainedEpisode,
 };
 use crate::job::{
-    EstimateDeclaration, Failure, FailureKind, Job, Metric, Phase, Pooling, RecordedEpisodes,
-    Results,
+    Decision, EstimateDeclaration, Failure, FailureKind, Job, Metric, Phase, Pooling,
+    RecordedEpisodes, Results,
 };
 use crate::state::resumable;
 use crate::train::curve::CurveRecorder;
 use crate::train::decision_log::DecisionLog;
+use crate::train::excursions::Excursions;
 use crate::train::progress::TrainingProgress;
 use crate::train::test::{Test, Tested};
 
@@ -97,6 +98,19 @@ impl<'j> Training<'j> {
     /// The declarations of its estimates.
     pub(super) fn estimated(&self) -> Vec<Arc<EstimateDeclaration>> {
         self.test.estimated()
+    }
+
+    /// The same trial, which also sees what other actions lead to.
+    pub(super) fn with_excursions(mut self, excursions: Excursions) -> Self {
+        self.test.excursions = Some(excursions);
+        self
+    }
+
+    /// The recorded decisions of a finished trial, and what other actions lead to.
+    pub(super) fn into_excursions(self) -> (Vec<Decision>, Excursions) {
+        let mut test = self.test;
+        let excursions = test.excursions.take().unwrap_or_default();
+        (test.finish().decisions, excursions)
     }
 
     /// The same training, with this working time spent before.

@@ -16,6 +16,7 @@ mod logging;
 mod memory;
 mod merging;
 mod names;
+mod operating;
 mod old_stores;
 mod optimum;
 mod outside_environments;

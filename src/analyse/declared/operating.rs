@@ -1,9 +1,7 @@
 //! Operating characteristics: how estimates behave over the trials of an arm, and how many people a trial needs.
 
 use super::arm::{Arm, ArmId, arms, by_value, decided_by};
-use crate::analyse::{
-    Formula, Operating, SampleSize, Simulated, TrialEstimate, sample_size,
-};
+use crate::analyse::{Formula, Operating, SampleSize, Simulated, TrialEstimate, sample_size};
 use crate::job::{CONSTANT, Effect, Estimate};
 use crate::key::Parameter;
 use crate::manifest::OperatingCharacteristics;

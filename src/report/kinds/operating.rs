@@ -52,7 +52,8 @@ impl Drawn for OperatingFigure {
             let mut scenes = Vec::new();
             for group in [&[Shown::Power, Shown::Coverage][..], &[Shown::Bias]] {
                 let charts = group.iter().map(|what| (*what, self.chart(*what, term, sheet)));
-                let has_points = |chart: &Chart| chart.lines.iter().any(|line| !line.points.is_empty());
+                let has_points =
+                    |chart: &Chart| chart.lines.iter().any(|line| !line.points.is_empty());
                 let (kinds, charts): (Vec<Shown>, Vec<Chart>) =
                     charts.filter(|(_, chart)| has_points(chart)).unzip();
                 if charts.is_empty() {
@@ -191,9 +192,8 @@ impl OperatingFigure {
         let panels = Panels::whole(&names);
         let looks = panels.looks(sheet.looks, &names);
         let xs = self.rows.iter().filter_map(|row| row.x);
-        let ends = xs.fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), x| {
-            (low.min(x), high.max(x))
-        });
+        let ends =
+            xs.fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), x| (low.min(x), high.max(x)));
         let level = match what {
             Shown::Power => self.sought.as_ref().map(|(power, _)| *power),
             Shown::Coverage => Some(LEVEL),
@@ -320,21 +320,17 @@ fn people(number: f64) -> String {
 fn cells(row: &OperatingRow, decimals: usize, names: &Names) -> Vec<Entry> {
     let of = &row.operating;
     let ends = |value: Result<Simulated, Undefined>| value.and_then(|value| value.interval);
-    let plain = |value: Result<Simulated, Undefined>| {
-        Entry::of(value.map(|value| value.value), decimals)
-    };
+    let plain =
+        |value: Result<Simulated, Undefined>| Entry::of(value.map(|value| value.value), decimals);
     let percent = |value: Result<Simulated, Undefined>| match value {
         Ok(Simulated { value, .. }) => Entry::Number { value, shown: shown(100.0 * value, 1) },
         Err(reason) => Entry::Missing(reason.to_string()),
     };
-    let between = |value: Result<Simulated, Undefined>, (factor, decimals): (f64, usize)| {
-        match ends(value) {
-            Ok(Interval { low, high }) => {
-                Entry::text(range(factor * low, factor * high, decimals))
-            }
+    let between =
+        |value: Result<Simulated, Undefined>, (factor, decimals): (f64, usize)| match ends(value) {
+            Ok(Interval { low, high }) => Entry::text(range(factor * low, factor * high, decimals)),
             Err(reason) => Entry::Missing(reason.to_string()),
-        }
-    };
+        };
     let mut cells = vec![
         arm(&row.name, names),
         Entry::text(row.term.estimate.clone()),
