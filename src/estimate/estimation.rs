@@ -119,6 +119,11 @@ impl Estimation {
         &self.declaration
     }
 
+    #[cfg(test)]
+    pub(super) fn sums(&self) -> &Sums {
+        &self.sums
+    }
+
     /// Reads a decision. Decisions of a person, who has the number of the episode, come in the order of steps.
     pub fn add(&mut self, decision: &Decision) {
         let Ok(layout) = &self.layout else { return };
@@ -281,9 +286,9 @@ impl Estimation {
         let columns = self.sums.columns;
         match why {
             NoFit::People(found) => format!(
-                "it needs at least {} with decisions at which a message could be sent, one more than its {columns} \
+                "it needs at least {} people with decisions at which a message could be sent, one more than its {columns} \
                  coefficients; found {found}",
-                counted(columns + 1, "person")
+                columns + 1
             ),
             NoFit::Dependent(column) => {
                 let control = layout.control.len();

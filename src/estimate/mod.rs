@@ -11,6 +11,8 @@ mod estimation;
 mod root;
 mod student;
 mod symmetric;
+#[cfg(test)]
+mod tests;
 mod wcls;
 
 pub use estimation::{Estimation, Layout};

@@ -210,6 +210,7 @@ pub struct Failure {
 
 /// How a run ended.
 #[derive(Clone, Debug, PartialEq)]
+#[expect(clippy::large_enum_variant, reason = "a process holds few outcomes at a time")]
 pub enum Outcome {
     /// Training and test were completed.
     Completed(Results),

@@ -16,7 +16,7 @@ use super::source::Span;
 use super::sweep::{Node, Reader};
 use super::value_schema::{list, value};
 use crate::job::{
-    CONSTANT, EstimateDeclaration, Estimator, Job, Messages, REWARD, STEP, Treatment, counted,
+    CONSTANT, EstimateDeclaration, Estimator, Job, Messages, REWARD, STEP, Treatment,
 };
 use crate::key::{Kind, Value};
 
@@ -246,8 +246,7 @@ impl Checked<'_> {
         let numbers = u64::from(people).saturating_mul(each);
         if numbers > MOST_NUMBERS {
             let message = format!(
-                "the estimates hold {numbers} numbers of {} in memory; the maximum is {MOST_NUMBERS}",
-                counted(people, "person")
+                "the estimates hold {numbers} numbers of {people} people in memory; the maximum is {MOST_NUMBERS}"
             );
             let help = "use fewer features, fewer people, or a smaller `test_episodes`";
             faults.add(Fault::at(self.estimate.span, message).help(help));

@@ -28,7 +28,7 @@ const SELECT: &str = "SELECT canonical, number, term, estimate, standard_error, 
     FROM recorded_estimate AS recorded JOIN estimate_declaration AS declared ON declared.id = recorded.declaration
     WHERE run = ?1 ORDER BY canonical, number";
 
-/// The row ids of the completed run of the job with key `?1`, and its key.
+/// The row id of the completed run of the job with key `?1`.
 const RUN_OF: &str =
     "SELECT run.id FROM job JOIN run ON run.job = job.id AND run.status = 'completed'
     WHERE job.key = ?1";
@@ -102,7 +102,7 @@ pub(super) fn insert_copied(
         if connection.prepare_cached(known)?.exists([own, declaration])? {
             continue;
         }
-        let places = vec!["?"; COLUMNS + 3].join(", ");
+        let places = ["?"; COLUMNS + 3].join(", ");
         let mut insert = connection
             .prepare_cached(&format!("INSERT INTO recorded_estimate VALUES ({places})"))?;
         for row in rows {
@@ -240,20 +240,47 @@ impl Reader {
     }
 }
 
+/// The result of adding estimates to a job.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Added {
+    /// The job has them.
+    Stored,
+    /// The results of the job's run have another digest; nothing was added.
+    Differing,
+    /// The job has no completed run; nothing was added.
+    NotCompleted,
+}
+
 impl Store {
-    /// Adds estimates to the completed run of a job, except those that it has. Returns false, and adds nothing, if the
-    /// job has no completed run.
-    pub fn add_estimates(
+    /// Adds estimates to the completed runs of jobs, except those that they have. A digest must be that of the run's
+    /// results.
+    pub fn add_estimates<'e>(
         &mut self,
-        key: &JobKey,
-        estimates: &[Estimates],
-    ) -> Result<bool, StoreError> {
+        jobs: impl Iterator<Item = (&'e JobKey, &'e [Estimates], Option<[u8; 32]>)>,
+    ) -> Result<Vec<Added>, StoreError> {
         self.write_durably("store estimates", |transaction| {
-            let key = key.to_string();
-            let run = transaction.prepare_cached(RUN_OF)?.query_row([&key], |row| row.get(0));
-            let Some(run) = run.optional()? else { return Ok(false) };
-            insert(transaction, (run, &key), estimates)?;
-            Ok(true)
+            let mut added = Vec::new();
+            for (key, estimates, digest) in jobs {
+                let key = key.to_string();
+                let found: Option<(i64, [u8; 32])> = transaction
+                    .prepare_cached(
+                        "SELECT run.id, results_sha256 FROM job
+                         JOIN run ON run.job = job.id AND run.status = 'completed' WHERE job.key = ?1",
+                    )?
+                    .query_row([&key], |row| Ok((row.get(0)?, row.get(1)?)))
+                    .optional()?;
+                added.push(match found {
+                    None => Added::NotCompleted,
+                    Some((_, stored)) if digest.is_some_and(|digest| digest != stored) => {
+                        Added::Differing
+                    }
+                    Some((run, _)) => {
+                        insert(transaction, (run, &key), estimates)?;
+                        Added::Stored
+                    }
+                });
+            }
+            Ok(added)
         })
     }
 }

@@ -5,6 +5,7 @@ mod crashes;
 mod damage;
 mod disk;
 mod docs;
+mod estimates;
 mod events;
 mod exits;
 mod external;

@@ -31,7 +31,10 @@ const TABLE: &[(&str, &[&str])] = &[
     ("plan", &["key", "env", "agent", "job", "manifest"]),
     ("store", &["kill_point", "key", "job", "record"]),
     ("portable", &["env", "agent", "job", "store"]),
-    ("schedule", &["kill_point", "key", "agent", "job", "manifest", "plan", "train", "store"]),
+    (
+        "schedule",
+        &["kill_point", "key", "agent", "job", "estimate", "manifest", "plan", "train", "store"],
+    ),
     ("cluster", &["external", "key", "job", "manifest", "plan", "train", "store", "schedule"]),
     // The bootstrap has a random stream of its own.
     ("analyse", &["rng", "key", "env", "job", "estimate", "manifest", "record"]),
