@@ -10,6 +10,7 @@ use super::limits::MOST_JOBS;
 use super::parameter::seed_of;
 use super::participant_range;
 use super::sides::Sides;
+use super::source::Located;
 use super::sweep::{number, whole};
 use super::written::{condition, list, quoted};
 use crate::job::metric::{LOWER_QUARTILE_RETURN, MEAN_RETURN, metrics_of};
@@ -392,6 +393,8 @@ impl Field for Find {
         if power.is_none() {
             table.reader.expected(key, "{ power = 0.8 } or another number between 0 and 1", node);
         }
+        let value = Parameter::Trial("people");
+        table.axes.push(Located { value, span: node.span().into() });
         power.map(|power| Find { power })
     }
 
