@@ -69,7 +69,7 @@ fn recorded() -> String {
 fn adding_an_estimate_to_completed_jobs_that_recorded_decisions_trains_nothing() {
     let folder = Folder::completed(&recorded());
     let before = digests(&folder);
-    folder.write("sweep.toml", &format!("{}{ESTIMATES}", recorded()));
+    folder.write("sweep.toml", format!("{}{ESTIMATES}", recorded()));
     folder
         .jitai(["plan", "sweep.toml"])
         .succeeded()
@@ -100,7 +100,7 @@ fn jobs_without_recorded_decisions_have_the_same_estimates() {
     let later = Folder::completed(MANIFEST);
     let before = digests(&later);
     assert_eq!(before, digests(&folder));
-    later.write("sweep.toml", &format!("{MANIFEST}{ESTIMATES}"));
+    later.write("sweep.toml", format!("{MANIFEST}{ESTIMATES}"));
     later
         .jitai(["plan", "sweep.toml"])
         .succeeded()
@@ -128,7 +128,7 @@ fn other_results_store_no_estimates() {
     triggers.iter().for_each(|name| other.execute_batch(&format!("DROP TRIGGER {name}")).unwrap());
     other.execute("UPDATE run SET results_sha256 = zeroblob(32) WHERE id = 1", []).unwrap();
     kept.iter().for_each(|sql| other.execute_batch(sql).unwrap());
-    folder.write("sweep.toml", &format!("{MANIFEST}{ESTIMATES}"));
+    folder.write("sweep.toml", format!("{MANIFEST}{ESTIMATES}"));
     let ran = folder.jitai(["run", "sweep.toml"]).ended(1);
     ran.says("no estimates of 1 completed job: training again gave other results");
     assert_eq!(folder.number("SELECT count(DISTINCT job_key) FROM estimate"), 3);
