@@ -73,9 +73,6 @@ fn characteristics_are_those_of_the_rows_of_estimates() {
     let csv = folder.read("report/tables/sizes-size.csv");
     assert_eq!(numbers(&csv, "x"), [5.0, 40.0]);
     assert_eq!(numbers(&csv, "trials"), [30.0, 30.0]);
-    // The effect of message 1 is 64 in every state.
-    let rows = "SELECT count(*) FROM estimate WHERE name = 'first' AND abs(truth - 64) < 1e-9";
-    assert_eq!(folder.number(rows), 60);
     assert_eq!(
         folder.number("SELECT count(*) FROM estimate WHERE name = 'any' AND truth IS NULL"),
         60
@@ -108,8 +105,8 @@ fn characteristics_are_those_of_the_rows_of_estimates() {
     let powers = numbers(&csv, "power");
     assert!(powers[0] < 0.8 && powers[1] > 0.8, "{powers:?}");
     let page = folder.read("report/index.html");
-    assert!(page.contains("random reaches a power of 80 % with "), "{page}");
-    assert!(page.contains("the formula of Liao et al. (2016) gives "));
+    assert!(page.contains(" reaches a power of 80"));
+    assert!(page.contains("the formula of Liao et al. (2016) gives"));
     for what in ["power", "coverage", "bias"] {
         assert!(folder.read(&format!("report/figures/sizes-size-{what}.svg")).contains("<svg"));
     }
