@@ -163,6 +163,29 @@ fn estimates_travel_with_their_runs() {
 }
 
 #[test]
+fn a_changed_estimate_is_found_left_out_and_computed_again() {
+    let manifest = format!("{}{ESTIMATES}", recorded());
+    let folder = Folder::completed(&manifest);
+    let before = estimates(&folder);
+    let raw = rusqlite::Connection::open(folder.path("jitai.sqlite")).unwrap();
+    let trigger = "FROM sqlite_schema WHERE name = 'recorded_estimate_is_fixed'";
+    let kept = texts(&folder, &format!("SELECT sql {trigger}"));
+    raw.execute_batch("DROP TRIGGER recorded_estimate_is_fixed").unwrap();
+    let change = "UPDATE recorded_estimate SET low = low - 1 WHERE number = 2 AND run = 1 AND declaration = (
+        SELECT id FROM estimate_declaration WHERE json_extract(canonical, '$.name') = 'each')";
+    assert_eq!(raw.execute(change, []).unwrap(), 1);
+    raw.execute_batch(&kept[0]).unwrap();
+    drop(raw);
+    folder.jitai(["doctor"]).ended(3).prints("its estimates do not match their digests");
+    folder.jitai(["doctor", "--salvage", "saved.sqlite"]).succeeded();
+    let saved = Folder::with(&manifest);
+    std::fs::rename(folder.path("saved.sqlite"), saved.path("jitai.sqlite")).unwrap();
+    assert_eq!(estimates(&saved).len(), before.len() - 3);
+    saved.jitai(["run", "sweep.toml"]).succeeded().says("estimates of 1 completed job computed");
+    assert_eq!(estimates(&saved), before);
+}
+
+#[test]
 fn a_trial_that_resumes_has_the_estimates_of_one_that_does_not() {
     let manifest = r#"format = 1
 name = "trial"
