@@ -5,6 +5,7 @@ use std::cell::{Cell, RefCell};
 use std::fs::File;
 use std::io::Write;
 use std::path::Path;
+use std::sync::Arc;
 use std::time::Duration;
 
 use divan::Bencher;
@@ -15,10 +16,12 @@ use jitai::agent::{
 use jitai::env::{
     Action, LaneSet, LaneStreams, PhysicalActivity, Scenario, StepCount, VectorEnvironment,
 };
+use jitai::estimate::Estimation;
 use jitai::experiment::{self, Filter};
 use jitai::job::Evaluation;
 use jitai::job::Job;
 use jitai::job::Outcome;
+use jitai::job::{Decision, EstimateDeclaration, Messages, Phase, Treatment};
 use jitai::rng::{Purpose, Stream};
 use jitai::train::{
     self, Checkpoints, ReadCheckpoint, TrainingControl, TrainingProgress, Uncontrolled,
@@ -218,4 +221,44 @@ fn checkpoint(bencher: Bencher<'_, '_>, transitions: u32) {
     };
     let outcome = train::run(&job(Agent::of(&dqn), false), &timer);
     assert_eq!(outcome, Outcome::Interrupted);
+}
+
+/// The effect of a message in a trial of 70 people with 140 decisions each, 8 control features and 2 moderators.
+#[divan::bench(sample_count = 100, sample_size = 1)]
+fn wcls(bencher: Bencher<'_, '_>) {
+    let names: Vec<String> = (0..8).map(|number| format!("x{number}")).collect();
+    let mut stream = Stream::new(1, Purpose::TestEnvironment);
+    let mut decision = |place: u32| {
+        let action = (stream.unit() < 0.3) as u8;
+        Decision {
+            phase: Phase::Test,
+            episode: 1 + place / 140,
+            step: place % 140,
+            state: names.iter().map(|_| stream.unit()).collect(),
+            available: true,
+            can_send: true,
+            chosen: action,
+            action,
+            probabilities: [0.7, 0.3].into(),
+            reward: stream.unit(),
+        }
+    };
+    let decisions: Vec<Decision> = (0..70 * 140).map(&mut decision).collect();
+    let declaration = Arc::new(EstimateDeclaration {
+        control: names.clone(),
+        estimator: "wcls".to_owned(),
+        moderators: names[..2].to_vec(),
+        name: "effect".to_owned(),
+        numerator: 0.3,
+        outcome: "reward".to_owned(),
+        treatment: Treatment::Messages(Messages::Any),
+        truth: false,
+    });
+    bencher.bench_local(|| {
+        let mut estimation = Estimation::new(declaration.clone(), 2, &names);
+        decisions.iter().for_each(|decision| estimation.add(decision));
+        let estimates = estimation.finish();
+        assert!(estimates.terms.iter().all(|term| term.effect.is_ok()));
+        estimates
+    });
 }

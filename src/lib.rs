@@ -75,6 +75,8 @@ pub mod cluster;
 #[doc(hidden)]
 pub mod env;
 #[doc(hidden)]
+pub mod estimate;
+#[doc(hidden)]
 pub mod external;
 #[doc(hidden)]
 pub mod job;
@@ -116,9 +118,9 @@ pub mod experiment {
         CurvePoint, Metric, Outcome, ParticipantValue, Phase, Results, TestEpisode,
     };
     pub use crate::manifest::{
-        Analysis, AnalysisKind, Contrast, CurveAxis, DeclaredAgent, Exclusion, Fault, Faults,
-        Manifest, Pairing, Parameters, Position, Published, PublishedRow, Recovery, Section,
-        SelectionRule, Sides, Zip, load, parse, schema,
+        Analysis, AnalysisKind, Contrast, CurveAxis, DeclaredAgent, DeclaredEstimate, Exclusion,
+        Fault, Faults, Manifest, Pairing, Parameters, Position, Published, PublishedRow, Recovery,
+        Section, SelectionRule, Sides, Zip, load, parse, schema,
     };
     pub use crate::plan::{Filter, FilterError, Shard, ShardError, count, expand, jobs};
     pub use crate::schedule::{
@@ -139,8 +141,8 @@ pub mod results {
     };
     pub use crate::job::metric::{METRICS, first_return, metrics_of};
     pub use crate::job::{
-        ActionCount, Failure, FailureKind, Measure, MetricName, MetricPlace, MetricUnit,
-        Provenance, Scalar,
+        ActionCount, Effect, Estimate, EstimateDeclaration, Estimates, Failure, FailureKind,
+        Measure, Messages, MetricName, MetricPlace, MetricUnit, Provenance, Scalar, Treatment,
     };
     pub use crate::record::{
         AmongParticipants, CompletedRun, DataSet, JobRecord, JobStatus, Settings,
@@ -152,6 +154,7 @@ pub mod results {
         Answer, ColumnType, ExperimentCounts, FailedJob, Interrupter, JobState, Pace, Parts,
         QueryError, Reader, StoredWeights, VIEWS, Value as SqlValue,
     };
+    pub use crate::train::{NoTruth, Truth, truth};
 }
 
 /// Environments: the contract and its tests, and the simulation from the paper.

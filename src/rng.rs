@@ -41,6 +41,8 @@ pub enum Purpose {
     /// Coefficients that a bandit draws for an episode; the seed is a word of the stream that chooses
     /// actions.
     EpisodeDraws = 13,
+    /// Seeds of the trials in which the true effect of messages is simulated; no job draws from it.
+    Truth = 15,
 }
 
 /// Streams that run alongside another stream: for each word of the stream, a fixed number of independent

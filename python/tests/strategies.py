@@ -109,6 +109,7 @@ ORALYTICS = {
     "cost_scale": st.sampled_from(["raw", "normalised"]),
     "rounding": st.sampled_from(["nearest", "down"]),
     "stale_state": st.booleans(),
+    "effect_factor": st.floats(0, 2),
     "scenario": st.lists(st.sampled_from(SEEN), min_size=1, unique=True),
 }
 

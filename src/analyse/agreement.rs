@@ -2,9 +2,9 @@
 
 use super::interval::Interval;
 use super::moments::{Moments, vary};
-use super::student::t_of_p;
 use super::t_test::{TTest, unpaired_t_test};
 use super::undefined::{Undefined, finite};
+use crate::estimate::t_of_p;
 
 /// A number with its uncertainty.
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -1,8 +1,8 @@
 //! Probability of improvement: the probability that a policy of one arm beats a policy of another.
 
 use super::interval::{Interval, NORMAL_CRITICAL};
-use super::root::root;
 use super::undefined::{Undefined, at_least};
+use crate::estimate::root;
 
 /// Probability that a policy of the first arm has the larger value; a tie counts half.
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -1,8 +1,8 @@
 //! Confidence intervals, all of the same level.
 
 use super::moments::{Moments, vary};
-use super::student::t_of_p;
 use super::undefined::Undefined;
+use crate::estimate::t_of_p;
 
 /// Confidence level of every interval.
 pub const LEVEL: f64 = 0.95;

@@ -15,14 +15,13 @@ mod interval;
 mod moments;
 mod multiplicity;
 mod noncentral;
+mod operating;
 mod permutation;
 mod power;
 mod quantile;
 mod recovery;
-mod root;
 mod sample;
 mod smooth;
-mod student;
 mod t_test;
 mod undefined;
 
@@ -39,6 +38,9 @@ pub use improvement::{Improvement, improvement, paired_improvement};
 pub use interval::{Interval, LEVEL, mean_interval, share_interval};
 pub use moments::{Moments, mean_and_sd};
 pub use multiplicity::{Corrected, correct};
+pub use operating::{
+    Formula, Operating, SampleSize, Simulated, TrialEstimate, sample_size, wilson,
+};
 pub use permutation::{MOST_ARRANGEMENTS, paired_permutation_p, permutation_p};
 pub use power::{Detectable, FEW_SEEDS, POWER, detectable};
 pub use quantile::{lower_quartile, quantile};

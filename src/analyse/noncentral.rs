@@ -3,8 +3,8 @@
 use statrs::function::gamma::gamma_ur;
 
 use super::interval::{Interval, LEVEL};
-use super::root::root;
 use super::undefined::{Undefined, finite};
+use crate::estimate::root;
 
 /// Positive nodes and weights of the 16-point Gauss-Legendre rule on [-1, 1].
 const RULE: [(f64, f64); 8] = [
@@ -59,7 +59,7 @@ fn over_normal(t: f64, df: f64, shift: f64) -> f64 {
 }
 
 /// The standard normal distribution function.
-fn normal(z: f64) -> f64 {
+pub(super) fn normal(z: f64) -> f64 {
     0.5 * libm::erfc(-z * std::f64::consts::FRAC_1_SQRT_2)
 }
 

@@ -2,9 +2,9 @@
 
 use super::interval::{Interval, LEVEL};
 use super::noncentral::noncentral_t;
-use super::root::root;
-use super::student::{chi_squared_of_p, t_of_p};
 use super::t_test::TTest;
+use crate::estimate::root;
+use crate::estimate::{chi_squared_of_p, t_of_p};
 
 /// Probability with which the minimum detectable difference is detected.
 pub const POWER: f64 = 0.8;

@@ -4,8 +4,8 @@ use serde_json::Value;
 
 use super::interval::critical;
 use super::noncentral::noncentral_t;
-use super::student::{t_of_p, two_sided_p};
 use super::*;
+use crate::estimate::{t_of_p, two_sided_p};
 
 /// Relative tolerance of statistics that are computed to full precision.
 const TOLERANCE: f64 = 1e-9;

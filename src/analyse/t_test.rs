@@ -2,8 +2,8 @@
 
 use super::interval::Interval;
 use super::moments::{Moments, vary};
-use super::student::two_sided_p;
 use super::undefined::{Undefined, at_least, finite};
+use crate::estimate::two_sided_p;
 
 /// A two-sided t test that a difference of means is 0.
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -29,6 +29,9 @@ pub enum Undefined {
     /// The loss is not known to be above 0, so that a share of it has no bounds.
     #[error("loss not significantly above 0")]
     NoLoss,
+    /// The true effect was not simulated in every trial.
+    #[error("no truth known; `truth = true` in [[estimate]] has it simulated")]
+    NoTruth,
     /// An exact answer would take too long.
     #[error("too many permutations to enumerate")]
     Infeasible,

@@ -18,7 +18,8 @@ use crate::schedule::{Selection, Survey};
 pub fn filtered(text: &str, manifests: &[Manifest]) -> Result<usize, String> {
     let filter: Filter = text.parse().map_err(|error| format!("{error}"))?;
     let selection = Selection::new(manifests, Some(&filter)).map_err(|error| error.to_string())?;
-    let queue = Survey::of(&selection, None).queue(|_| true).map_err(|error| error.to_string())?;
+    let queue =
+        Survey::of(&selection, None).queue(|_, _| true).map_err(|error| error.to_string())?;
     Ok(queue.len())
 }
 

@@ -84,8 +84,12 @@ fn show(arguments: &Arguments, merged: &Merged) -> io::Result<()> {
         let jobs = counted(merged.in_progress as u64, "job");
         writeln!(out, "{jobs} not merged, because {into} is running the same; merge again later")?;
     }
-    let Merged { experiments, jobs, completed, failed, already_there, .. } = merged;
-    if experiments + jobs + completed + failed == 0 {
+    let Merged { experiments, jobs, completed, failed, already_there, estimates, .. } = merged;
+    if *estimates > 0 {
+        let rows = counted(*estimates as u64, "row");
+        writeln!(out, "{rows} of estimates added to runs that {into} had")?;
+    }
+    if experiments + jobs + completed + failed + estimates == 0 {
         let runs = counted(*already_there as u64, "run");
         let is_clean = merged.conflicts.is_empty() && merged.damaged.is_empty();
         let equal = match is_clean && merged.in_progress == 0 && *already_there > 0 {
@@ -146,6 +150,7 @@ fn as_json(merged: &Merged) -> Value {
         "stores": merged.sources, "experiments": merged.experiments, "jobs": merged.jobs,
         "completed": merged.completed, "failed": merged.failed,
         "already_there": merged.already_there, "in_progress": merged.in_progress,
+        "estimates": merged.estimates,
         "conflicts": conflicts.collect::<Vec<_>>(), "damaged": damaged.collect::<Vec<_>>(),
         "other_manifests": differing.collect::<Vec<_>>(),
     })

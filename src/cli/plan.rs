@@ -129,6 +129,8 @@ struct Sum {
     /// The remaining work. Running jobs count in full, as in `status`.
     left: Left,
     reasons: BTreeMap<Reason, u64>,
+    /// Completed jobs that lack declared estimates, and those of them that are trained again.
+    lacking: [u64; 2],
 }
 
 impl Sum {
@@ -168,6 +170,10 @@ fn list_experiments(
         let mut experiment = Sum::default();
         survey.walk(index, |job| {
             let reason = job.reason()?;
+            if job.lacks_estimates(manifest)? {
+                let again = u64::from(schedule::trains_again(&job.planned.job));
+                all.lacking = [all.lacking[0] + 1, all.lacking[1] + again];
+            }
             experiment.add(&job, reason.as_ref());
             match job.sharing {
                 Sharing::First => all.add(&job, reason.as_ref()),
@@ -235,6 +241,15 @@ fn explain(all: &Sum, time: Duration, workers: NonZeroUsize, is_measured: bool) 
     let mut err = io::stderr();
     for (reason, jobs) in &all.reasons {
         writeln!(err, "{}", reason.of(*jobs))?;
+    }
+    let [lacking, again] = all.lacking;
+    if lacking > 0 {
+        let jobs = counted(lacking, "completed job");
+        let again = match again {
+            0 => "without training".to_owned(),
+            again => format!("{} of them by training again, without recorded decisions", again),
+        };
+        writeln!(err, "estimates of {jobs} to compute, {again}")?;
     }
     if all.to_run() == 0 {
         return writeln!(err, "nothing to run");

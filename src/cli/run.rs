@@ -20,7 +20,9 @@ use crate::job::JobKey;
 use crate::key::printable;
 use crate::manifest::Manifest;
 use crate::plan::{Filter, Shard, Swept, headlines};
-use crate::schedule::{self, OnFailure, Options, Queued, Remaining, Selection, Speeds, Tally};
+use crate::schedule::{
+    self, Estimated, OnFailure, Options, Queued, Remaining, Selection, Speeds, Tally,
+};
 use crate::store::{FailedJob, Reader, RetryFailed, Store, mean_returns};
 
 /// Maximum number of different failures listed at the end.
@@ -77,7 +79,9 @@ pub(super) struct Arguments {
     /// failed, with wall_seconds, kind and message; interrupted, with wall_seconds; lost, when
     /// another process has taken over the job. A job that needs no run: skipped, with found
     /// (completed or failed). Checkpoints of a started job: resumed, with the episode at which the
-    /// job continues; checkpoint_refused and checkpoint_not_kept, with file and reason. The last
+    /// job continues; checkpoint_refused and checkpoint_not_kept, with file and reason. Estimates that
+    /// completed jobs lacked: estimated, with the numbers of jobs read (from recorded decisions),
+    /// trained (again), differing and failed. The last
     /// event: done, stopped (by a signal) or halted (by --fail-fast), with the number of jobs that
     /// ran, and the total numbers completed, failed and left. The end of a job is reported once it
     /// is stored, and before the next job of the same worker is reported as started.
@@ -117,6 +121,9 @@ pub(super) fn run(arguments: &Arguments) -> Result<Exit, Error> {
     let options = arguments.options();
     let remaining = Remaining::of(&store, &selection, options.retry_failed)?;
     let mut end = End::before(&remaining);
+    if !remaining.lacking.is_empty() {
+        end.estimated = arguments.estimate(&mut store, &remaining.lacking, &stop)?;
+    }
     let reader = store.reader()?;
     if !remaining.queue.is_empty() {
         let mut shown = arguments.shown(&reader, &remaining.queue, Swept::of(&manifests))?;
@@ -127,7 +134,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<Exit, Error> {
         drop(shown);
         end.tally = swept?;
     }
-    if end.left() > 0 {
+    if end.left() > 0 || end.estimated.lacking > 0 {
         // A signal after the last job has no effect.
         end.cause = match options.on_failure {
             _ if stop.load(Ordering::Relaxed) => Cause::Signal,
@@ -155,6 +162,60 @@ impl Arguments {
             on_failure: if self.fail_fast { OnFailure::Stop } else { OnFailure::Continue },
             checkpoint_every: self.checkpoint_every,
         }
+    }
+
+    /// Adds the estimates that completed jobs lack, and says how they came about.
+    fn estimate(
+        &self,
+        store: &mut Store,
+        lacking: &[Queued],
+        stop: &AtomicBool,
+    ) -> Result<EstimatesEnd, Error> {
+        let again = lacking.iter().filter(|queued| schedule::trains_again(&queued.job)).count();
+        let says = self.format == Format::Text && !self.quiet;
+        let mut err = io::stderr();
+        if says && again > 0 {
+            let jobs = counted(again, "completed job");
+            let _ =
+                writeln!(err, "training {jobs} again for estimates, without recorded decisions");
+        }
+        let workers = self.options().workers.get();
+        let estimated = schedule::add_estimates(store, lacking, workers, stop)?;
+        let Estimated { read, trained, differing, failures } = &estimated;
+        if self.format == Format::Json {
+            let event = serde_json::json!({
+                "event": "estimated", "read": read, "trained": trained, "differing": differing,
+                "failed": failures.len(),
+            });
+            writeln!(io::stdout(), "{event}")?;
+        }
+        if says && *read > 0 {
+            let jobs = counted(*read, "completed job");
+            let _ = writeln!(
+                err,
+                "estimates of {jobs} computed from recorded decisions, without training"
+            );
+        }
+        if says && *trained > 0 {
+            let jobs = counted(*trained, "completed job");
+            let _ = writeln!(
+                err,
+                "estimates of {jobs} computed by training again, with the same results"
+            );
+        }
+        if *differing > 0 {
+            let jobs = counted(*differing, "completed job");
+            let _ = writeln!(
+                err,
+                "no estimates of {jobs}: training again gave other results than the store has; \
+                 record_decisions = \"test\" makes jobs that keep their decisions"
+            );
+        }
+        for failure in failures.iter().take(FAILURES_SHOWN) {
+            let _ = writeln!(err, "no estimates of {}", printable(failure));
+        }
+        let failed = differing + failures.len();
+        Ok(EstimatesEnd { failed, lacking: lacking.len() - read - trained - failed })
     }
 
     fn shown(&self, reader: &Reader, queue: &[Queued], swept: Swept) -> Result<Shown, Error> {
@@ -210,8 +271,18 @@ enum Cause {
     Failure,
 }
 
+/// How the estimates of completed jobs ended.
+#[derive(Clone, Copy, Default)]
+struct EstimatesEnd {
+    /// Jobs whose estimates could not be added.
+    failed: usize,
+    /// Jobs whose estimates remain to be added, after a stop.
+    lacking: usize,
+}
+
 /// How a sweep ended.
 struct End {
+    estimated: EstimatesEnd,
     /// Number of jobs to run.
     queued: usize,
     /// Number of jobs that had completed before the sweep.
@@ -226,6 +297,7 @@ impl End {
     /// The end of a sweep that has not begun.
     fn before(remaining: &Remaining) -> End {
         End {
+            estimated: EstimatesEnd::default(),
             queued: remaining.queue.len(),
             completed_before: remaining.completed,
             failed_before: remaining.failed,
@@ -250,7 +322,7 @@ impl End {
         match self.cause {
             Cause::Signal => Exit::Interrupted,
             Cause::Failure => Exit::JobsFailed,
-            Cause::NothingLeft if self.failed() > 0 => Exit::JobsFailed,
+            Cause::NothingLeft if self.failed() + self.estimated.failed > 0 => Exit::JobsFailed,
             Cause::NothingLeft => Exit::Done,
         }
     }

@@ -391,7 +391,7 @@ impl Plan {
         }
         let selection = Selection::new(&manifests, None).expect("no filter refuses");
         let selection = selection.part(keys.iter().copied().collect());
-        let queue = schedule::Survey::of(&selection, None).queue(|_| true)?;
+        let queue = schedule::Survey::of(&selection, None).queue(|_, _| true)?;
         let jobs: HashMap<JobKey, Queued> =
             queue.into_iter().map(|queued| (queued.key, queued)).collect();
         match keys.len() - jobs.len() {

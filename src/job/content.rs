@@ -7,10 +7,10 @@ use serde_json::{Map, Value as Json};
 use super::identity::{Parts, agent_text, environment_text, people_text, text};
 use super::metric::TERMINATION_RATE;
 use super::{
-    CanonicalForm, Evaluation, JobKey, MetricName, Pooling, RecordedEpisodes, Scalar, Trial,
-    Versions,
+    CanonicalForm, Evaluation, JobKey, MetricName, Pooling, RecordedEpisodes, Scalar, TestActions,
+    Trial, Versions,
 };
-use crate::agent::{Agent, Algorithm, Engine, Task, Work};
+use crate::agent::{Agent, Algorithm, Engine, External, Task, Work};
 use crate::env::{Environment, Family, Scenario};
 use crate::key::{CanonicalError, Key, Keyed, Parameter, Value, free_key, read_object};
 
@@ -107,6 +107,25 @@ impl Job {
     pub fn termination_metric(&self) -> MetricName {
         let name = self.environment.family().termination_metric;
         MetricName::named(name).unwrap_or(TERMINATION_RATE)
+    }
+
+    /// Whether no action of the evaluation is drawn by chance.
+    pub fn never_draws(&self) -> bool {
+        let is_greedy = self.evaluation.test_actions == TestActions::Greedy;
+        (is_greedy && self.trial.is_none() && self.agent.algorithm().learns())
+            || self.agent.never_draws()
+    }
+
+    /// Whether the agent or the environment is an outside program.
+    pub fn is_outside(&self) -> bool {
+        self.agent.parameters::<External>().is_some() || self.environment.family().is_external()
+    }
+
+    /// The names of the numbers in the recorded state of a decision, as far as they are known before the job runs.
+    pub fn state_names(&self) -> Vec<String> {
+        let mut names = self.environment.state_names();
+        names.extend(self.trial.iter().flat_map(Trial::state_names));
+        names
     }
 
     /// The versions of the code that this job would run with.

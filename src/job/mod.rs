@@ -6,6 +6,7 @@
 
 mod condition;
 mod content;
+mod estimate;
 mod evaluation;
 mod identity;
 mod implied;
@@ -18,6 +19,10 @@ mod trial;
 
 pub use condition::{Condition, Described, short_name};
 pub use content::{Job, JobError, NoWeights};
+pub use estimate::{
+    CONSTANT, Effect, Estimate, EstimateDeclaration, Estimates, Estimator, Messages, REWARD, STEP,
+    Treatment,
+};
 pub use evaluation::{EvaluatedOn, Evaluation, RecordedDecisions, RecordedEpisodes, TestActions};
 pub use identity::{
     CanonicalForm, JobKey, Parts, Versions, agent_text, environment_text, people_text, text,
@@ -32,4 +37,4 @@ pub use outcome::{
 };
 pub use participant_range::ParticipantRange;
 pub use scalar::Scalar;
-pub use trial::{Calendar, Pooling, Stay, Trial, UpdateData};
+pub use trial::{Calendar, Pooling, ROWS, Stay, Trial, UpdateData};

@@ -4,7 +4,7 @@
 
 use std::fmt;
 
-use super::{MetricName, ParticipantRange};
+use super::{Estimates, MetricName, ParticipantRange};
 
 /// A named number about a completed run.
 #[derive(Clone, Debug, PartialEq)]
@@ -126,6 +126,8 @@ pub struct Results {
     pub participants: Vec<ParticipantValue>,
     /// Trained weights in the safetensors format; `None` for an algorithm without weights.
     pub weights: Option<Vec<u8>>,
+    /// The estimates that were asked for. They are no part of the digest of results.
+    pub estimates: Vec<Estimates>,
 }
 
 /// A part of the results of runs.
@@ -139,6 +141,8 @@ pub enum DataPart {
     ActionChoice,
     /// Returns of the test episodes.
     Returns,
+    /// Estimates of causal effects.
+    Estimates,
     /// Test episodes of some participants.
     Participants(ParticipantRange),
 }
@@ -208,6 +212,7 @@ pub struct Failure {
 
 /// How a run ended.
 #[derive(Clone, Debug, PartialEq)]
+#[expect(clippy::large_enum_variant, reason = "a process holds few outcomes at a time")]
 pub enum Outcome {
     /// Training and test were completed.
     Completed(Results),

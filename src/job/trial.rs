@@ -167,6 +167,13 @@ impl Trial {
         u64::from(self.days) * u64::from(self.decisions_per_day)
     }
 
+    /// The names of the numbers that stand behind the recorded state in a trial: whether the phone reported, the day
+    /// of the calendar, and the number of the policy in force.
+    pub fn state_names(&self) -> impl Iterator<Item = String> + use<> {
+        let reported = (self.unreported > 0.0).then_some("reported");
+        reported.into_iter().chain(["calendar_day", "policy"]).map(str::to_owned)
+    }
+
     /// A key with a value under which nobody's best mean return is that of the environment, and its value.
     pub fn without_optimum(&self) -> Option<(&'static str, f64)> {
         let realities = [("dropout", self.dropout), ("unreported", self.unreported)];

@@ -180,6 +180,7 @@ pub(super) fn lost(
         let mut faults = FaultList::default();
         let checked = Checked { draft, manifest, analysis };
         checked.family(&mut faults);
+        checked.estimates(&mut faults);
         checked.conditions(&mut faults);
         checked.metric(&mut faults);
         checked.sides(&mut faults);
@@ -239,6 +240,33 @@ impl Checked<'_> {
             family.name
         );
         faults.add(Fault::at(analysis.span, message));
+    }
+
+    /// Reports operating characteristics of estimates that are not declared, or of people along another axis.
+    fn estimates(&self, faults: &mut FaultList) {
+        let Checked { draft, manifest, analysis } = self;
+        let AnalysisKind::OperatingCharacteristics(kind) = &analysis.analysis.kind else { return };
+        let declared = manifest.estimates.iter().map(|one| one.declaration.name.as_str());
+        let declared: Vec<&str> = declared.collect();
+        let word = analysis.analysis.kind.word();
+        if declared.is_empty() && draft.estimates.is_empty() {
+            let message = format!("kind \"{word}\" needs an [[estimate]]");
+            let help = "write [[estimate]] with name = \"effect\"";
+            faults.add(Fault::at(analysis.span, message).help(help));
+            return;
+        }
+        for name in kind.estimates.0.iter().filter(|name| !declared.contains(&name.as_str())) {
+            let message = format!("no [[estimate]] is called `{name}`");
+            let fault = Fault::at(analysis.span, message);
+            let fault = fault.help(format!("the estimates are {}", declared.join(", ")));
+            faults.add(fault.nearest(name, declared.iter().copied()));
+        }
+        if let (Some(_), Some(x)) = (kind.find, kind.x.filter(|x| *x != Parameter::Trial("people")))
+        {
+            let message = format!("`find` is sought along `trial.people`, and `x` is `{x}`");
+            let help = "leave out `x`, or seek the number of people in another analysis";
+            faults.add(Fault::at(analysis.span, message).help(help));
+        }
     }
 
     /// Reports a metric or participants that no job records.

@@ -10,11 +10,12 @@ use super::limits::MOST_JOBS;
 use super::parameter::seed_of;
 use super::participant_range;
 use super::sides::Sides;
-use super::sweep::whole;
+use super::source::Located;
+use super::sweep::{number, whole};
 use super::written::{condition, list, quoted};
 use crate::job::metric::{LOWER_QUARTILE_RETURN, MEAN_RETURN, metrics_of};
 use crate::job::{Condition, DataPart, MetricName, MetricPlace};
-use crate::key::{FixedKind, Kind, Parameter, choices};
+use crate::key::{FixedKind, Kind, Parameter, Value, choices};
 
 /// Declares the kinds: the word of each in manifests, the shared keys that it has, the keys of figures that it
 /// follows, and its own keys.
@@ -124,6 +125,16 @@ kinds! {
         with: Vec<Condition>;
         /// the arms whose distance to the optimum is the loss
         without: Vec<Condition>;
+    }
+
+    /// How estimates behave over trials: bias, standard errors, coverage and power.
+    OperatingCharacteristics = "operating_characteristics", [], LINES, {
+        /// the names of the estimates; all by default
+        estimates: EstimateNames;
+        /// the horizontal axis of the figures; `trial.people` with `find`
+        x: Option<Parameter>;
+        /// the power whose number of people is sought along `trial.people`
+        find: Option<Find>;
     }
 
     /// The rate at which the most likely context is wrong.
@@ -334,6 +345,64 @@ impl Field for Vec<Condition> {
     }
 }
 
+/// The names of declared estimates; none for all of them.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct EstimateNames(pub Vec<String>);
+
+impl Field for EstimateNames {
+    fn schema(_: Option<Kind>) -> Json {
+        json!({ "type": "array", "minItems": 1, "uniqueItems": true, "items": { "$ref": "#/$defs/name" } })
+    }
+
+    fn read(table: &mut AnalysisTable<'_, '_>, key: &str, _: Option<Kind>) -> Option<Self> {
+        let Some(node) = table.node(key) else { return Some(EstimateNames::default()) };
+        let items = table.reader.items(key, node);
+        let names = items.into_iter().map(|item| table.reader.name(key, item).value);
+        Some(EstimateNames(names.collect()))
+    }
+
+    fn written(&self, key: &'static str) -> Vec<(&'static str, String)> {
+        let names: Vec<String> = self.0.iter().map(quoted).collect();
+        if names.is_empty() { Vec::new() } else { vec![(key, format!("[{}]", names.join(", ")))] }
+    }
+}
+
+/// What is sought along the number of people.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Find {
+    /// The power, between 0 and 1.
+    pub power: f64,
+}
+
+impl Field for Find {
+    fn schema(_: Option<Kind>) -> Json {
+        let power = json!({ "type": "number", "exclusiveMinimum": 0, "exclusiveMaximum": 1 });
+        json!({
+            "type": "object",
+            "properties": { "power": power },
+            "required": ["power"],
+            "additionalProperties": false,
+        })
+    }
+
+    fn read(table: &mut AnalysisTable<'_, '_>, key: &str, _: Option<Kind>) -> Option<Find> {
+        let node = table.node(key)?;
+        let power = node.get_ref().as_table().filter(|keys| keys.len() == 1);
+        let power = power.and_then(|keys| keys.get("power")).and_then(|node| number(node));
+        let power = power.filter(|power| *power > 0.0 && *power < 1.0);
+        if power.is_none() {
+            table.reader.expected(key, "{ power = 0.8 } or another number between 0 and 1", node);
+        }
+        let value = Parameter::Trial("people");
+        table.axes.push(Located { value, span: node.span().into() });
+        power.map(|power| Find { power })
+    }
+
+    fn written(&self, key: &'static str) -> Vec<(&'static str, String)> {
+        vec![(key, format!("{{ power = {} }}", Value::Real(self.power)))]
+    }
+}
+
 impl AnalysisKind {
     /// The declaration of the kind.
     pub(super) fn declaration(&self) -> &'static KindDeclaration {
@@ -357,6 +426,7 @@ impl AnalysisKind {
             AnalysisKind::ActionChoice(_) | AnalysisKind::InferenceError(_) => {
                 DataPart::ActionChoice
             }
+            AnalysisKind::OperatingCharacteristics(_) => DataPart::Estimates,
             AnalysisKind::Contrast(_)
             | AnalysisKind::Curve(_)
             | AnalysisKind::HeatMap(_)
@@ -383,6 +453,7 @@ impl AnalysisKind {
             | AnalysisKind::ActionChoice(_)
             | AnalysisKind::Selection(_)
             | AnalysisKind::Recovery(_)
+            | AnalysisKind::OperatingCharacteristics(_)
             | AnalysisKind::InferenceError(_) => None,
         }
     }

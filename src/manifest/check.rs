@@ -6,6 +6,7 @@ use std::collections::{HashMap, HashSet};
 use super::analyses;
 use super::declared::{DeclaredAgent, Exclusion, Manifest};
 use super::draft::Draft;
+use super::estimates;
 use super::fault::{Fault, FaultList};
 use super::grid::{Axis, Grid, axes, size, zipped};
 use super::limits::{MOST_COMPARISONS, MOST_JOBS};
@@ -65,6 +66,9 @@ pub(super) fn check(
         }
     }
     trials(draft, &manifest, &grids, faults);
+    if faults.is_empty() {
+        estimates::check(draft, &manifest, &grids, faults);
+    }
     if exclusions_hold && broken.is_empty() && !draft.invalid_cells {
         matches(draft, &grids, faults);
     }

@@ -75,6 +75,7 @@ pub(super) fn complete(
         trial: parameters(&draft.trial),
         zips: zips.map(|zip| Zip { parameters: zip.value.clone() }).collect(),
         exclusions: exclusions.filter(|exclusion| !exclusion.conditions.is_empty()).collect(),
+        estimates: draft.estimates.iter().map(|draft| draft.estimate.clone()).collect(),
         analyses: draft.analyses.iter().map(|draft| draft.analysis.clone()).collect(),
         named_runs: Vec::new(),
     }

@@ -1,13 +1,15 @@
 //! A validated manifest: complete and consistent.
 
 use std::path::Path;
+use std::sync::Arc;
 
 use super::analysis::Analysis;
+use super::estimate::DeclaredEstimate;
 use super::parameter::{Parameters, scenario_of, seed_of};
 use super::section::Section;
 use crate::agent::Algorithm;
 use crate::env::{Family, Scenario};
-use crate::job::Condition;
+use crate::job::{Condition, EstimateDeclaration};
 use crate::key::{Parameter, Value};
 
 /// A validated manifest: every default filled in, every cell of its grids a possible job.
@@ -47,6 +49,8 @@ pub struct Manifest {
     pub zips: Vec<Zip>,
     /// Excluded cells of the grids.
     pub exclusions: Vec<Exclusion>,
+    /// Estimates of causal effects from the decisions of jobs; not part of any job.
+    pub estimates: Vec<DeclaredEstimate>,
     /// Analyses for the report; not part of any job.
     pub analyses: Vec<Analysis>,
     /// The values that name jobs of a store, each with the text of the job's policy.
@@ -120,6 +124,14 @@ impl Manifest {
     /// The seeds, in the order of the manifest.
     pub fn seeds(&self) -> impl Iterator<Item = u64> {
         self.seeds.iter().map(seed_of)
+    }
+
+    /// The estimates of the jobs of an agent.
+    pub fn estimates_of(&self, agent: &str) -> Vec<Arc<EstimateDeclaration>> {
+        let is_of = |one: &&DeclaredEstimate| {
+            one.agents.as_ref().is_none_or(|agents| agents.iter().any(|name| name == agent))
+        };
+        self.estimates.iter().filter(is_of).map(|one| one.declaration.clone()).collect()
     }
 
     /// The number of values that `parameter` takes for `agent`; 0 if the agent has no such key.

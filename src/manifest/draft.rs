@@ -6,6 +6,7 @@
 use std::collections::BTreeMap;
 
 use super::analysis::AnalysisDraft;
+use super::estimate::EstimateDraft;
 use super::section::Section;
 use super::source::{Located, Span};
 use crate::agent::Algorithm;
@@ -30,6 +31,7 @@ pub(super) struct Draft {
     pub agents: Vec<AgentDraft>,
     pub zips: Option<Vec<Located<Vec<Parameter>>>>,
     pub exclusions: Vec<Located<Vec<Located<Condition>>>>,
+    pub estimates: Vec<EstimateDraft>,
     pub analyses: Vec<AnalysisDraft>,
     /// Whether the file states a version of the format.
     pub has_format: bool,
@@ -120,6 +122,7 @@ impl Draft {
             agents: Vec::new(),
             zips: None,
             exclusions: Vec::new(),
+            estimates: Vec::new(),
             analyses: Vec::new(),
             has_format: false,
             unread_agents: Vec::new(),
@@ -160,6 +163,7 @@ impl Draft {
         }
         self.unread_agents.extend(other.unread_agents);
         self.exclusions.extend(other.exclusions);
+        self.estimates.extend(other.estimates);
         self.analyses.extend(other.analyses);
         Draft {
             name: other.name.or(self.name),

@@ -12,7 +12,7 @@ use super::parameter::{Parameters, scenario_of, seed_of};
 use super::section::Section;
 use crate::agent::{Agent, Algorithm, HORIZON};
 use crate::env::{Environment, Scenario};
-use crate::job::{Evaluation, Trial};
+use crate::job::{Evaluation, Job, Trial};
 use crate::key::{Assignment, Constraint, Key, Keyed, Parameter, Value, Violation};
 
 /// The number of observations that an agent sees at a time.
@@ -307,6 +307,23 @@ impl<'m> Grid<'m> {
         let choose = |key: usize| self.trial[key].map_or(0, |axis| cell.0[axis]);
         let values = self.manifest.trial.chosen(choose);
         self.manifest.has_trial().then(|| Trial::from_values(&values).expect(TYPED))
+    }
+
+    /// The agent's name.
+    pub(super) fn agent_name(&self) -> &'m str {
+        &self.agent.name
+    }
+
+    /// The cell's job.
+    pub(super) fn job(&self, cell: &Cell) -> Job {
+        Job {
+            environment: self.environment(cell),
+            scenario: self.scenario(cell),
+            agent: self.agent(cell),
+            evaluation: self.evaluation(cell),
+            trial: self.trial(cell),
+            seed: self.seed(cell),
+        }
     }
 
     /// The cell's evaluation.

@@ -25,6 +25,8 @@ mod declared;
 mod document;
 mod draft;
 mod edits;
+mod estimate;
+mod estimates;
 mod fault;
 mod figure_keys;
 mod free;
@@ -55,13 +57,15 @@ mod written;
 
 pub use analysis::Analysis;
 pub use analysis_kind::{
-    ActionChoice, AnalysisKind, Bins, Contrast, Curve, FamilyName, HeatMap, InferenceError,
-    LearningCurve, Pairing, Recovery, Selection, SelectionRule,
+    ActionChoice, AnalysisKind, Bins, Contrast, Curve, EstimateNames, FamilyName, Find, HeatMap,
+    InferenceError, LearningCurve, OperatingCharacteristics, Pairing, Recovery, Selection,
+    SelectionRule,
 };
 pub use axis::{CurveAxis, ERROR_AXIS};
 pub use companions::{companions, self_contained};
 pub use declared::{DeclaredAgent, Exclusion, Manifest, Zip};
 pub(crate) use document::{Document, document};
+pub use estimate::DeclaredEstimate;
 pub(crate) use fault::FaultList;
 pub use fault::{Fault, Faults, nearest, nearest_value};
 pub use figure_keys::{FigureKeys, PanelKey, Theme, XScale};

@@ -18,7 +18,7 @@ use crate::key::hidden;
 use crate::key::{Kind, Value};
 
 /// The top-level keys of a manifest: first the keys above all tables, then the tables.
-pub(super) const TOP_KEYS: [&str; 17] = [
+pub(super) const TOP_KEYS: [&str; 18] = [
     "format",
     "name",
     "extends",
@@ -35,13 +35,14 @@ pub(super) const TOP_KEYS: [&str; 17] = [
     "evaluation",
     "trial",
     "exclude",
+    "estimate",
     "analysis",
 ];
 /// The number of [`TOP_KEYS`] above all tables.
 const ABOVE_TABLES: usize = 10;
 
 /// The keys of [`TOP_KEYS`] that are arrays of tables, with double brackets.
-pub(super) const TABLES: [&str; 3] = ["agent", "exclude", "analysis"];
+pub(super) const TABLES: [&str; 4] = ["agent", "exclude", "estimate", "analysis"];
 
 /// The version of the format that this program reads and writes.
 pub(super) const FORMAT: u64 = 1;
@@ -145,6 +146,7 @@ impl Reader<'_> {
             "agent" => self.agents(draft, inherited, node),
             "zip" => self.zips(draft, node),
             "exclude" => self.exclusions(draft, node),
+            "estimate" => self.estimates(draft, node),
             "analysis" => self.analyses(draft, node),
             _ => {}
         }

@@ -5,13 +5,14 @@ use std::fmt::{self, Write};
 use super::analysis::Analysis;
 use super::analysis_field::Fields;
 use super::declared::{DeclaredAgent, Manifest};
+use super::estimate::DeclaredEstimate;
 use super::free::FAMILY;
 use super::parameter::Parameters;
 use super::participant_range;
 use super::read::FORMAT;
 use super::written::{self, list, quoted};
 use crate::env::Family;
-use crate::job::Condition;
+use crate::job::{Condition, Messages, Treatment};
 use crate::key::{Key, Parameter, Value};
 
 impl Manifest {
@@ -77,6 +78,7 @@ impl Manifest {
                 .iter()
                 .try_for_each(|condition| write_condition(out, condition))?;
         }
+        self.estimates.iter().try_for_each(|estimate| write_estimate(out, estimate))?;
         self.analyses.iter().try_for_each(|analysis| write_analysis(out, analysis))
     }
 }
@@ -122,6 +124,30 @@ fn write_parameters(out: &mut String, parameters: &Parameters) -> fmt::Result {
             writeln!(out, "{} = {}", key.name, list(&values))
         }
     })
+}
+
+fn write_estimate(out: &mut String, estimate: &DeclaredEstimate) -> fmt::Result {
+    let of = &estimate.declaration;
+    let texts = |list: &[String]| written::list(&list.iter().map(quoted).collect::<Vec<_>>());
+    let treatment = match of.treatment {
+        Treatment::Action(action) => action.to_string(),
+        Treatment::Messages(Messages::Any) => quoted(Treatment::WORDS[0]),
+        Treatment::Messages(Messages::Each) => quoted(Treatment::WORDS[1]),
+    };
+    writeln!(
+        out,
+        "\n[[estimate]]\nname = {}\nestimator = {}",
+        quoted(&of.name),
+        quoted(&of.estimator)
+    )?;
+    writeln!(out, "outcome = {}\ntreatment = {treatment}", quoted(&of.outcome))?;
+    writeln!(out, "control = {}\nmoderators = {}", texts(&of.control), texts(&of.moderators))?;
+    writeln!(out, "numerator = {:?}", of.numerator)?;
+    if of.truth {
+        writeln!(out, "truth = true")?;
+    }
+    let agents = estimate.agents.as_ref();
+    agents.iter().try_for_each(|agents| writeln!(out, "agents = {}", texts(agents)))
 }
 
 fn write_analysis(out: &mut String, analysis: &Analysis) -> fmt::Result {

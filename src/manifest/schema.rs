@@ -3,6 +3,7 @@
 use serde_json::{Map, Value as Json, json};
 
 use super::analysis_kind::KINDS;
+use super::estimates;
 use super::free::{FAMILY, PARAMETERS};
 use super::limits::MOST_JOBS;
 use super::parameter::parameters;
@@ -64,6 +65,7 @@ pub fn schema() -> Json {
             "evaluation": section(Section::Evaluation, Map::new()),
             "trial": trial(),
             "exclude": exclude(),
+            "estimate": estimates::schema(),
             "analysis": analysis(),
         },
     });
@@ -174,6 +176,12 @@ fn top() -> Json {
             "type": "array",
             "maxItems": MOST_ENTRIES,
             "items": { "$ref": "#/$defs/exclude" },
+        },
+        "estimate": {
+            "description": "causal effects that are estimated from the decisions of jobs; not part of any job",
+            "type": "array",
+            "maxItems": MOST_ENTRIES,
+            "items": { "$ref": "#/$defs/estimate" },
         },
         "analysis": {
             "description": "figures and tables of the report; not part of any job",

@@ -408,7 +408,7 @@ fn json(node: &Node) -> Option<Json> {
 }
 
 /// The number in `node`; whole numbers are converted.
-fn number(node: &Node) -> Option<f64> {
+pub(super) fn number(node: &Node) -> Option<f64> {
     match node.get_ref() {
         DeValue::Float(float) => float.as_str().parse().ok(),
         DeValue::Integer(integer) => {

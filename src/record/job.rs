@@ -5,7 +5,9 @@ use std::sync::Arc;
 
 use super::settings::{Settings, SharedSettings};
 use crate::job::PlannedJob;
-use crate::job::{ActionCount, Failure, JobKey, Provenance, TestEpisode};
+use crate::job::{
+    ActionCount, Estimate, EstimateDeclaration, Estimates, Failure, JobKey, Provenance, TestEpisode,
+};
 use crate::job::{Described, ParticipantRange, Scalar};
 use crate::key::Parameter;
 
@@ -178,6 +180,8 @@ pub struct CompletedRun {
     pub returns: Vec<f64>,
     /// Test episodes of some participants, for each requested range.
     pub among: Vec<AmongParticipants>,
+    /// The estimates of its decisions; empty if not requested.
+    pub estimates: Vec<Estimates>,
     /// The code and the machine that produced the run.
     pub provenance: Arc<Provenance>,
     /// When the run ended, in UTC, ISO 8601 with milliseconds.
@@ -190,5 +194,11 @@ impl CompletedRun {
     /// The metric of this name, if it was recorded.
     pub fn metric(&self, name: &str) -> Option<f64> {
         self.metrics.iter().find(|(known, _)| **known == *name).map(|(_, value)| *value)
+    }
+
+    /// The terms of a declared estimate, if they were requested and the run has them.
+    pub fn estimate(&self, declaration: &EstimateDeclaration) -> Option<&[Estimate]> {
+        let found = self.estimates.iter().find(|one| *one.declaration == *declaration);
+        found.map(|estimates| &*estimates.terms)
     }
 }

@@ -118,6 +118,13 @@ fn data_set(
         if let (JobStatus::Completed(run), true) = (&mut job.status, is_condensed) {
             condense(Arc::make_mut(run));
         }
+        if let JobStatus::Completed(run) = &mut job.status
+            && !run.estimates.is_empty()
+        {
+            // A run can have estimates that other manifests declare.
+            let declared = manifest.estimates_of(&job.agent);
+            Arc::make_mut(run).estimates.retain(|one| declared.contains(&one.declaration));
+        }
         read += 1;
         on_progress(Work::Jobs, read, total);
     })?;
@@ -146,6 +153,7 @@ fn parts(manifest: &Manifest, job: &JobRecord) -> Parts {
         curve: reads(DataPart::LearningCurve),
         actions: reads(DataPart::ActionChoice),
         returns: true,
+        estimates: !manifest.estimates.is_empty(),
     }
 }
 

@@ -79,7 +79,7 @@ impl Search<'_> {
             let job = Job { seed: *seed, ..winner.job.clone() };
             PlannedJob { agent: winner.agent.clone(), form: job.form(), job }
         });
-        let parts = Parts { curve: false, actions: false, returns: true };
+        let parts = Parts { returns: true, ..Parts::default() };
         let mut data = self.reader.data_set_of(&self.manifest.name, planned, |_| parts, |_| {})?;
         if let Some(range) = self.analysis.participants {
             self.reader.read_participants(&mut data.jobs, &[range])?;

@@ -4,6 +4,7 @@ use std::collections::HashSet;
 use std::fs::File;
 use std::sync::atomic::AtomicBool;
 
+use super::estimates::add_estimates;
 use super::event::{Event, EventSink};
 use super::queued::Queued;
 use super::selection::Selection;
@@ -79,6 +80,7 @@ pub fn run_manifests(
     }
     let selection = Selection::new(manifests, None).expect("no filter refuses");
     let remaining = Remaining::of(store, &selection, options.retry_failed)?;
+    let estimated = add_estimates(store, &remaining.lacking, options.workers.get(), stop)?;
     let tally = match remaining.queue.is_empty() {
         true => Tally::default(),
         false => run_queue(store, remaining.queue, options, stop, |_| {}, &mut on_event)?,
@@ -86,6 +88,8 @@ pub fn run_manifests(
     Ok(Tally {
         already_completed: tally.already_completed + remaining.completed,
         already_failed: tally.already_failed + remaining.failed,
+        estimated: estimated.read + estimated.trained,
+        not_estimated: estimated.differing + estimated.failures.len(),
         ..tally
     })
 }

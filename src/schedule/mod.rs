@@ -18,6 +18,7 @@
 
 mod checkpoint;
 mod estimate;
+mod estimates;
 mod event;
 mod manifests;
 mod panic;
@@ -30,6 +31,7 @@ mod worker;
 
 pub use checkpoint::{CheckpointFolder, CheckpointNote};
 pub use estimate::{Left, Speeds, shared, spoken};
+pub use estimates::{Estimated, add_estimates, trains_again};
 pub use event::{Event, EventSink, Found};
 pub use manifests::{register_experiment, run_manifests, run_queue};
 pub use provenance::of_this_process;

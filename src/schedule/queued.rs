@@ -1,9 +1,10 @@
 //! A job in the queue.
 
 use std::path::PathBuf;
+use std::sync::Arc;
 use std::time::Duration;
 
-use crate::job::{Job, JobKey};
+use crate::job::{EstimateDeclaration, Job, JobKey};
 
 /// A job in the queue, with the name of its agent.
 #[derive(Clone, Debug)]
@@ -16,6 +17,8 @@ pub struct Queued {
     pub job: Job,
     /// The time limit of the job, summed over runs that resume one another; `None` if unlimited.
     pub time_limit: Option<Duration>,
+    /// The declared estimates of the decisions of its test or trial.
+    pub estimates: Vec<Arc<EstimateDeclaration>>,
     /// The folder of the job's manifest, in which an outside program starts.
     pub folder: PathBuf,
 }

@@ -12,6 +12,7 @@ use super::checkpoint::CheckpointFolder;
 use super::queued::Queued;
 use super::selection::Selection;
 use crate::job::{JobKey, PlannedJob, Versions};
+use crate::manifest::Manifest;
 use crate::plan::{self, ChangedDefault};
 use crate::store::{JobState, JobStates, Reader, RetryFailed, Store, StoreError};
 
@@ -179,13 +180,13 @@ impl<'a> Survey<'a> {
         Ok(others.len() as u64)
     }
 
-    /// The distinct jobs whose state `is_wanted`, in order. A job in several manifests gets their longest
-    /// time limit and the folder of the first. Other jobs are not kept.
+    /// The distinct jobs that are wanted, in order. A job in several manifests gets their longest time limit, the
+    /// estimates of all, and the folder of the first. Other jobs are not kept.
     ///
     /// **Errors**: the store fails.
     pub fn queue(
         mut self,
-        mut is_wanted: impl FnMut(JobState) -> bool,
+        mut is_wanted: impl FnMut(&JobKey, JobState) -> bool,
     ) -> Result<Vec<Queued>, StoreError> {
         let mut queue: Vec<Queued> = Vec::new();
         // Indices in the queue.
@@ -194,16 +195,22 @@ impl<'a> Survey<'a> {
             let time_limit = manifest.time_limit_seconds.map(Duration::from_secs);
             self.walk(index, |Surveyed { key, planned, state, sharing, .. }| {
                 match sharing {
-                    Sharing::First if is_wanted(state) => {
+                    Sharing::First if is_wanted(&key, state) => {
                         queued.insert(key, queue.len());
                         let (agent, folder) = (planned.agent.to_string(), manifest.folder());
                         let (job, folder) = (planned.job, folder.to_owned());
-                        queue.push(Queued { key, agent, job, time_limit, folder });
+                        let estimates = manifest.estimates_of(&agent);
+                        queue.push(Queued { key, agent, job, time_limit, estimates, folder });
                     }
                     Sharing::First => {}
                     Sharing::Shared => {
                         if let Some(earlier) = queued.get(&key).map(|&index| &mut queue[index]) {
                             earlier.time_limit = longer(earlier.time_limit, time_limit);
+                            for declared in manifest.estimates_of(&planned.agent) {
+                                if !earlier.estimates.contains(&declared) {
+                                    earlier.estimates.push(declared);
+                                }
+                            }
                         }
                     }
                 }
@@ -220,6 +227,17 @@ fn longer(one: Option<Duration>, other: Option<Duration>) -> Option<Duration> {
 }
 
 impl Surveyed<'_> {
+    /// Whether the job is completed and lacks an estimate that the manifest declares.
+    ///
+    /// **Errors**: the store fails.
+    pub fn lacks_estimates(&self, manifest: &Manifest) -> Result<bool, StoreError> {
+        let Some(states) = self.states.filter(|_| self.state == JobState::Completed) else {
+            return Ok(false);
+        };
+        let declared = manifest.estimates_of(&self.planned.agent);
+        Ok(!states.reader().lacking_estimates(&self.key, &declared)?.is_empty())
+    }
+
     /// Why the job runs again, or does not run; `None` if it is completed, running or new.
     ///
     /// **Errors**: the store fails.
@@ -262,6 +280,8 @@ pub struct Remaining {
     pub queue: Vec<Queued>,
     /// The number of jobs that have a completed run.
     pub completed: usize,
+    /// The completed jobs that lack declared estimates, each with those alone.
+    pub lacking: Vec<Queued>,
     /// The number of failed jobs that are not retried.
     pub failed: usize,
 }
@@ -279,12 +299,13 @@ impl Remaining {
         let reader = store.reader()?;
         CheckpointFolder::beside(store.path()).clear(&reader)?;
         store.clear_crash_marks()?;
-        let (mut completed, mut failed) = (0, 0);
-        let queue =
-            Survey::of(selection, Some(&reader)).queue(|state| match (state, retry_failed) {
+        let declares = selection.manifests().iter().any(|manifest| !manifest.estimates.is_empty());
+        let (mut completed, mut failed) = (HashSet::new(), 0);
+        let queue = Survey::of(selection, Some(&reader)).queue(|key, state| {
+            match (state, retry_failed) {
                 (JobState::Completed, _) => {
-                    completed += 1;
-                    false
+                    completed.insert(*key);
+                    declares
                 }
                 (JobState::Failed, RetryFailed::No) => {
                     failed += 1;
@@ -292,8 +313,18 @@ impl Remaining {
                 }
                 (JobState::Failed, RetryFailed::Yes)
                 | (JobState::Pending | JobState::Interrupted | JobState::Running, _) => true,
-            })?;
-        Ok(Remaining { queue, completed, failed })
+            }
+        })?;
+        let (done, queue): (Vec<_>, Vec<_>) =
+            queue.into_iter().partition(|queued| completed.contains(&queued.key));
+        let mut lacking = Vec::new();
+        for queued in done {
+            let estimates = reader.lacking_estimates(&queued.key, &queued.estimates)?;
+            if !estimates.is_empty() {
+                lacking.push(Queued { estimates, ..queued });
+            }
+        }
+        Ok(Remaining { queue, completed: completed.len(), lacking, failed })
     }
 }
 
@@ -315,7 +346,7 @@ mod tests {
             let parsed =
                 limits.map(|limit| crate::manifest::parse("m", text(limit).as_bytes()).unwrap());
             let selection = Selection::new(&parsed, None).unwrap();
-            let queue = Survey::of(&selection, None).queue(|_| true).unwrap();
+            let queue = Survey::of(&selection, None).queue(|_, _| true).unwrap();
             let found: Vec<_> = queue.iter().map(|queued| queued.time_limit).collect();
             assert_eq!(found, [expected]);
         }

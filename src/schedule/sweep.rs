@@ -97,6 +97,10 @@ pub struct Tally {
     pub already_completed: usize,
     /// Already failed, and not retried.
     pub already_failed: usize,
+    /// Completed before, and given the estimates that they lacked.
+    pub estimated: usize,
+    /// Completed before, and still without estimates: training again failed or gave other results.
+    pub not_estimated: usize,
 }
 
 /// Why a sweep ended early.

@@ -7,7 +7,7 @@ use std::sync::{Arc, Mutex, PoisonError, mpsc};
 use std::thread::{self, Scope};
 use std::time::Duration;
 
-use crate::job::{Failure, FailureKind, Outcome};
+use crate::job::{EstimateDeclaration, Failure, FailureKind, Outcome};
 use crate::job::{Job, JobKey};
 use crate::schedule::checkpoint::{Alarm, CheckpointFolder, CheckpointNote, Keeper, Stopwatch};
 use crate::schedule::panic;
@@ -83,6 +83,7 @@ struct Training {
     key: JobKey,
     attempt: u32,
     time_limit: Option<Duration>,
+    estimates: Vec<Arc<EstimateDeclaration>>,
     folder: PathBuf,
 }
 
@@ -125,8 +126,8 @@ impl<'scope> Worker<'scope> {
         self.slot.set(None);
         let (job, time_limit, folder) =
             (queued.job.clone(), queued.time_limit, queued.folder.clone());
-        let training =
-            Training { job, key: queued.key, attempt: claim.attempt, time_limit, folder };
+        let (attempt, estimates) = (claim.attempt, queued.estimates.clone());
+        let training = Training { job, key: queued.key, attempt, time_limit, estimates, folder };
         self.trainings.send(training).expect("a worker lives as long as its sweep");
         self.holds = Some((queued, claim));
     }
@@ -151,7 +152,7 @@ impl<'scope> Worker<'scope> {
 /// Trains a job.
 fn work(worker: usize, training: &Training, slot: &Arc<Slot>, shared: &Shared<'_>) -> Report {
     slot.worked.restart();
-    let Training { job, key, attempt, time_limit, folder } = training;
+    let Training { job, key, attempt, time_limit, estimates, folder } = training;
     let limit = time_limit.unwrap_or(Duration::MAX);
     slot.deadline.set(limit);
     let report = |note| {
@@ -163,7 +164,7 @@ fn work(worker: usize, training: &Training, slot: &Arc<Slot>, shared: &Shared<'_
     };
     let clock = (&slot.checkpoint, shared.checkpoint_every);
     let keeper = Keeper::new(shared.folder, (*key, *attempt), clock, &report);
-    let control = SlotControl { slot, halt: shared.halt, keeper, folder };
+    let control = SlotControl { slot, halt: shared.halt, keeper, estimates, folder };
     let outcome = match train_caught(shared.train, job, &control) {
         Outcome::Interrupted if slot.deadline.rings() => {
             Outcome::Failed(over_time(slot, limit, job))
@@ -177,6 +178,7 @@ struct SlotControl<'a> {
     slot: &'a Arc<Slot>,
     halt: &'a Arc<AtomicBool>,
     keeper: Keeper<'a>,
+    estimates: &'a [Arc<EstimateDeclaration>],
     folder: &'a Path,
 }
 
@@ -200,6 +202,10 @@ impl TrainingControl for SlotControl<'_> {
 
     fn folder(&self) -> &Path {
         self.folder
+    }
+
+    fn estimates(&self) -> &[Arc<EstimateDeclaration>] {
+        self.estimates
     }
 
     fn checkpoints(&self) -> &dyn Checkpoints {

@@ -6,10 +6,11 @@ use std::sync::Arc;
 
 use rusqlite::Connection;
 
-use crate::job::{ActionCount, Failure, Provenance};
+use crate::job::{ActionCount, EstimateDeclaration, Failure, Provenance};
 use crate::job::{JobKey, PlannedJob};
 use crate::record::{CompletedRun, DataSet, JobRecord, JobStatus, SharedSettings};
 
+use super::estimate;
 use super::family;
 use super::job_states::JobStates;
 use super::read::failure_kind;
@@ -25,6 +26,8 @@ pub struct Parts {
     pub actions: bool,
     /// Returns of the test episodes.
     pub returns: bool,
+    /// Estimates.
+    pub estimates: bool,
 }
 
 impl Parts {
@@ -35,6 +38,7 @@ impl Parts {
             curve: self.curve || other.curve,
             actions: self.actions || other.actions,
             returns: self.returns || other.returns,
+            estimates: self.estimates || other.estimates,
         }
     }
 }
@@ -150,6 +154,9 @@ impl Reader {
                 if parts.returns {
                     run.returns = returns(connection, id)?;
                 }
+                if parts.estimates {
+                    run.estimates = estimate::of_run(connection, id, &mut shared.declarations)?;
+                }
                 completed.insert(key, Arc::new(run));
             }
             Ok(completed)
@@ -187,6 +194,8 @@ struct SharedNames {
     sessions: HashMap<i64, Arc<Provenance>>,
     /// The names of metrics, by row id.
     metrics: HashMap<i64, Arc<str>>,
+    /// The declarations of estimates, by canonical text.
+    declarations: HashMap<String, Arc<EstimateDeclaration>>,
 }
 
 /// Completed runs without their results, by row id.
@@ -258,6 +267,7 @@ fn head(row: &rusqlite::Row<'_>, shared: &mut SharedNames) -> rusqlite::Result<C
         actions: Vec::new(),
         returns: Vec::new(),
         among: Vec::new(),
+        estimates: Vec::new(),
         ended_at: row.get(1)?,
         wall_seconds: row.get(2)?,
         provenance,

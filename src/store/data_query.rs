@@ -71,6 +71,12 @@ impl DataQuery {
                     .to_owned(),
                 "JOIN action_choice AS choice ON choice.job_key = run.job_key".to_owned(),
             ),
+            DataPart::Estimates => (
+                "estimate.name, estimate.term, estimate.estimate, estimate.standard_error, estimate.low,\n  \
+                 estimate.high, estimate.truth, estimate.failure"
+                    .to_owned(),
+                "JOIN estimate ON estimate.job_key = run.job_key".to_owned(),
+            ),
             DataPart::Participants(range) => (
                 "test.episode, test.total_reward, test.length, test.disengaged".to_owned(),
                 participants(range),

@@ -47,7 +47,7 @@ pub(super) fn are_known(connection: &Connection) -> rusqlite::Result<bool> {
 
 /// The names of the states that rows can hold. Decisions with other states are rows of
 /// [`family`](super::family).
-const STATE: [&str; 5] =
+pub(super) const STATE: [&str; 5] =
     ["context", "probability", "likely_context", "habituation", "disengagement"];
 
 /// Whether the decisions of a run are rows of this table.

@@ -14,7 +14,7 @@ use super::error::StoreError;
 use super::implied::{self, Known};
 use super::schema::has_table;
 use super::verify::{CheckWeights, failure_fault, job_fault, row_ids, run_fault};
-use super::{choice, decision, earlier_manifest, file, participant, schema};
+use super::{choice, decision, earlier_manifest, estimate, file, participant, schema};
 
 /// The result of an examination.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
@@ -384,6 +384,11 @@ impl Examination<'_> {
                 }
                 Err(_) => None,
             };
+            let of_key = key.as_deref().unwrap_or_default();
+            if estimate::is_damaged(self.connection, run, of_key).unwrap_or(true) {
+                let what = "its estimates do not match their digests";
+                self.find("run", key.clone(), what);
+            }
             self.found.completed += 1;
             match run_fault(self.connection, run, check_weights) {
                 None => self.found.intact += 1,

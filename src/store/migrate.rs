@@ -77,6 +77,10 @@ pub(super) const MIGRATIONS: &[Migration] = &[
         name: "0013_leave_out_episodes",
         sql: include_str!("../../migrations/0013_leave_out_episodes.sql"),
     },
+    Migration {
+        name: "0014_record_estimates",
+        sql: include_str!("../../migrations/0014_record_estimates.sql"),
+    },
 ];
 
 /// The version of the schema that this program writes.

@@ -10,7 +10,7 @@ use super::error::is_damage;
 use super::read::Reader;
 
 /// The public views, which `docs/store.md` describes.
-pub const VIEWS: [&str; 11] = [
+pub const VIEWS: [&str; 12] = [
     "run_summary",
     "parameter",
     "metric",
@@ -22,6 +22,7 @@ pub const VIEWS: [&str; 11] = [
     "participant",
     "manifest",
     "conflict",
+    "estimate",
 ];
 
 /// Why a query failed.

@@ -1,16 +1,20 @@
 //! Storing the ends of runs, each with all its results, in one transaction.
 
+use std::path::Path;
+
 use crate::job::metric::SD_RETURN;
 use rusqlite::{Connection, OptionalExtension, params};
 
-use crate::job::{ActionCount, MetricName, Outcome, Results, TestEpisode};
+use crate::job::{ActionCount, Job, MetricName, Outcome, Results, TestEpisode, Versions};
 
 use super::claim::Claim;
 use super::ending::{complete_run, end_run};
 use super::error::StoreError;
 use super::insert::insert_rows;
+use super::migrate::MIGRATIONS;
+use super::transaction::NOW;
 use super::writer::Store;
-use super::{choice, decision, family, participant};
+use super::{choice, decision, digest, estimate, family, participant};
 
 /// The end of a claimed run.
 #[derive(Clone, Copy, Debug)]
@@ -77,6 +81,8 @@ fn finish_one(connection: &Connection, end: &RunEnd<'_>) -> rusqlite::Result<Fin
         Outcome::Completed(results) => {
             insert_results(connection, *run, results)?;
             complete_run(connection, *run, end.wall_seconds)?;
+            let key = end.claim.job_key.to_string();
+            estimate::insert(connection, (*run, &key), &results.estimates)?;
         }
         Outcome::Failed(failure) => {
             end_run(connection, *run, "failed", Some(failure), end.wall_seconds)?;
@@ -86,6 +92,32 @@ fn finish_one(connection: &Connection, end: &RunEnd<'_>) -> rusqlite::Result<Fin
         }
     }
     Ok(Finished::Stored)
+}
+
+/// The digest that the results of a completed run of a job have in every store.
+///
+/// **Errors**: the results violate the schema.
+pub fn results_digest(job: &Job, results: &Results) -> Result<[u8; 32], StoreError> {
+    let of_results = || -> rusqlite::Result<[u8; 32]> {
+        let connection = Connection::open_in_memory()?;
+        MIGRATIONS.iter().try_for_each(|migration| connection.execute_batch(migration.sql))?;
+        let (form, Versions { environment, algorithm }) = (job.form(), job.versions());
+        connection.execute(
+            "INSERT INTO job VALUES (1, ?1, ?2, ?3, ?4)",
+            params![form.key().to_string(), environment, algorithm, form.text()],
+        )?;
+        connection.execute_batch(&format!(
+            "INSERT INTO session (id, host, process_id, code_version, git_revision, backend, processor,
+                started_at, heartbeat_at) VALUES (1, '', 1, '', '', '', '', {NOW}, {NOW});
+             INSERT INTO run (id, job, attempt, session, status, started_at)
+             VALUES (1, 1, 1, 1, 'running', {NOW});"
+        ))?;
+        insert_results(&connection, 1, results)?;
+        digest::of_run(&connection, 1)
+    };
+    of_results().map_err(|source| {
+        StoreError::sqlite(Path::new(":memory:"), "compute the digest of results", source)
+    })
 }
 
 fn insert_results(connection: &Connection, run: i64, results: &Results) -> rusqlite::Result<()> {

@@ -7,13 +7,14 @@
 
 use std::fmt;
 use std::io::{self, BufRead, BufReader, BufWriter, Read, Seek, SeekFrom, Write};
+use std::sync::Arc;
 use std::time::Duration;
 
 use serde::{Deserialize, Serialize};
 use sha2::{Digest, Sha256};
 
 use crate::agent::{self, OutOfMemory, StartError};
-use crate::job::{Job, Versions};
+use crate::job::{EstimateDeclaration, Job, Versions};
 use crate::state::{Resumable, StateError, StateReader, StateWriter};
 use crate::train::training::Training;
 
@@ -94,6 +95,9 @@ pub enum CheckpointError {
     /// The checkpoint belongs to another job.
     #[error("belongs to another job, {0}")]
     OtherJob(String),
+    /// Its test has begun with other estimates.
+    #[error("its test has begun without the estimates that the manifest declares")]
+    OtherEstimates,
     /// There is not enough memory.
     #[error(transparent)]
     OutOfMemory(#[from] OutOfMemory),
@@ -109,6 +113,9 @@ struct Header {
     code: Code,
     episode: u32,
     seconds: f64,
+    /// The canonical texts of the declared estimates.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    estimates: Vec<String>,
 }
 
 /// The code that determines the exact results of a training after a checkpoint.
@@ -151,6 +158,7 @@ pub(super) fn write(
         code: Code::of_this_program(job),
         episode: training.episodes(),
         seconds: (training.before() + worked).as_secs_f64(),
+        estimates: training.estimated().iter().map(|one| one.canonical()).collect(),
     };
     let mut sealing = BufWriter::with_capacity(1 << 16, Sealing { out, seal: Sha256::new() });
     sealing.write_all(FORMAT.as_bytes())?;
@@ -161,11 +169,12 @@ pub(super) fn write(
     out.write_all(&seal.finalize())
 }
 
-/// Reads the training from a checkpoint of the job.
+/// Reads the training from a checkpoint of the job, with these estimates.
 ///
 /// **Errors**: the checkpoint is damaged, belongs to another job, or was written by other code.
 pub(super) fn read<'j>(
     job: &'j Job,
+    declared: &[Arc<EstimateDeclaration>],
     file: &mut dyn CheckpointFile,
 ) -> Result<Training<'j>, CheckpointError> {
     let length = file.seek(SeekFrom::End(0))?;
@@ -194,8 +203,14 @@ pub(super) fn read<'j>(
     }
     let worked = Duration::try_from_secs_f64(header.seconds).unwrap_or_default();
     let mut training = Training::new(job).map_err(unstartable)?.after(worked);
+    let written = header.estimates.iter();
+    let written = written.map(|text| EstimateDeclaration::from_canonical(text).map(Arc::new));
+    training.estimate(&written.collect::<Option<Vec<_>>>().ok_or(CheckpointError::OtherFormat)?);
     training.restore(&mut StateReader::new(&mut from))?;
-    if from.fill_buf()?.is_empty() { Ok(training) } else { Err(CheckpointError::OtherFormat) }
+    if !from.fill_buf()?.is_empty() {
+        return Err(CheckpointError::OtherFormat);
+    }
+    if training.estimate(declared) { Ok(training) } else { Err(CheckpointError::OtherEstimates) }
 }
 
 /// Why a job cannot go on whose agent cannot start.

@@ -4,6 +4,7 @@ use std::path::Path;
 use std::sync::Arc;
 use std::time::Duration;
 
+use crate::job::EstimateDeclaration;
 use crate::train::checkpoint::{Checkpoints, KeptNowhere};
 use crate::train::progress::TrainingProgress;
 
@@ -29,6 +30,11 @@ pub trait TrainingControl {
     /// The folder in which an outside program starts; the current folder by default.
     fn folder(&self) -> &Path {
         Path::new(".")
+    }
+
+    /// The estimates of the decisions of the test or trial; none by default.
+    fn estimates(&self) -> &[Arc<EstimateDeclaration>] {
+        &[]
     }
 
     /// The keeper of the training's checkpoints; by default, no checkpoints are kept.

@@ -1,8 +1,11 @@
 //! The log of decisions: every step of the episodes of a training or a test.
 
+use std::sync::Arc;
+
 use crate::agent::{OutOfMemory, StepObserver, Unavailable, reserve};
 use crate::env::{Action, EpisodeStatus, Simulated, VectorEnvironment};
-use crate::job::{Decision, ParticipantValue, Phase};
+use crate::estimate::Estimation;
+use crate::job::{Decision, EstimateDeclaration, Estimates, ParticipantValue, Phase};
 use crate::state::resumable;
 
 /// Records the decisions of one phase of a job.
@@ -16,6 +19,10 @@ pub(super) struct DecisionLog {
     unavailable: Unavailable,
     /// In the order of steps; [`DecisionLog::finish`] sorts them by episode.
     decisions: Vec<Decision>,
+    /// Estimates, which read each decision once it has its reward.
+    estimations: Vec<Estimation>,
+    /// Whether decisions are kept after that.
+    is_kept: bool,
     /// The parameters of participants whose episodes have begun. A test records its participants itself.
     participants: Vec<ParticipantValue>,
     /// The number of episodes that have begun.
@@ -38,6 +45,8 @@ impl DecisionLog {
             phase,
             unavailable,
             decisions: Vec::new(),
+            estimations: Vec::new(),
+            is_kept: true,
             participants: Vec::new(),
             begun: 0,
             episodes: Vec::new(),
@@ -45,6 +54,21 @@ impl DecisionLog {
             beside: Vec::new(),
             refused: None,
         }
+    }
+
+    /// A log that estimates effects, and keeps its decisions if `is_kept`.
+    pub(super) fn estimating(self, estimations: Vec<Estimation>, is_kept: bool) -> Self {
+        DecisionLog { estimations, is_kept, ..self }
+    }
+
+    /// The declarations of its estimates.
+    pub(super) fn declarations(&self) -> impl Iterator<Item = &Arc<EstimateDeclaration>> {
+        self.estimations.iter().map(Estimation::declaration)
+    }
+
+    /// The estimates of all decisions so far.
+    pub(super) fn estimates(&self) -> Vec<Estimates> {
+        self.estimations.iter().map(Estimation::finish).collect()
     }
 
     /// Records these numbers behind the state of every lane, \[lanes, 2\], in the next step of a trial.
@@ -127,12 +151,19 @@ impl StepObserver<Simulated> for DecisionLog {
         let first = self.decisions.len() - self.acting.len();
         for (decision, lane) in self.decisions[first..].iter_mut().zip(&self.acting) {
             decision.reward = outcomes[*lane];
+            self.estimations.iter_mut().for_each(|estimation| estimation.add(decision));
+        }
+        if !self.is_kept {
+            self.decisions.clear();
+            self.acting.clear();
         }
     }
 }
 
 // Between two steps, every decision has its reward.
-resumable!([] DecisionLog { parts begun, decisions, participants; grown episodes; then set_phase });
+resumable!([] DecisionLog {
+    parts begun, decisions, participants; grown episodes; each estimations; then set_phase
+});
 
 resumable!([] Decision {
     parts episode, step, state, available, can_send, chosen, action, probabilities, reward

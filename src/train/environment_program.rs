@@ -4,13 +4,14 @@
 
 use std::cell::Cell;
 use std::path::Path;
+use std::sync::Arc;
 use std::time::Duration;
 
 use crate::agent::recorded_decisions;
 use crate::env::Environment;
 use crate::env::outside::{Description, EnvironmentProgram, OutsideModel};
 use crate::external::ProgramError;
-use crate::job::{Failure, FailureKind, Job, Outcome};
+use crate::job::{EstimateDeclaration, Failure, FailureKind, Job, Outcome};
 use crate::key::Size;
 use crate::train::control::{StopHandle, TrainingControl};
 use crate::train::progress::TrainingProgress;
@@ -119,5 +120,9 @@ impl TrainingControl for Watched<'_> {
 
     fn folder(&self) -> &Path {
         self.control.folder()
+    }
+
+    fn estimates(&self) -> &[Arc<EstimateDeclaration>] {
+        self.control.estimates()
     }
 }

@@ -10,6 +10,7 @@ mod control;
 mod curve;
 mod decision_log;
 mod environment_program;
+mod excursions;
 mod outside;
 mod progress;
 mod roll;
@@ -17,6 +18,7 @@ mod run;
 mod study;
 mod test;
 mod training;
+mod truth;
 
 pub use crate::agent::StepObserver;
 pub use checkpoint::{
@@ -29,3 +31,4 @@ pub use progress::TrainingProgress;
 pub use roll::{RollStreams, Rollout, begin, play, roll};
 pub use run::run;
 pub use study::Study;
+pub use truth::{NoTruth, Truth, add_truths, truth};

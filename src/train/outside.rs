@@ -73,11 +73,12 @@ impl Session<'_> {
     ) -> Result<Test, Broken> {
         self.program.send(&assignment(self.job, external));
         let lanes = self.ready()?;
+        let test = Test::new(self.job).estimating(self.job, record.control.estimates());
         let test = match &self.job.trial {
-            Some(trial) => trial::play(self.job, trial, self.program, record.control)?,
+            Some(trial) => trial::play((self.job, test), trial, self.program, record.control)?,
             None => {
                 self.train(lanes, record)?;
-                testing::play(self.job, self.program, self.stop)?
+                testing::play((self.job, test), self.program, self.stop)?
             }
         };
         self.program.send(&ToProgram::End {});

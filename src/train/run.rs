@@ -3,11 +3,12 @@
 use crate::agent::{External, StartError};
 use crate::env::outside::OutsideModel;
 use crate::job::{Job, Outcome};
-use crate::train::checkpoint::{self, Checkpoints, Resumed};
+use crate::train::checkpoint::{self, Resumed};
 use crate::train::control::TrainingControl;
 use crate::train::environment_program;
 use crate::train::outside;
 use crate::train::training::{Stage, Training, out_of_memory};
+use crate::train::truth::add_truths;
 
 /// Trains the job's agent, tests it, and returns the outcome. Continues from a checkpoint if there is one,
 /// and writes one if it is stopped.
@@ -24,7 +25,7 @@ fn train(job: &Job, control: &dyn TrainingControl) -> Outcome {
         return outside::run(job, &external, control);
     }
     let checkpoints = control.checkpoints();
-    let mut training = match start_or_resume(job, checkpoints) {
+    let mut training = match start_or_resume(job, control) {
         Ok(training) => training,
         Err(StartError::OutOfMemory(error)) => return Outcome::Failed(out_of_memory(&error, 0)),
         // What agents must suit in the environment of a program is known once it runs.
@@ -51,7 +52,11 @@ fn train(job: &Job, control: &dyn TrainingControl) -> Outcome {
             return Outcome::Interrupted;
         }
     }
-    training.results().map_or_else(Outcome::Failed, Outcome::Completed)
+    let results = training.results().map(|mut results| {
+        add_truths(job, &mut results.estimates);
+        results
+    });
+    results.map_or_else(Outcome::Failed, Outcome::Completed)
 }
 
 /// A job at its start, or at a checkpoint.
@@ -59,14 +64,19 @@ fn train(job: &Job, control: &dyn TrainingControl) -> Outcome {
 /// **Errors**: there is not enough memory for the learner, or the agent does not suit the environment.
 fn start_or_resume<'j>(
     job: &'j Job,
-    checkpoints: &dyn Checkpoints,
+    control: &dyn TrainingControl,
 ) -> Result<Training<'j>, StartError> {
     let mut found = None;
-    checkpoints.resume(&mut |file| {
-        let training = checkpoint::read(job, file)?;
+    control.checkpoints().resume(&mut |file| {
+        let training = checkpoint::read(job, control.estimates(), file)?;
         let resumed = Resumed { episode: training.episodes(), worked: training.before() };
         found = Some(training);
         Ok(resumed)
     });
-    found.map_or_else(|| Training::new(job), Ok)
+    if let Some(training) = found {
+        return Ok(training);
+    }
+    let mut training = Training::new(job)?;
+    training.estimate(control.estimates());
+    Ok(training)
 }

@@ -83,11 +83,9 @@ impl Study {
         (0..self.people()).map(move |person| [f64::from(day), f64::from(policy(person))])
     }
 
-    /// The names of the numbers that stand behind the recorded state in a trial: those of [`Study::beside`], after
-    /// whether the phone reported.
+    /// The names of the numbers that stand behind the recorded state; the last two are those of [`Study::beside`].
     pub fn names(&self) -> impl Iterator<Item = String> {
-        let reported = (self.trial.unreported > 0.0).then_some("reported");
-        reported.into_iter().chain(["calendar_day", "policy"]).map(str::to_owned)
+        self.trial.state_names()
     }
 
     /// Whether people's phones report before each decision; `None` if they always do.

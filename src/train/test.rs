@@ -1,19 +1,24 @@
 //! The test episodes of a trained agent and their results.
 
+use std::sync::Arc;
+
 use crate::agent::{Actor, LearnerError, OutOfMemory, StepObserver, reserve_exact};
 use crate::env::{
     Action, Environment, EpisodeStatus, LaneSet, Reported, Simulated, VectorEnvironment,
 };
+use crate::estimate::Estimation;
 use crate::job::metric::{
     LOWER_QUARTILE_RETURN, MEAN_LENGTH, MEAN_RETURN, MESSAGE_RATE, NET_RETURN, SD_RETURN,
     quantile_of_sorted,
 };
 use crate::job::{
-    ActionCount, Decision, Metric, ParticipantValue, Phase, RecordedEpisodes, TestEpisode,
+    ActionCount, Decision, EstimateDeclaration, Estimates, Metric, ParticipantValue, Phase,
+    RecordedEpisodes, TestEpisode,
 };
 use crate::job::{Job, MetricName};
 use crate::state::resumable;
 use crate::train::decision_log::DecisionLog;
+use crate::train::excursions::Excursions;
 use crate::train::roll::{Choose, RollStreams, begin, roll, roll_by};
 use crate::train::study::Study;
 
@@ -42,6 +47,8 @@ pub(super) struct Test {
     /// The trial whose people are the evaluation; `None` for people who come one after another.
     study: Option<Study>,
     recorded: RecordedEpisodes,
+    /// What other actions lead to at the decisions of a trial; `None` in jobs.
+    pub(super) excursions: Option<Excursions>,
 }
 
 /// The participants of a test. Their parameters do not depend on what happens in it.
@@ -73,6 +80,7 @@ pub(super) struct Tested {
     pub(super) episodes: Vec<TestEpisode>,
     pub(super) actions: Vec<ActionCount>,
     pub(super) decisions: Vec<Decision>,
+    pub(super) estimates: Vec<Estimates>,
     pub(super) participants: Vec<ParticipantValue>,
     /// The names of the numbers in the state of a decision.
     pub(super) state_names: Vec<String>,
@@ -109,10 +117,7 @@ impl Test {
             episodes,
             streams,
             counts: ActionCounts::new(environment.strata(), task.interface().actions),
-            log: job
-                .evaluation
-                .record_decisions
-                .of_test()
+            log: (job.evaluation.record_decisions.of_test())
                 .then(|| DecisionLog::new(job.agent.unavailable(), Phase::Test)),
             played: Vec::new(),
             people: (environment.differing() > 0 && study.is_none()).then(|| People {
@@ -126,8 +131,29 @@ impl Test {
             terminated: job.termination_metric(),
             study,
             recorded: job.evaluation.record_episodes,
+            excursions: None,
             batch: Batch { environment: tested, played: Vec::new() },
         }
+    }
+
+    /// The test of a job with estimates of its decisions, before its first episode.
+    pub(super) fn estimating(self, job: &Job, declared: &[Arc<EstimateDeclaration>]) -> Self {
+        let is_kept = job.evaluation.record_decisions.of_test();
+        if declared.is_empty() && self.log.is_none() {
+            return self;
+        }
+        let (actions, names) = (job.task().interface().actions, job.state_names());
+        let estimation = |declared: &Arc<EstimateDeclaration>| {
+            Estimation::new(declared.clone(), actions, &names)
+        };
+        let log = DecisionLog::new(job.agent.unavailable(), Phase::Test)
+            .estimating(declared.iter().map(estimation).collect(), is_kept);
+        Test { log: (is_kept || !declared.is_empty()).then_some(log), ..self }
+    }
+
+    /// The declarations of its estimates.
+    pub(super) fn estimated(&self) -> Vec<Arc<EstimateDeclaration>> {
+        self.log.iter().flat_map(DecisionLog::declarations).cloned().collect()
     }
 
     pub(super) fn is_over(&self) -> bool {
@@ -166,6 +192,7 @@ impl Test {
     ) -> Result<(), LearnerError> {
         self.begin_batch(|_, _| {})?;
         let mut study = self.study.take().expect("the caller has a trial");
+        let mut excursions = self.excursions.take();
         let (lanes, streams, mut player) = self.player(pause);
         study.assign(lanes);
         let mut actions = vec![Action::default(); lanes.lanes()];
@@ -178,6 +205,9 @@ impl Test {
                 log.stand_beside(study.beside());
             }
             player.chosen(lanes, &actions, &probabilities);
+            if let Some(excursions) = &mut excursions {
+                excursions.see(lanes, &streams.environment);
+            }
             lanes.step(&actions, &mut rewards, &mut streams.environment);
             player.paid(lanes, &rewards);
             study.end_step(&mut rewards, |person| lanes.time(person));
@@ -185,6 +215,7 @@ impl Test {
         }
         let is_over = study.is_over();
         self.study = Some(study);
+        self.excursions = excursions;
         if is_over { Ok(self.end_batch()?) } else { Ok(()) }
     }
 
@@ -291,6 +322,7 @@ impl Test {
         }
         let participants = self.participants;
         // The participants of the test are recorded whether or not its decisions are.
+        let estimates = self.log.as_ref().map(DecisionLog::estimates).unwrap_or_default();
         let (decisions, _) = self.log.map(DecisionLog::finish).unwrap_or_default();
         Tested {
             episodes: self.played,
@@ -299,6 +331,7 @@ impl Test {
             terminated: self.terminated,
             actions,
             decisions,
+            estimates,
             participants,
             state_names,
             description: self.environment.description(),
@@ -491,6 +524,7 @@ mod tests {
             ],
             actions: Vec::new(),
             decisions: Vec::new(),
+            estimates: Vec::new(),
             participants: Vec::new(),
             state_names: Vec::new(),
             description: None,
@@ -528,6 +562,7 @@ mod tests {
             episodes: vec![TestEpisode { total_reward: 7.0, length: 2, terminated: false }],
             actions: Vec::new(),
             decisions: Vec::new(),
+            estimates: Vec::new(),
             participants: Vec::new(),
             state_names: Vec::new(),
             description: None,

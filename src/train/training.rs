@@ -1,15 +1,20 @@
 //! A job in progress: its learner, curve and test, and the part of them that a checkpoint holds.
 
+use std::sync::Arc;
 use std::time::Duration;
 
 use crate::agent::{
     Actor, Learner, LearnerError, OutOfMemory, Start, StartError, StepObserver, StudyPlan,
     TrainedEpisode,
 };
-use crate::job::{Failure, FailureKind, Job, Metric, Phase, Pooling, RecordedEpisodes, Results};
+use crate::job::{
+    Decision, EstimateDeclaration, Failure, FailureKind, Job, Metric, Phase, Pooling,
+    RecordedEpisodes, Results,
+};
 use crate::state::resumable;
 use crate::train::curve::CurveRecorder;
 use crate::train::decision_log::DecisionLog;
+use crate::train::excursions::Excursions;
 use crate::train::progress::TrainingProgress;
 use crate::train::test::{Test, Tested};
 
@@ -78,6 +83,34 @@ impl<'j> Training<'j> {
             finished: Vec::new(),
             before: Duration::ZERO,
         })
+    }
+
+    /// The same training with these estimates of the decisions of its test; false, and unchanged, if the test has begun
+    /// with others.
+    pub(super) fn estimate(&mut self, declared: &[Arc<EstimateDeclaration>]) -> bool {
+        if self.test.has_begun() || self.test.estimated() == declared {
+            return self.test.estimated() == declared;
+        }
+        self.test = Test::new(self.job).estimating(self.job, declared);
+        true
+    }
+
+    /// The declarations of its estimates.
+    pub(super) fn estimated(&self) -> Vec<Arc<EstimateDeclaration>> {
+        self.test.estimated()
+    }
+
+    /// The same trial, which also sees what other actions lead to.
+    pub(super) fn with_excursions(mut self, excursions: Excursions) -> Self {
+        self.test.excursions = Some(excursions);
+        self
+    }
+
+    /// The recorded decisions of a finished trial, and what other actions lead to.
+    pub(super) fn into_excursions(self) -> (Vec<Decision>, Excursions) {
+        let mut test = self.test;
+        let excursions = test.excursions.take().unwrap_or_default();
+        (test.finish().decisions, excursions)
     }
 
     /// The same training, with this working time spent before.
@@ -210,6 +243,7 @@ pub(super) fn assemble(
         episodes: tested.episodes,
         actions: tested.actions,
         weights,
+        estimates: tested.estimates,
     };
     if tested.recorded == RecordedEpisodes::None {
         (results.episodes, results.participants, results.weights) = (Vec::new(), Vec::new(), None);

@@ -19,7 +19,7 @@ mod questions;
 use examples::{cell, fill_store, jitai, run};
 use questions::questions;
 
-const DOCUMENTS: [&str; 34] = [
+const DOCUMENTS: [&str; 35] = [
     "README.md",
     "CONTRIBUTING.md",
     "docs/agents.md",
@@ -32,6 +32,7 @@ const DOCUMENTS: [&str; 34] = [
     "docs/decisions.md",
     "docs/drawing.md",
     "docs/environment.md",
+    "docs/estimates.md",
     "docs/external.md",
     "docs/fidelity-bots.md",
     "docs/fidelity.md",

@@ -270,6 +270,7 @@ pub fn queued(folder: &Folder, text: &str) -> (Store, SessionId, Vec<Queued>) {
         agent: planned.agent.to_string(),
         job: planned.job,
         time_limit: None,
+        estimates: Vec::new(),
         folder: ".".into(),
     });
     let session = store.begin_session(&provenance()).unwrap();

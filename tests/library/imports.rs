@@ -22,17 +22,22 @@ const TABLE: &[(&str, &[&str])] = &[
     ("optimum", &["rng", "key", "env"]),
     ("agent", &["rng", "kernel", "key", "state", "env", "optimum"]),
     ("job", &["key", "env", "agent"]),
+    // A checkpoint keeps its sums.
+    ("estimate", &["state", "job"]),
     ("record", &["key", "job"]),
-    ("train", &["rng", "external", "key", "state", "env", "agent", "job"]),
+    ("train", &["rng", "external", "key", "state", "env", "agent", "job", "estimate"]),
     // A manifest declares environments and agents; it neither simulates nor trains.
     ("manifest", &["key", "env", "agent", "job"]),
     ("plan", &["key", "env", "agent", "job", "manifest"]),
     ("store", &["kill_point", "key", "job", "record"]),
     ("portable", &["env", "agent", "job", "store"]),
-    ("schedule", &["kill_point", "key", "agent", "job", "manifest", "plan", "train", "store"]),
+    (
+        "schedule",
+        &["kill_point", "key", "agent", "job", "estimate", "manifest", "plan", "train", "store"],
+    ),
     ("cluster", &["external", "key", "job", "manifest", "plan", "train", "store", "schedule"]),
     // The bootstrap has a random stream of its own.
-    ("analyse", &["rng", "key", "env", "job", "manifest", "record"]),
+    ("analyse", &["rng", "key", "env", "job", "estimate", "manifest", "record"]),
     ("report", &["key", "env", "optimum", "job", "manifest", "plan", "record", "store", "analyse"]),
     (
         "cli",

@@ -93,6 +93,7 @@ fn shipped() -> Vec<(&'static str, u64)> {
         ("experiments/reference.toml", 324),
         ("experiments/trial.toml", 6),
         ("experiments/trial_design.toml", 320),
+        ("experiments/trial_power.toml", 3200),
         ("experiments/at_horizon.toml", 60),
         ("experiments/bandits.toml", 920),
         ("experiments/external/outside.toml", 21),

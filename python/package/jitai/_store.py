@@ -94,6 +94,10 @@ class Store:
         """Results that merges found of jobs with other results: the view ``conflict``."""
         return self._view("conflict", experiment)
 
+    def estimates(self, experiment: str | None = None) -> Any:
+        """Estimates of causal effects, one row for each term: the view ``estimate``."""
+        return self._view("estimate", experiment)
+
     def parameters(self, experiment: str | None = None, *, wide: bool = False) -> Any:
         """Parameters of jobs: the view ``parameter``, or one row for each job if ``wide``.
 

@@ -12,7 +12,7 @@ use crate::agent::layers::Shape;
 use crate::agent::learner::{Actions, Learner};
 use crate::agent::memory::OutOfMemory;
 use crate::agent::network::Engine;
-use crate::agent::rule::RuleParameters;
+use crate::agent::rule::{DecisionRule, RuleParameters};
 use crate::agent::unavailable::{UNAVAILABLE, Unavailable};
 use crate::agent::weights::{Weights, WeightsError};
 use crate::env::{
@@ -551,6 +551,11 @@ impl Agent {
             model.is_some_and(|model| rule.acts_otherwise(model, task.scenario))
         };
         rule.is_some_and(acts_otherwise) || learns_otherwise()
+    }
+
+    /// Whether the agent never draws an action by chance. Agents that draw may have probabilities of 0 and 1.
+    pub fn never_draws(&self) -> bool {
+        self.parameters().is_some_and(|rule: RuleParameters| rule.rule != DecisionRule::Random)
     }
 
     /// Whether the agent chooses where no message can be sent. Agents without the key `unavailable` do.

@@ -13,6 +13,7 @@ mod curve;
 mod heat_map;
 mod inference_error;
 mod learning_curve;
+mod operating;
 mod pairs;
 mod published;
 mod recovery;
@@ -27,6 +28,7 @@ pub use curve::{ALPHA, Apart, CurveFigure, CurveLine, CurvePoint, Ends, Trends};
 pub use heat_map::{HeatFigure, HeatTile, Lead, Scale, heat_range};
 pub use inference_error::{ErrorFigure, ErrorPoint};
 pub use learning_curve::{HighestEnd, LearningFigure, LearningLine, LearningPanel};
+pub use operating::{OperatingFigure, OperatingRow, Sought, Term};
 pub use recovery::{RecoveryRow, ScenarioOptimum};
 pub use reproduction::{Comparison, Distance, Reproduction, reproduce};
 pub use selection::{Candidate, RangeEnd, Ranking};
@@ -72,6 +74,8 @@ pub enum Content {
     Selection(Vec<Ranking>),
     /// Recovered shares of a loss.
     Recovery(Vec<RecoveryRow>),
+    /// The behaviour of estimates over trials.
+    Operating(OperatingFigure),
     /// The rate at which the most likely context is wrong.
     InferenceError(ErrorFigure),
 }
@@ -87,6 +91,7 @@ impl Content {
             | Content::ActionChoice(_)
             | Content::Selection(_)
             | Content::Recovery(_)
+            | Content::Operating(_)
             | Content::InferenceError(_) => None,
         }
     }
@@ -178,6 +183,9 @@ fn content_of(analysis: &Analysis, jobs: &[&JobRecord], published: Option<&Publi
             Content::Selection(selection::rankings(selection.rule, metric, jobs))
         }
         AnalysisKind::Recovery(recovery) => Content::Recovery(recovery::rows(recovery, jobs)),
+        AnalysisKind::OperatingCharacteristics(kind) => {
+            Content::Operating(operating::figure(kind, jobs))
+        }
         AnalysisKind::InferenceError(_) => {
             Content::InferenceError(inference_error::figure(jobs, published))
         }

@@ -323,7 +323,7 @@ impl Brushing {
         // Drawn first, so that it depends neither on the action nor on the outcome.
         let opens = words.open_unit() < person.opens_app;
         let Oralytics { test_bed, rounding, .. } = self.parameters;
-        let responsiveness = self.responsiveness(lane);
+        let responsiveness = self.parameters.effect_factor * self.responsiveness(lane);
         let features = self.features(lane);
         let how = (test_bed, rounding);
         let seconds = person.brushes(&features, is_prompted, responsiveness, how, &mut words);

@@ -60,7 +60,11 @@ impl OralyticsModel {
         let table: Option<Arc<Table>> = self.parameters.people.parsed();
         let people =
             table.expect("the manifest has read the people").people(self.parameters.model());
-        let people = people.expect("the manifest has checked the people");
+        let mut people = people.expect("the manifest has checked the people");
+        if let Some(state) = self.parameters.no_effect_at.first_chunk() {
+            let has_day = !self.parameters.stationary;
+            people.iter_mut().for_each(|person| person.remove_effect_at(state, has_day));
+        }
         let shown = shown(scenario).expect("the manifest has checked the scenario");
         Brushing::new(&self.parameters, Arc::new(people), shown, (history, lanes))
     }

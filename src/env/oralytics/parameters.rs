@@ -30,6 +30,11 @@ keys! {
         rounding: Rounding = Rounding::Nearest;
         /// whether the algorithm sees the average of brushing as of the last day on which the person opened the app
         stale_state: bool = false;
+        /// factor of the effects of a prompt on the outcome; 0 removes them
+        effect_factor: f64 = 1.0, before 1.0, in Kind::NON_NEGATIVE;
+        /// state at which a prompt has no effect on anybody, in "v3" and "v4": the values of time_of_day, brushing,
+        /// dosage and app; empty for none
+        no_effect_at: Vec<f64> = Vec::new(), before Vec::new(), in Kind::Reals { least: 0, most: 4, min: -2.0, max: 2.0 };
     }
 }
 

@@ -1,6 +1,6 @@
 //! One person: the model of a brushing, given the features of the moment and the action.
 
-use crate::env::oralytics::feature::Weights;
+use crate::env::oralytics::feature::{Feature, Weights};
 use crate::env::oralytics::parameters::{Rounding, TestBed};
 use crate::env::variates::{Expansion, poisson};
 use crate::kernel::math;
@@ -61,6 +61,50 @@ impl Person {
             }
         };
         seconds.min(MOST_SECONDS)
+    }
+}
+
+/// Mean and variance of the features of effects in V3 and V4, over the moments for which an effect without a state is
+/// made to resemble the original: every combination of 0 and 1, and of -0.75, 0 and 0.75.
+const MOMENTS: [(Feature, f64, f64); 6] = [
+    (Feature::TimeOfDay, 0.5, 0.25),
+    (Feature::Brushing, 0.0, 0.375),
+    (Feature::Dosage, 0.0, 0.375),
+    (Feature::App, 0.5, 0.25),
+    (Feature::Weekend, 0.5, 0.25),
+    (Feature::Day, 0.0, 0.375),
+];
+
+impl Person {
+    /// Removes the effects of a prompt at a state in V3 or V4: time of day, average of brushing, average of prompts, and
+    /// whether the app was opened on the day before. The day is the middle of the study, and 2 of 7 days are weekend.
+    ///
+    /// The new weights are 0 there and, subject to this, closest to the old ones in mean square over [`MOMENTS`].
+    ///
+    /// **Source**: the environments of Figure 5 of arXiv 2409.02069.
+    pub(super) fn remove_effect_at(
+        &mut self,
+        &[time, brushing, dosage, app]: &[f64; 4],
+        has_day: bool,
+    ) {
+        let state = [time, brushing, dosage, app, 2.0 / 7.0, 0.0];
+        // The day is the last.
+        let moments = || MOMENTS.iter().zip(state).take(if has_day { 6 } else { 5 });
+        let squares: f64 =
+            moments().map(|((_, mean, variance), x)| (x - mean) * (x - mean) / variance).sum();
+        let one = Feature::One as usize;
+        for effect in [&mut self.bernoulli_effect, &mut self.amount_effect] {
+            let at_state: f64 =
+                moments().map(|((feature, ..), x)| effect[*feature as usize] * x).sum();
+            // In terms of deviations from the means, the features are uncorrelated.
+            let step = -(at_state + effect[one]) / (1.0 + squares);
+            effect[one] += step;
+            for ((feature, mean, variance), x) in moments() {
+                let change = step * (x - mean) / variance;
+                effect[*feature as usize] += change;
+                effect[one] -= mean * change;
+            }
+        }
     }
 }
 
@@ -136,6 +180,63 @@ mod tests {
                 close(seconds, (4.0 + k * gains[1]).exp(), 0.3);
             }
         }
+    }
+
+    #[test]
+    fn an_effect_is_removed_at_a_state_and_changed_as_little_as_possible_elsewhere() {
+        use nalgebra::{DMatrix, DVector};
+        let weights = |seed: f64| {
+            let mut weights = [0.0; FEATURES];
+            let named = MOMENTS.iter().map(|(feature, ..)| *feature).chain([Feature::One]);
+            for (place, feature) in named.enumerate() {
+                weights[feature as usize] = seed * (place as f64 + 0.3).sin();
+            }
+            weights
+        };
+        let full = Person {
+            bernoulli_effect: weights(-0.7),
+            amount_effect: weights(0.4),
+            ..person(None, 0.0, 4.0, [0.0; 2])
+        };
+        let state = [1.0, -0.7, -0.1, 0.0];
+        let mut without = full.clone();
+        without.remove_effect_at(&state, true);
+        let of = |weights: &Weights| {
+            let named = MOMENTS.iter().map(|(feature, ..)| weights[*feature as usize]);
+            DVector::from_iterator(7, named.chain([weights[Feature::One as usize]]))
+        };
+        // The least squares by the sum over every moment.
+        let (two, three) = ([0.0, 1.0], [-0.75, 0.0, 0.75]);
+        let values: [&[f64]; 6] = [&two, &three, &three, &two, &two, &three];
+        let mut squares = DMatrix::zeros(7, 7);
+        for place in 0..216 {
+            let mut rest = place;
+            let moment = values.iter().map(|values| {
+                let value = values[rest % values.len()];
+                rest /= values.len();
+                value
+            });
+            let moment = DVector::from_iterator(7, moment.chain([1.0]));
+            squares += &moment * moment.transpose() / 216.0;
+        }
+        let [time, brushing, dosage, app] = state;
+        let x = DVector::from_row_slice(&[time, brushing, dosage, app, 2.0 / 7.0, 0.0, 1.0]);
+        let solved = squares.lu().solve(&x).unwrap();
+        for (before, after) in [
+            (full.bernoulli_effect, without.bernoulli_effect),
+            (full.amount_effect, without.amount_effect),
+        ] {
+            let (before, after) = (of(&before), of(&after));
+            let expected = &before - &solved * (x.dot(&before) / x.dot(&solved));
+            assert!((&after - &expected).amax() < 1e-12, "{after} {expected}");
+            assert!(x.dot(&after).abs() < 1e-12 && x.dot(&before).abs() > 0.1);
+        }
+        // Without weights of the day, none appears.
+        let mut stationary = full;
+        stationary.bernoulli_effect[Feature::Day as usize] = 0.0;
+        stationary.remove_effect_at(&state, false);
+        assert_eq!(stationary.bernoulli_effect[Feature::Day as usize], 0.0);
+        assert!(x.dot(&of(&stationary.bernoulli_effect)).abs() < 1e-12);
     }
 
     #[test]

@@ -27,7 +27,16 @@ pub fn axes(
     metric: Measure,
     style: &Style,
 ) -> (Axis, Axis) {
-    let y_numbers = unit_numbers(metric).0;
+    axes_of(charts, (x_title, x_numbers, scale), (metric.title(), unit_numbers(metric).0), style)
+}
+
+/// [`axes`] of lines that show something else than a metric: with the title and the numbers of the vertical axis.
+pub fn axes_of(
+    charts: &[Chart],
+    (x_title, x_numbers, scale): (String, Numbers, AxisScale),
+    (y_title, y_numbers): (String, Numbers),
+    style: &Style,
+) -> (Axis, Axis) {
     let lines = || charts.iter().flat_map(|chart| &chart.lines);
     let points = || lines().flat_map(|line| &line.points);
     let references = || lines().flat_map(|line| &line.reference);
@@ -45,7 +54,7 @@ pub fn axes(
     let high = style.limits.1.unwrap_or(high.min(cap));
     // A declared end may lie beyond the other end.
     let high = if high > low { high } else { low + high.abs().max(low.abs()).max(1.0) };
-    let y = Axis::new(metric.title(), (low, high), AxisScale::Linear, y_numbers);
+    let y = Axis::new(y_title, (low, high), AxisScale::Linear, y_numbers);
     let x = match scale {
         AxisScale::Log => Axis::logarithmic(x_title, &xs, x_numbers),
         AxisScale::Linear => Axis::new(x_title, ends(&xs), AxisScale::Linear, x_numbers),

@@ -7,6 +7,7 @@ mod forest;
 mod heat_map;
 mod inference_error;
 mod learning_curve;
+mod operating;
 mod recovery;
 mod selection;
 
@@ -88,6 +89,7 @@ pub(super) fn drawn(content: &Content) -> &dyn Drawn {
         Content::ActionChoice(panels) => panels,
         Content::Selection(rankings) => rankings,
         Content::Recovery(rows) => rows,
+        Content::Operating(figure) => figure,
         Content::InferenceError(figure) => figure,
     }
 }

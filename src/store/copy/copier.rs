@@ -23,6 +23,8 @@ pub(in crate::store) struct Copied {
     pub(in crate::store) differing: Vec<String>,
     /// The number of jobs inserted.
     pub(in crate::store) jobs: usize,
+    /// The number of rows of estimates added to runs that the target had.
+    pub(in crate::store) estimates: usize,
     /// Whether part of the source's list of runs is unreadable.
     pub(in crate::store) runs_unreadable: bool,
 }
@@ -67,6 +69,7 @@ impl Copier {
                 let became: Vec<RunCopy> = to.write_durably(ACTION, |open| {
                     runs.iter().map(|run| Ok(target.run(open, run)?)).collect()
                 })?;
+                self.copied.estimates = target.estimates;
                 runs.iter().zip(became).for_each(|(run, became)| report(run, became));
             }
             Batch::Conflicts(rows) => {

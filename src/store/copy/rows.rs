@@ -4,6 +4,8 @@ use std::sync::Arc;
 
 use rusqlite::types::Value;
 
+use crate::store::estimate;
+
 use super::results::ResultRows;
 
 /// How a run of the source ended. Runs in progress are not copied: their jobs run again.
@@ -98,6 +100,8 @@ pub(in crate::store) struct CopiedRun {
     pub(super) end: [Value; 6],
     pub(super) digest: Value,
     pub(super) content: Content,
+    /// The intact estimates of a completed run.
+    pub(super) estimates: Vec<estimate::Row>,
 }
 
 /// The verified results of a run.

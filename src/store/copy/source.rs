@@ -8,6 +8,7 @@ use rusqlite::types::Value;
 
 use crate::store::conflict;
 use crate::store::earlier_manifest;
+use crate::store::estimate;
 use crate::store::verify::{self, CheckWeights, row_ids};
 
 use super::results::{MetricNames, ResultRows};
@@ -219,6 +220,10 @@ impl<'a> Source<'a> {
             None => Content::Damaged("the row of its job is missing or damaged".to_owned()),
         };
         let session_row = self.session(session);
+        let estimates = match (&job_key, ended) {
+            (Some(key), Ended::Completed) => estimate::intact(self.connection, id, key),
+            _ => Ok(Vec::new()),
+        };
         Some(CopiedRun {
             ended,
             job_key,
@@ -230,6 +235,7 @@ impl<'a> Source<'a> {
             end,
             digest,
             content,
+            estimates: estimates.unwrap_or_default(),
         })
     }
 

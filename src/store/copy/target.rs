@@ -9,6 +9,7 @@ use rusqlite::{Connection, OptionalExtension};
 
 use crate::store::conflict;
 use crate::store::earlier_manifest;
+use crate::store::estimate;
 use crate::store::transaction::NOW;
 
 use super::results::{MetricNames, ResultRows};
@@ -75,6 +76,8 @@ pub(in crate::store) struct Target {
     jobs: HashMap<i64, i64>,
     sessions: HashMap<i64, i64>,
     metrics: HashMap<i64, i64>,
+    /// The number of estimates added to runs that the target had.
+    pub(super) estimates: usize,
 }
 
 /// A table whose rows are identified by a unique text in every store.
@@ -222,6 +225,7 @@ impl Target {
             (Ended::Completed, Some((own, true, digest)))
                 if digest == run.digest || differs_in_record_alone(target, own, run) =>
             {
+                self.estimates += estimate::insert_copied(target, own, &run.estimates)?;
                 Ok(RunCopy::AlreadyThere)
             }
             (Ended::Completed, Some((own, true, _))) => {
@@ -332,7 +336,11 @@ impl Target {
         let mut ended = vec![own.into(), Value::Text(run.ended.status().to_owned())];
         ended.extend_from_slice(&run.end);
         ended.push(run.digest.clone());
-        write(target, finish, &ended)
+        let finished = write(target, finish, &ended)?;
+        if let Written::Yes = finished {
+            estimate::insert_copied(target, own, &run.estimates)?;
+        }
+        Ok(finished)
     }
 
     /// The target's id of a run's session, which is copied if the target lacks it. The copy has not ended,

@@ -20,6 +20,8 @@ pub struct Merged {
     /// The number of runs that the target already had, including failed runs of jobs that are completed in
     /// the target.
     pub already_there: usize,
+    /// The number of rows of estimates added to runs that the target already had.
+    pub estimates: usize,
     /// The number of runs whose jobs a process is running in the target. Merge again when these
     /// runs have ended.
     pub in_progress: usize,

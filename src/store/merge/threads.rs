@@ -158,8 +158,9 @@ fn take(
             Message::End(Err(error)) => return Err(error),
         }
     }
-    let Copied { experiments, differing, jobs, .. } = copier.copied;
+    let Copied { experiments, differing, jobs, estimates, .. } = copier.copied;
     merged.experiments += experiments;
+    merged.estimates += estimates;
     merged.jobs += jobs;
     merged.differing.extend(
         differing

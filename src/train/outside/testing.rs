@@ -17,11 +17,10 @@ const TOLERANCE: f64 = 1e-3;
 
 /// Plays the test of a job with the choices of a program.
 pub(super) fn play(
-    job: &Job,
+    (job, mut test): (&Job, Test),
     program: &mut Program,
     stop: &dyn Fn() -> bool,
 ) -> Result<Test, Broken> {
-    let mut test = Test::new(job);
     let mut question = Question::new(job);
     while !test.is_over() {
         let mut lanes = 0;

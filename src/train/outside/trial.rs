@@ -16,7 +16,7 @@ use super::testing::{Chosen, Question};
 
 /// Plays the trial of a job with the choices of a program.
 pub(super) fn play(
-    job: &Job,
+    (job, mut test): (&Job, Test),
     trial: &Trial,
     program: &mut Program,
     control: &dyn TrainingControl,
@@ -33,7 +33,6 @@ pub(super) fn play(
         failure: None,
         has_failed: &has_failed,
     };
-    let mut test = Test::new(job);
     let pause = || has_failed.load(Ordering::Relaxed) || control.stop_requested();
     test.advance(&mut agent, &pause).map_err(|error| match error {
         LearnerError::OutOfMemory(error) => Broken::from(error),

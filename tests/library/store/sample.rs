@@ -143,6 +143,7 @@ pub fn results() -> Results {
         decisions: Vec::new(),
         participants: Vec::new(),
         weights: Some(vec![8, 0, 0, 0]),
+        estimates: Vec::new(),
     }
 }
 
@@ -200,5 +201,6 @@ pub fn realistic(job: &Job) -> Results {
         decisions: Vec::new(),
         participants: Vec::new(),
         weights: Some((0..weights).map(|_| (256.0 * uniform()) as u8).collect()),
+        estimates: Vec::new(),
     }
 }

@@ -9,7 +9,7 @@ use rusqlite::Connection;
 
 use super::sample::{Sample, completed, dqn, failed, number, realistic, reinforce, results};
 
-const VIEWS: [&str; 11] = [
+const VIEWS: [&str; 12] = [
     "run_summary",
     "parameter",
     "metric",
@@ -21,6 +21,7 @@ const VIEWS: [&str; 11] = [
     "participant",
     "manifest",
     "conflict",
+    "estimate",
 ];
 
 fn documentation() -> String {

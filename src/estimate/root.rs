@@ -5,7 +5,7 @@
 ///
 /// **Source**: Chandrupatla, "A new hybrid quadratic/bisection algorithm for finding the zero of a
 /// nonlinear function without using derivatives", 1997.
-pub(super) fn root(function: impl Fn(f64) -> f64, ends: (f64, f64)) -> f64 {
+pub(crate) fn root(function: impl Fn(f64) -> f64, ends: (f64, f64)) -> f64 {
     let ((mut a, mut b), mut part) = (ends, 0.5);
     let (mut at_a, mut at_b) = (function(a), function(b));
     if at_a.signum() == at_b.signum() {

@@ -1,0 +1,206 @@
+//! Operating characteristics: how estimates behave over the trials of an arm, and how many people a trial needs.
+
+use super::arm::{Arm, ArmId, arms, by_value, decided_by};
+use crate::analyse::{Formula, Operating, SampleSize, Simulated, TrialEstimate, sample_size};
+use crate::job::{CONSTANT, Effect, Estimate};
+use crate::key::Parameter;
+use crate::manifest::OperatingCharacteristics;
+use crate::record::{JobRecord, JobStatus};
+
+/// The number of people of a trial.
+const PEOPLE: Parameter = Parameter::Trial("people");
+
+/// The operating characteristics of the estimates of some arms.
+#[derive(Clone, Debug, PartialEq)]
+pub struct OperatingFigure {
+    /// Dotted name of the horizontal axis; `None` without a figure.
+    pub axis: Option<String>,
+    /// One row per term, arm and place on the axis, by term and arm.
+    pub rows: Vec<OperatingRow>,
+    /// The power that is sought, and what was found for each line; `None` if none is sought.
+    pub sought: Option<(f64, Vec<Sought>)>,
+}
+
+/// A term of an estimate.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Term {
+    /// The name of the estimate.
+    pub estimate: String,
+    /// The term of its effect.
+    pub term: String,
+}
+
+/// The estimates of one term over the trials of an arm.
+#[derive(Clone, Debug, PartialEq)]
+pub struct OperatingRow {
+    /// The arm, without the parameter of the axis among its settings.
+    pub name: ArmId,
+    /// The value of the parameter of the axis.
+    pub x: Option<f64>,
+    /// The term.
+    pub term: Term,
+    /// Its operating characteristics.
+    pub operating: Operating,
+    /// Completed trials without an estimate, and why the first of them has none.
+    pub failed: (usize, Option<String>),
+    /// Trials that are not completed.
+    pub missing: usize,
+    /// The mean number of decisions per person that the estimate uses, the mean residual standard deviation, the
+    /// probability of the numerator, and the number of coefficients of the control model; `None` without an estimate
+    /// or for several coefficients.
+    design: Option<(f64, f64, f64, usize)>,
+}
+
+/// The number of people that reaches a power.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Sought {
+    /// The arm, without the number of people among its settings.
+    pub name: ArmId,
+    /// The term.
+    pub term: Term,
+    /// The number of people by simulation; `None` if the power is not reached between the simulated numbers.
+    pub simulated: Option<SampleSize>,
+    /// The number of people by the formula of Liao and others; `None` where it does not apply.
+    pub formula: Option<u32>,
+    /// The powers at the fewest and the most people: people and share.
+    pub ends: [(f64, f64); 2],
+}
+
+impl Sought {
+    /// Whether the formula's number lies outside the interval of the simulated one.
+    pub fn differs(&self) -> bool {
+        let Some((size, formula)) = self.simulated.zip(self.formula.map(f64::from)) else {
+            return false;
+        };
+        size.low.is_some_and(|low| formula < low.floor())
+            || size.high.is_some_and(|high| formula > high.ceil())
+    }
+}
+
+/// The operating characteristics of the estimates that the jobs have.
+pub fn figure(kind: &OperatingCharacteristics, jobs: &[&JobRecord]) -> OperatingFigure {
+    let sought = kind.find.as_ref().map(|find| find.power);
+    let axis = kind.x.or(sought.map(|_| PEOPLE)).map(|axis| axis.to_string());
+    // What follows from the axis, such as a zipped key, varies along it.
+    let along = axis.as_ref().map_or_else(Vec::new, |axis| {
+        let mut along = decided_by(axis, jobs);
+        along.push(axis.clone());
+        along
+    });
+    let along: Vec<&str> = along.iter().map(String::as_str).collect();
+    let arms = arms(jobs, &along);
+    let mut rows = Vec::new();
+    for term in terms(jobs, &kind.estimates.0) {
+        for arm in &arms {
+            let places: Vec<(Option<f64>, Vec<&JobRecord>)> = match &axis {
+                Some(axis) if arm.jobs.iter().any(|job| job.number(axis).is_some()) => {
+                    let places = by_value(axis, &arm.jobs).into_iter();
+                    places.map(|(x, jobs)| (Some(x), jobs)).collect()
+                }
+                _ => vec![(None, arm.jobs.clone())],
+            };
+            rows.extend(places.into_iter().map(|(x, jobs)| row(arm, x, &jobs, &term)));
+        }
+    }
+    let sought = sought.map(|power| (power, seek(&rows, power)));
+    OperatingFigure { axis, rows, sought }
+}
+
+/// The terms of the chosen estimates, all if none is chosen, in order of first appearance.
+fn terms(jobs: &[&JobRecord], chosen: &[String]) -> Vec<Term> {
+    let mut terms: Vec<Term> = Vec::new();
+    let estimates = jobs.iter().filter_map(|job| job.completed()).flat_map(|run| &run.estimates);
+    for estimates in estimates {
+        let name = &estimates.declaration.name;
+        if !chosen.is_empty() && !chosen.contains(name) {
+            continue;
+        }
+        for Estimate { term, .. } in &estimates.terms {
+            let term = Term { estimate: name.clone(), term: term.clone() };
+            if !terms.contains(&term) {
+                terms.push(term);
+            }
+        }
+    }
+    terms
+}
+
+fn row(arm: &Arm<'_>, x: Option<f64>, jobs: &[&JobRecord], term: &Term) -> OperatingRow {
+    let mut seen = std::collections::HashSet::new();
+    let (mut effects, mut failures, mut missing) = (Vec::<Effect>::new(), Vec::new(), 0);
+    let mut design = None;
+    for job in jobs.iter().filter(|job| seen.insert(job.seed)) {
+        let JobStatus::Completed(run) = &job.status else {
+            missing += 1;
+            continue;
+        };
+        let of = run.estimates.iter().find(|one| one.declaration.name == term.estimate);
+        let found = of.and_then(|of| of.terms.iter().find(|one| one.term == term.term));
+        match found.map(|found| &found.effect) {
+            Some(Ok(effect)) => effects.push(*effect),
+            Some(Err(reason)) => failures.push(reason.clone()),
+            // The estimate is not computed yet.
+            None => missing += 1,
+        }
+        design = design.or_else(|| {
+            let of = of.filter(|of| of.terms.len() == 1 && term.term == CONSTANT)?;
+            let people = job.number("trial.people")?;
+            Some((people, of.declaration.numerator, of.declaration.control.len() + 1))
+        });
+    }
+    let trials: Vec<TrialEstimate> = effects.iter().map(trial).collect();
+    let mean = |of: fn(&Effect) -> f64| effects.iter().map(of).sum::<f64>() / effects.len() as f64;
+    let design = design.filter(|_| !effects.is_empty()).map(|(people, numerator, controls)| {
+        let decisions = mean(|effect| effect.decisions as f64) / people;
+        (decisions, mean(|effect| effect.residual_sd), numerator, controls)
+    });
+    OperatingRow {
+        name: arm.name.clone(),
+        x,
+        term: term.clone(),
+        operating: Operating::of(&trials),
+        failed: (failures.len(), failures.first().cloned()),
+        missing,
+        design,
+    }
+}
+
+fn trial(effect: &Effect) -> TrialEstimate {
+    TrialEstimate {
+        value: effect.value,
+        standard_error: effect.standard_error,
+        interval: crate::analyse::Interval { low: effect.low, high: effect.high },
+        truth: effect.truth,
+    }
+}
+
+impl OperatingRow {
+    /// The trial as the formula sees it, with the mean true effect, or the mean estimate where no truth is known.
+    fn formula(&self, mean: f64) -> Option<Formula> {
+        let (decisions, sd, probability, controls) = self.design?;
+        let effect = self.operating.truth.map_or(mean, |truth| truth.value);
+        Some(Formula { standardised_effect: effect / sd, decisions, probability, controls })
+    }
+}
+
+/// What is found for each line along the number of people.
+fn seek(rows: &[OperatingRow], power: f64) -> Vec<Sought> {
+    let is_one_line = |one: &OperatingRow, next: &OperatingRow| {
+        (&one.name, &one.term) == (&next.name, &next.term)
+    };
+    let line = |rows: &[OperatingRow]| {
+        let at = |row: &OperatingRow| Some((row.x?, row.operating.power.ok()?));
+        let powers: Vec<(f64, Simulated)> = rows.iter().filter_map(at).collect();
+        let (first, last) = (powers.first()?, powers.last()?);
+        let most = rows.iter().rfind(|row| row.operating.power.is_ok())?;
+        let formula = most.formula(most.operating.mean.ok()?.value)?.people(power);
+        Some(Sought {
+            name: rows[0].name.clone(),
+            term: rows[0].term.clone(),
+            simulated: sample_size(&powers, power),
+            formula,
+            ends: [first, last].map(|(people, power)| (*people, power.value)),
+        })
+    };
+    rows.chunk_by(is_one_line).filter_map(line).collect()
+}

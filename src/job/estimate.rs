@@ -1,0 +1,155 @@
+//! Estimates of causal effects as plain data: what a manifest declares, and what a job has of it.
+
+use std::sync::Arc;
+
+use serde::{Deserialize, Serialize};
+
+use crate::key::choices;
+
+/// The outcome that is the reward of the step.
+pub const REWARD: &str = "reward";
+/// The feature that counts the steps that a person took before the decision.
+pub const STEP: &str = "step";
+/// The term of the constant 1.
+pub const CONSTANT: &str = "1";
+
+choices! {
+    /// How an effect is estimated.
+    pub enum Estimator {
+        /// Weighted and centred least squares.
+        Wcls = "wcls",
+    }
+}
+
+/// A declared estimate: its name and everything that its numbers depend on. Estimates with equal declarations are
+/// the same estimate, in every manifest and store.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct EstimateDeclaration {
+    /// The features of the model of the outcome without treatment, beside the constant 1.
+    pub control: Vec<String>,
+    /// The word of the [`Estimator`].
+    pub estimator: String,
+    /// The features that the effect depends on, beside the constant 1.
+    pub moderators: Vec<String>,
+    /// The name.
+    pub name: String,
+    /// The probability of treatment in the numerator of the weights, in (0, 1); several treatments share it equally.
+    pub numerator: f64,
+    /// [`REWARD`], or a name of the recorded state, whose value before the person's next decision is the outcome.
+    pub outcome: String,
+    /// What is compared with action 0.
+    pub treatment: Treatment,
+    /// Whether the truth is simulated, too.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub truth: bool,
+}
+
+/// What an estimate compares with action 0.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(untagged)]
+pub enum Treatment {
+    /// Any other action than 0, or each of them.
+    Messages(Messages),
+    /// The action of this number, above 0. Decisions with other actions than this one and 0 have weight 0.
+    Action(u8),
+}
+
+/// How an estimate treats several messages.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub enum Messages {
+    /// As one treatment.
+    #[serde(rename = "any message")]
+    Any,
+    /// As a treatment of its own each.
+    #[serde(rename = "each message")]
+    Each,
+}
+
+impl Treatment {
+    /// The words that a manifest can have instead of the number of an action.
+    pub const WORDS: [&str; 2] = ["any message", "each message"];
+
+    /// The treatment that a manifest writes with this word.
+    pub fn named(word: &str) -> Option<Treatment> {
+        match Treatment::WORDS.iter().position(|known| *known == word)? {
+            0 => Some(Treatment::Messages(Messages::Any)),
+            _ => Some(Treatment::Messages(Messages::Each)),
+        }
+    }
+
+    /// The number of treatments in an environment with this number of actions.
+    pub fn count(self, actions: usize) -> usize {
+        match self {
+            Treatment::Messages(Messages::Each) => actions.saturating_sub(1),
+            Treatment::Messages(Messages::Any) | Treatment::Action(_) => 1,
+        }
+    }
+}
+
+impl EstimateDeclaration {
+    /// The declaration as one line of JSON with sorted keys; equal declarations have equal texts.
+    pub fn canonical(&self) -> String {
+        serde_json::to_string(self).expect("texts and finite numbers are written as JSON")
+    }
+
+    /// The declaration of a canonical text.
+    pub fn from_canonical(text: &str) -> Option<EstimateDeclaration> {
+        serde_json::from_str(text).ok()
+    }
+
+    /// The terms of the effect in an environment with this number of actions: 1 and the moderators, for each treatment.
+    pub fn terms(&self, actions: usize) -> Vec<String> {
+        let own = || [CONSTANT].into_iter().chain(self.moderators.iter().map(String::as_str));
+        match self.treatment {
+            Treatment::Messages(Messages::Each) => (1..actions)
+                .flat_map(|action| own().map(move |term| format!("action {action}: {term}")))
+                .collect(),
+            Treatment::Messages(Messages::Any) | Treatment::Action(_) => {
+                own().map(str::to_owned).collect()
+            }
+        }
+    }
+}
+
+/// What a job has of a declared estimate.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Estimates {
+    /// The declaration.
+    pub declaration: Arc<EstimateDeclaration>,
+    /// The terms of the effect, in the order of [`EstimateDeclaration::terms`]; at least one.
+    pub terms: Vec<Estimate>,
+}
+
+/// One term of an estimated effect.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Estimate {
+    /// The term.
+    pub term: String,
+    /// The estimate; an error says why it could not be computed.
+    pub effect: Result<Effect, String>,
+}
+
+/// An estimated coefficient. All numbers are finite.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Effect {
+    /// The estimate.
+    pub value: f64,
+    /// Its standard error.
+    pub standard_error: f64,
+    /// The degrees of freedom of Student's t.
+    pub degrees_of_freedom: f64,
+    /// The lower end of the 95 % confidence interval.
+    pub low: f64,
+    /// The upper end of the 95 % confidence interval.
+    pub high: f64,
+    /// The two-sided p-value of the hypothesis that the coefficient is 0.
+    pub p_value: f64,
+    /// The number of decisions that the estimate uses.
+    pub decisions: u64,
+    /// The weighted standard deviation of the residuals.
+    pub residual_sd: f64,
+    /// What the estimate estimates, in the job's trial: the coefficient of the effects that the simulation has at the
+    /// trial's own decisions. `None` where it is not simulated.
+    pub truth: Option<f64>,
+}

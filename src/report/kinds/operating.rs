@@ -1,0 +1,358 @@
+//! Operating characteristics of estimates: power, coverage and bias over trials.
+
+use super::{Drawn, Sheet, parameter};
+use crate::analyse::declared::{ArmId, OperatingFigure, OperatingRow, Sought, Term};
+use crate::analyse::{Interval, LEVEL, Simulated, Undefined};
+use crate::job::{Measure, counted};
+use crate::report::data_table::{DataTable, Entry, shown};
+use crate::report::figure::{
+    AxisScale, Chart, Line, Numbers, Panels, Place, Spread, arm_label, axes_of, draw, facets,
+};
+use crate::report::names::Names;
+use crate::report::scene::Scene;
+use crate::report::symbols;
+use crate::report::tables::{arm, high, low, range};
+
+/// What a figure shows of the rows, over the axis.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Shown {
+    Power,
+    Coverage,
+    Bias,
+}
+
+impl Shown {
+    fn word(self) -> &'static str {
+        match self {
+            Shown::Power => "power",
+            Shown::Coverage => "coverage",
+            Shown::Bias => "bias",
+        }
+    }
+
+    fn of(self, row: &OperatingRow) -> Result<Simulated, Undefined> {
+        match self {
+            Shown::Power => row.operating.power,
+            Shown::Coverage => row.operating.coverage,
+            Shown::Bias => row.operating.bias,
+        }
+    }
+}
+
+impl Drawn for OperatingFigure {
+    fn figures(&self, sheet: &Sheet<'_>) -> Vec<(String, Scene)> {
+        let Some(axis) = &self.axis else { return Vec::new() };
+        let terms = self.terms();
+        let of_term = |(number, term): (usize, &&Term)| {
+            // One estimate with one term needs no number.
+            let stem = match terms.len() {
+                1 => sheet.stem.to_owned(),
+                _ => format!("{}-{}", sheet.stem, number + 1),
+            };
+            let mut scenes = Vec::new();
+            for group in [&[Shown::Power, Shown::Coverage][..], &[Shown::Bias]] {
+                let charts = group.iter().map(|what| (*what, self.chart(*what, term, sheet)));
+                let has_points =
+                    |chart: &Chart| chart.lines.iter().any(|line| !line.points.is_empty());
+                let (kinds, charts): (Vec<Shown>, Vec<Chart>) =
+                    charts.filter(|(_, chart)| has_points(chart)).unzip();
+                if charts.is_empty() {
+                    continue;
+                }
+                let scale = sheet.style.x_scale(AxisScale::Linear);
+                let (title, numbers) = match group[0] {
+                    Shown::Bias => ("bias".to_owned(), Numbers::Plain),
+                    _ => ("share of trials, %".to_owned(), Numbers::Percent),
+                };
+                let x = (symbols::quantity(axis), Numbers::Plain, scale);
+                let axes = axes_of(&charts, x, (title, numbers), sheet.style);
+                let stems = kinds.iter().map(|what| format!("{stem}-{}", what.word()));
+                scenes.extend(stems.zip(draw(&charts, &axes, sheet.style)));
+            }
+            scenes
+        };
+        terms.iter().enumerate().flat_map(of_term).collect()
+    }
+
+    fn wholes(&self, sheet: &Sheet<'_>, panels: usize) -> Vec<(String, usize)> {
+        vec![(sheet.stem.to_owned(), panels)]
+    }
+
+    fn has_figures(&self) -> bool {
+        self.axis.is_some()
+    }
+
+    fn table(&self, title: &str, _: Measure, names: &Names) -> DataTable {
+        let axis = self.axis.as_deref().map(symbols::short);
+        let columns = [
+            ("arm", "Arm"),
+            ("estimate", "Estimate"),
+            ("term", "Term"),
+            (if axis.is_some() { "x" } else { ".x" }, axis.as_deref().unwrap_or("x")),
+            ("trials", "Trials"),
+            ("failed", "Failed"),
+            ("truth", "True effect"),
+            (".truth_low", ""),
+            (".truth_high", ""),
+            ("bias", "Bias"),
+            ("bias_interval", "95 % interval"),
+            (".bias_low", ""),
+            (".bias_high", ""),
+            ("empirical_error", "SD of estimates"),
+            (".empirical_error_low", ""),
+            (".empirical_error_high", ""),
+            ("mean_error", "Mean SE"),
+            (".mean_error_low", ""),
+            (".mean_error_high", ""),
+            ("coverage", "Coverage, %"),
+            ("coverage_interval", "95 % interval"),
+            (".coverage_low", ""),
+            (".coverage_high", ""),
+            ("power", "Power, %"),
+            ("power_interval", "95 % interval"),
+            (".power_low", ""),
+            (".power_high", ""),
+        ];
+        let mut table = DataTable::new(title, &columns);
+        let decimals = self.decimals();
+        table.rows = self.rows.iter().map(|row| cells(row, decimals, names)).collect();
+        table
+    }
+
+    fn shows(&self, _: Measure, _: &Names) -> String {
+        let terms = self.terms();
+        let mut names: Vec<&str> = terms.iter().map(|term| term.estimate.as_str()).collect();
+        names.dedup();
+        let trials = self.rows.iter().map(|row| row.operating.trials);
+        let (least, most) = (trials.clone().min().unwrap_or(0), trials.max().unwrap_or(0));
+        let trials = match least == most {
+            true => counted(most, "trial"),
+            false => format!("{least} to {most} trials"),
+        };
+        format!(
+            "Operating characteristics of {} over {trials} per arm; 95 % Monte Carlo intervals",
+            names.join(", ")
+        )
+    }
+
+    fn finds(&self, _: Measure, names: &Names) -> Option<String> {
+        let Some((power, sought)) = &self.sought else { return self.covers() };
+        let sizes: Vec<String> = sought.iter().map(|one| self.size(one, *power, names)).collect();
+        (!sizes.is_empty()).then(|| sizes.join(". "))
+    }
+
+    fn lacks(&self) -> Option<String> {
+        if self.rows.is_empty() {
+            return Some("no completed job has an estimate".to_owned());
+        }
+        let failed: usize = self.rows.iter().map(|row| row.failed.0).sum();
+        let reason = self.rows.iter().find_map(|row| row.failed.1.as_ref())?;
+        Some(format!("{}, the first because {reason}", counted(failed, "estimate")))
+    }
+
+    fn split(&self) -> Option<Panels> {
+        None
+    }
+
+    fn arms(&self) -> Vec<&ArmId> {
+        let mut arms: Vec<&ArmId> = Vec::new();
+        for row in &self.rows {
+            if !arms.contains(&&row.name) {
+                arms.push(&row.name);
+            }
+        }
+        arms
+    }
+
+    fn is_table(&self) -> bool {
+        self.axis.is_none()
+    }
+}
+
+impl OperatingFigure {
+    /// The terms, in order.
+    fn terms(&self) -> Vec<&Term> {
+        let mut terms: Vec<&Term> = self.rows.iter().map(|row| &row.term).collect();
+        terms.dedup();
+        terms
+    }
+
+    /// Decimals that show the standard errors with three digits.
+    fn decimals(&self) -> usize {
+        let errors = self.rows.iter().filter_map(|row| row.operating.mean_error.ok());
+        let least = errors.map(|error| error.value).filter(|error| *error > 0.0);
+        let least = least.fold(f64::INFINITY, f64::min);
+        if least.is_finite() { (2.0 - least.log10().floor()).clamp(0.0, 9.0) as usize } else { 2 }
+    }
+
+    fn chart(&self, what: Shown, term: &Term, sheet: &Sheet<'_>) -> Chart {
+        let arms = sheet.names.arms(self.arms());
+        let known = self.arms();
+        let names: Vec<&ArmId> = arms.iter().collect();
+        let panels = Panels::whole(&names);
+        let looks = panels.looks(sheet.looks, &names);
+        let xs = self.rows.iter().filter_map(|row| row.x);
+        let ends =
+            xs.fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), x| (low.min(x), high.max(x)));
+        let level = match what {
+            Shown::Power => self.sought.as_ref().map(|(power, _)| *power),
+            Shown::Coverage => Some(LEVEL),
+            Shown::Bias => Some(0.0),
+        };
+        let mut lines: Vec<Line> = Vec::new();
+        for (at, arm) in known.iter().enumerate() {
+            let rows = self.rows.iter().filter(|row| row.name == **arm && row.term == *term);
+            let name = arm_label(&arms[at]);
+            let place = |row: &OperatingRow| {
+                let (x, found) = (row.x?, what.of(row).ok()?);
+                let interval = found.interval.ok().map(|ends| (ends.low, ends.high));
+                let value = match what {
+                    Shown::Bias => shown(found.value, self.decimals()),
+                    _ => format!("{} %", shown(100.0 * found.value, 1)),
+                };
+                let tip = format!(
+                    "{name}, {} = {}: {} {value}, {}",
+                    symbols::short(self.axis.as_deref().unwrap_or_default()),
+                    parameter(x),
+                    what.word(),
+                    counted(row.operating.trials, "trial"),
+                );
+                Some(Place { x, y: found.value, interval, is_single: false, tip })
+            };
+            let points: Vec<Place> = rows.filter_map(place).collect();
+            // The level stands once, in the look of the first line.
+            let level = level.filter(|_| lines.is_empty() && !points.is_empty());
+            lines.push(Line {
+                label: panels.labels[at].clone(),
+                look: looks.look(&panels.arms[at]),
+                points,
+                reference: level.map_or_else(Vec::new, |y| vec![(ends.0, y), (ends.1, y)]),
+                spread: Spread::Bars,
+                facets: facets(&arms[at]),
+            });
+        }
+        let note = match level {
+            Some(_) if what == Shown::Bias => " Thin: no bias.".to_owned(),
+            Some(level) => format!(" Thin: {} %.", shown(100.0 * level, 0)),
+            None => String::new(),
+        };
+        let term = match self.terms().len() {
+            1 => String::new(),
+            _ => format!(" of {}: {}", term.estimate, term.term),
+        };
+        let heading = format!("{}{term}", what.word());
+        let description = format!("{heading} over trials");
+        let note = format!("95 % Monte Carlo intervals.{note}");
+        Chart { heading: Some(heading), description, lines, note }
+    }
+
+    /// Whether intervals hold the truth as often as they should.
+    fn covers(&self) -> Option<String> {
+        let known: Vec<Simulated> =
+            self.rows.iter().filter_map(|row| row.operating.coverage.ok()).collect();
+        let share = |of: &Simulated| {
+            let ends = of.interval.map_or_else(
+                |_| String::new(),
+                |Interval { low, high }| format!(" ({} %)", range(100.0 * low, 100.0 * high, 1)),
+            );
+            format!("{} %{ends}", shown(100.0 * of.value, 1))
+        };
+        match known.as_slice() {
+            [] => None,
+            [one] => Some(format!("Of the 95 % intervals, {} hold the true effect", share(one))),
+            all => {
+                let nominal =
+                    |one: &&Simulated| one.interval.is_ok_and(|ends| ends.contains(LEVEL));
+                let least = all.iter().min_by(|a, b| a.value.total_cmp(&b.value))?;
+                Some(format!(
+                    "{} of {} coverages agree with 95 %; the least is {}",
+                    all.iter().filter(nominal).count(),
+                    all.len(),
+                    share(least)
+                ))
+            }
+        }
+    }
+
+    /// The number of people of a line, beside that of the formula.
+    fn size(&self, sought: &Sought, power: f64, names: &Names) -> String {
+        let terms = self.terms().len() > 1;
+        let of_term = match terms {
+            true => format!(", {} of {}", sought.term.term, sought.term.estimate),
+            false => String::new(),
+        };
+        let who = names.label(&sought.name) + &of_term;
+        let goal = format!("a power of {} %", shown(100.0 * power, 0));
+        let at = |(people, power): (f64, f64)| {
+            format!("{} % with {} people", shown(100.0 * power, 1), shown(people, 0))
+        };
+        let found = match sought.simulated {
+            Some(size) => {
+                let least = size.low.map_or("fewer than simulated".to_owned(), people);
+                let most = size.high.map_or("more than simulated".to_owned(), people);
+                format!(
+                    "{who} reaches {goal} with {} people (95 % interval {least} to {most})",
+                    people(size.people)
+                )
+            }
+            None => format!(
+                "{who} does not reach {goal} between the simulated numbers of people: {} and {}",
+                at(sought.ends[0]),
+                at(sought.ends[1])
+            ),
+        };
+        let formula = match sought.formula {
+            Some(formula) if sought.differs() => format!(
+                "; the formula of Liao et al. (2016) gives {formula}, outside this interval"
+            ),
+            Some(formula) => format!("; the formula of Liao et al. (2016) gives {formula}"),
+            None => String::new(),
+        };
+        found + &formula
+    }
+}
+
+/// A number of people that suffices.
+fn people(number: f64) -> String {
+    shown(number.ceil(), 0)
+}
+
+fn cells(row: &OperatingRow, decimals: usize, names: &Names) -> Vec<Entry> {
+    let of = &row.operating;
+    let ends = |value: Result<Simulated, Undefined>| value.and_then(|value| value.interval);
+    let plain =
+        |value: Result<Simulated, Undefined>| Entry::of(value.map(|value| value.value), decimals);
+    let percent = |value: Result<Simulated, Undefined>| match value {
+        Ok(Simulated { value, .. }) => Entry::Number { value, shown: shown(100.0 * value, 1) },
+        Err(reason) => Entry::Missing(reason.to_string()),
+    };
+    let between =
+        |value: Result<Simulated, Undefined>, (factor, decimals): (f64, usize)| match ends(value) {
+            Ok(Interval { low, high }) => Entry::text(range(factor * low, factor * high, decimals)),
+            Err(reason) => Entry::Missing(reason.to_string()),
+        };
+    let mut cells = vec![
+        arm(&row.name, names),
+        Entry::text(row.term.estimate.clone()),
+        Entry::text(row.term.term.clone()),
+        match row.x {
+            Some(value) => Entry::Number { value, shown: parameter(value) },
+            None => Entry::Missing("the arm lacks the parameter".to_owned()),
+        },
+        Entry::number(of.trials as f64, 0),
+        Entry::number(row.failed.0 as f64, 0),
+    ];
+    let with_ends = |cells: &mut Vec<Entry>, value, entries: Vec<Entry>| {
+        cells.extend(entries);
+        cells.extend([low(ends(value)), high(ends(value))]);
+    };
+    with_ends(&mut cells, of.truth, vec![plain(of.truth)]);
+    with_ends(&mut cells, of.bias, vec![plain(of.bias), between(of.bias, (1.0, decimals))]);
+    for value in [of.empirical_error, of.mean_error] {
+        with_ends(&mut cells, value, vec![plain(value)]);
+    }
+    for value in [of.coverage, of.power] {
+        with_ends(&mut cells, value, vec![percent(value), between(value, (100.0, 1))]);
+    }
+    cells
+}

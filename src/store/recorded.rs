@@ -1,0 +1,87 @@
+//! Recorded decisions of a completed run, read back one at a time.
+
+use serde_json::{Map, Value as Json};
+
+use crate::job::{Decision, Job, Phase};
+
+use super::error::Fault;
+use super::{Reader, StoreError, decision, family};
+
+/// The columns that every family has.
+const COLUMNS: &str = "episode, step, available, coalesce(can_send, available), coalesce(chosen_action, action), action,
+    action_probability, action_probabilities, reward";
+
+impl Reader {
+    /// The job with the description of its environment in its completed run; the job itself if there is none.
+    pub fn described(&self, job: Job) -> Result<Job, StoreError> {
+        let key = job.key().to_string();
+        self.read("read the description of an environment", |connection| {
+            let text = family::description_of(connection, &key)?;
+            let environment = text.and_then(|text| job.environment.described(&text));
+            Ok(match environment {
+                Some(environment) => Job { environment, ..job },
+                None => job,
+            })
+        })
+    }
+
+    /// Calls `see` with each recorded decision of the test or trial of a job, by episode and step. Returns their number.
+    /// The job must be [`Reader::described`].
+    pub fn decisions(&self, job: &Job, mut see: impl FnMut(&Decision)) -> Result<u64, StoreError> {
+        let names = job.state_names();
+        let is_packed = names == decision::STATE;
+        // The state of packed rows has columns of its own, with all digits.
+        let state = if is_packed { decision::STATE.join(", ") } else { "state".to_owned() };
+        let sql = format!(
+            "SELECT {COLUMNS}, {state} FROM decision WHERE job_key = ?1 AND phase = 'test' ORDER BY episode, step"
+        );
+        let actions = job.task().interface().actions;
+        self.read("read decisions", |connection| {
+            let mut statement = connection.prepare_cached(&sql)?;
+            let mut rows = statement.query([job.key().to_string()])?;
+            let mut count = 0;
+            while let Some(row) = rows.next()? {
+                let action: u8 = row.get(5)?;
+                let state = match is_packed {
+                    true => (9..9 + names.len())
+                        .map(|place| row.get(place))
+                        .collect::<Result<_, _>>()?,
+                    false => numbers(&row.get::<_, String>(9)?, &names)?,
+                };
+                let probabilities = match row.get::<_, Option<String>>(7)? {
+                    Some(text) => serde_json::from_str(&text).map_err(unreadable)?,
+                    None => {
+                        let mut known = vec![f64::NAN; actions.max(1 + usize::from(action))];
+                        known[usize::from(action)] = row.get(6)?;
+                        known
+                    }
+                };
+                see(&Decision {
+                    phase: Phase::Test,
+                    episode: row.get(0)?,
+                    step: row.get(1)?,
+                    state,
+                    available: row.get(2)?,
+                    can_send: row.get(3)?,
+                    chosen: row.get(4)?,
+                    action,
+                    probabilities: probabilities.into(),
+                    reward: row.get(8)?,
+                });
+                count += 1;
+            }
+            Ok(count)
+        })
+    }
+}
+
+/// The numbers of a state in the order of their names.
+fn numbers(text: &str, names: &[String]) -> Result<Box<[f64]>, Fault> {
+    let state: Map<String, Json> = serde_json::from_str(text).map_err(unreadable)?;
+    let number = |name: &String| state.get(name).and_then(Json::as_f64);
+    Ok(names.iter().map(|name| number(name).unwrap_or(f64::NAN)).collect())
+}
+
+fn unreadable(error: serde_json::Error) -> Fault {
+    rusqlite::Error::FromSqlConversionFailure(0, rusqlite::types::Type::Text, error.into()).into()
+}

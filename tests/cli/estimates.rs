@@ -1,0 +1,260 @@
+//! Estimates of causal effects: at the end of a job, and added to completed jobs.
+
+use crate::support::{Folder, until};
+
+const MANIFEST: &str = r#"format = 1
+name = "trial"
+scenarios = ["P-H-D"]
+seeds = 2
+environment.sigma = 0.4
+
+[evaluation]
+test_episodes = 40
+
+[[agent]]
+name = "random"
+algorithm = "rule"
+rule = "random"
+
+[[agent]]
+name = "thompson"
+algorithm = "linear_thompson"
+episodes = 20
+pi_min = 0.1
+"#;
+
+const ESTIMATES: &str = r#"
+[[estimate]]
+name = "effect"
+control = ["habituation", "disengagement", "step"]
+moderators = ["habituation"]
+
+[[estimate]]
+name = "each"
+treatment = "each message"
+numerator = 0.75
+
+[[estimate]]
+name = "later"
+outcome = "habituation"
+treatment = 2
+agents = "random"
+"#;
+
+fn texts(folder: &Folder, sql: &str) -> Vec<String> {
+    let store = folder.store();
+    let mut statement = store.prepare(sql).unwrap();
+    let texts = statement.query_map([], |row| row.get(0)).unwrap();
+    texts.collect::<Result<_, _>>().unwrap()
+}
+
+/// The rows of estimates, with all digits.
+fn estimates(folder: &Folder) -> Vec<String> {
+    texts(
+        folder,
+        "SELECT concat_ws(' ', job_key, name, number, term, printf('%!.17g %!.17g %!.17g %!.17g %!.17g %!.17g', estimate,
+            standard_error, degrees_of_freedom, low, high, p_value), failure) FROM estimate ORDER BY job_key, name, number",
+    )
+}
+
+fn digests(folder: &Folder) -> Vec<String> {
+    texts(folder, "SELECT hex(results_sha256) FROM run WHERE status = 'completed' ORDER BY job")
+}
+
+fn recorded() -> String {
+    MANIFEST.replace("test_episodes = 40", "test_episodes = 40\nrecord_decisions = \"test\"")
+}
+
+#[test]
+fn adding_an_estimate_to_completed_jobs_that_recorded_decisions_trains_nothing() {
+    let folder = Folder::completed(&recorded());
+    let before = digests(&folder);
+    folder.write("sweep.toml", format!("{}{ESTIMATES}", recorded()));
+    folder
+        .jitai(["plan", "sweep.toml"])
+        .succeeded()
+        .says("estimates of 4 completed jobs to compute, without training");
+    folder
+        .jitai(["run", "sweep.toml"])
+        .succeeded()
+        .says("estimates of 4 completed jobs computed from recorded decisions, without training");
+    assert_eq!((folder.runs(), digests(&folder)), (4, before));
+    // Two terms and three of every job, and one of the two jobs of an agent.
+    let added = estimates(&folder);
+    assert_eq!(added.len(), 4 * (2 + 3) + 2);
+    assert_eq!(folder.number("SELECT count(*) FROM estimate WHERE failure IS NOT NULL"), 0);
+    folder.jitai(["doctor"]).succeeded();
+    let again = folder.jitai(["run", "sweep.toml"]).succeeded();
+    assert!(!again.stderr.contains("estimates"), "{}", again.stderr);
+    // Jobs that compute them at their end have the same bits, and the same results.
+    let whole = Folder::completed(&format!("{}{ESTIMATES}", recorded()));
+    assert_eq!(estimates(&whole), added);
+    assert_eq!(digests(&whole), digests(&folder));
+}
+
+#[test]
+fn jobs_without_recorded_decisions_have_the_same_estimates() {
+    let folder = Folder::completed(&format!("{MANIFEST}{ESTIMATES}"));
+    assert_eq!(folder.number("SELECT count(*) FROM decision"), 0);
+    // Added later, the jobs are trained again.
+    let later = Folder::completed(MANIFEST);
+    let before = digests(&later);
+    assert_eq!(before, digests(&folder));
+    later.write("sweep.toml", format!("{MANIFEST}{ESTIMATES}"));
+    later
+        .jitai(["plan", "sweep.toml"])
+        .succeeded()
+        .says("4 of them by training again, without recorded decisions");
+    later
+        .jitai(["run", "sweep.toml"])
+        .succeeded()
+        .says("estimates of 4 completed jobs computed by training again, with the same results");
+    assert_eq!((later.runs(), digests(&later)), (4, before));
+    assert_eq!(estimates(&later), estimates(&folder));
+    // The numbers do not depend on whether decisions are recorded, although the job does.
+    let numbers = "SELECT DISTINCT concat_ws(' ', name, number, estimate, standard_error) FROM estimate ORDER BY 1";
+    let whole = Folder::completed(&format!("{}{ESTIMATES}", recorded()));
+    assert_eq!(texts(&whole, numbers), texts(&folder, numbers));
+}
+
+#[test]
+fn other_results_store_no_estimates() {
+    let folder = Folder::completed(MANIFEST);
+    let other = rusqlite::Connection::open(folder.path("jitai.sqlite")).unwrap();
+    let of_run =
+        "FROM sqlite_schema WHERE type = 'trigger' AND tbl_name = 'run' AND sql LIKE '%UPDATE%'";
+    let triggers = texts(&folder, &format!("SELECT name {of_run}"));
+    let kept = texts(&folder, &format!("SELECT sql {of_run}"));
+    triggers.iter().for_each(|name| other.execute_batch(&format!("DROP TRIGGER {name}")).unwrap());
+    other.execute("UPDATE run SET results_sha256 = zeroblob(32) WHERE id = 1", []).unwrap();
+    kept.iter().for_each(|sql| other.execute_batch(sql).unwrap());
+    folder.write("sweep.toml", format!("{MANIFEST}{ESTIMATES}"));
+    let ran = folder.jitai(["run", "sweep.toml"]).ended(1);
+    ran.says("no estimates of 1 completed job: training again gave other results");
+    assert_eq!(folder.number("SELECT count(DISTINCT job_key) FROM estimate"), 3);
+}
+
+#[test]
+fn estimates_travel_with_their_runs() {
+    let manifest = format!("{}{ESTIMATES}", recorded());
+    let whole = Folder::completed(&manifest);
+    let parts = Folder::with(&manifest);
+    std::fs::create_dir(parts.path("parts")).unwrap();
+    for shard in ["1/2", "2/2"] {
+        let store = format!("parts/{}.sqlite", &shard[..1]);
+        parts.jitai(["run", "sweep.toml", "--shard", shard, "--store", &store]).succeeded();
+    }
+    parts.jitai(["merge", "parts"]).succeeded();
+    assert_eq!(estimates(&parts), estimates(&whole));
+    // A store that has the runs gets the estimates alone, once.
+    let other = Folder::completed(&recorded());
+    let from = whole.path("jitai.sqlite").display().to_string();
+    other.jitai(["merge", &from]).succeeded().prints("22 rows of estimates added");
+    assert_eq!(estimates(&other), estimates(&whole));
+    other.jitai(["merge", &from]).succeeded().prints("nothing to copy");
+    other.jitai(["doctor", "--salvage", "saved.sqlite"]).succeeded();
+    let saved = Folder::new();
+    std::fs::rename(other.path("saved.sqlite"), saved.path("jitai.sqlite")).unwrap();
+    assert_eq!(estimates(&saved), estimates(&whole));
+    other.jitai(["export", "--out", "exported"]).succeeded();
+    assert_eq!(other.read("exported/estimate.csv").lines().count(), 23);
+    other.jitai(["forget", "trial", "--results", "--yes"]).succeeded();
+    assert_eq!(other.number("SELECT count(*) FROM recorded_estimate"), 0);
+}
+
+#[test]
+fn a_changed_estimate_is_found_left_out_and_computed_again() {
+    let manifest = format!("{}{ESTIMATES}", recorded());
+    let folder = Folder::completed(&manifest);
+    let before = estimates(&folder);
+    let raw = rusqlite::Connection::open(folder.path("jitai.sqlite")).unwrap();
+    let trigger = "FROM sqlite_schema WHERE name = 'recorded_estimate_is_fixed'";
+    let kept = texts(&folder, &format!("SELECT sql {trigger}"));
+    raw.execute_batch("DROP TRIGGER recorded_estimate_is_fixed").unwrap();
+    let change = "UPDATE recorded_estimate SET low = low - 1 WHERE number = 2 AND run = 1 AND declaration = (
+        SELECT id FROM estimate_declaration WHERE json_extract(canonical, '$.name') = 'each')";
+    assert_eq!(raw.execute(change, []).unwrap(), 1);
+    raw.execute_batch(&kept[0]).unwrap();
+    drop(raw);
+    folder.jitai(["doctor"]).ended(3).prints("its estimates do not match their digests");
+    folder.jitai(["doctor", "--salvage", "saved.sqlite"]).succeeded();
+    let saved = Folder::with(&manifest);
+    std::fs::rename(folder.path("saved.sqlite"), saved.path("jitai.sqlite")).unwrap();
+    assert_eq!(estimates(&saved).len(), before.len() - 3);
+    saved.jitai(["run", "sweep.toml"]).succeeded().says("estimates of 1 completed job computed");
+    assert_eq!(estimates(&saved), before);
+}
+
+#[test]
+fn a_trial_that_resumes_has_the_estimates_of_one_that_does_not() {
+    let manifest = r#"format = 1
+name = "trial"
+scenarios = ["P-H-D"]
+seeds = 3
+environment = { sigma = 0.4, horizon = 1000 }
+evaluation = { on = "trial", record_episodes = "none" }
+[trial]
+people = 40
+days = 200
+decisions_per_day = 5
+entry = { every_days = 1 }
+[[agent]]
+name = "thompson"
+algorithm = "linear_thompson"
+pi_min = 0.1
+[[estimate]]
+name = "effect"
+control = ["habituation", "calendar_day", "policy"]
+"#;
+    let whole = Folder::completed(manifest);
+    assert_eq!(estimates(&whole).len(), 3);
+    let stopped = Folder::with(manifest);
+    let often = ["run", "sweep.toml", "--workers", "1", "--checkpoint-every", "0.01"];
+    let running = stopped.start(often);
+    until("a checkpoint was written", || {
+        std::fs::read_dir(stopped.path("jitai.sqlite.checkpoints")).is_ok_and(|mut files| {
+            files.any(|file| {
+                file.is_ok_and(|file| {
+                    file.path().extension().is_some_and(|form| form == "checkpoint")
+                })
+            })
+        })
+    });
+    running.signal("INT");
+    running.wait().ended(130);
+    stopped.jitai(["run", "sweep.toml"]).succeeded().says(": resumed from");
+    assert_eq!(estimates(&stopped), estimates(&whole));
+}
+
+#[test]
+fn faulty_estimates_are_reported_where_they_stand() {
+    let check = |estimate: &str| {
+        let folder =
+            Folder::with(&format!("{MANIFEST}[[estimate]]\nname = \"effect\"\n{estimate}\n"));
+        folder.jitai(["check", "sweep.toml"]).stderr
+    };
+    for (estimate, expected) in [
+        (
+            "control = [\"habituatoin\"]",
+            "22:11: `control`: the recorded state has no `habituatoin`",
+        ),
+        ("control = [\"habituatoin\"]", "did you mean `habituation`?"),
+        ("moderators = [\"1\"]", "`moderators`: the constant 1 is always included"),
+        ("treatment = 4", "`treatment`: the environment has no action 4"),
+        ("treatment = \"a message\"", "`treatment`: expected \"any message\" or \"each message\""),
+        ("numerator = 1", "`numerator`: expected a probability above 0 and below 1"),
+        ("outcome = \"steps\"", "`outcome`: the recorded state has no `steps`"),
+        ("estimator = \"gee\"", "`estimator`: expected \"wcls\""),
+        ("agents = [\"rule\"]", "`agents`: no agent is called `rule`"),
+        ("controls = []", "unknown key `controls` in an [[estimate]]"),
+        ("[[estimate]]\nname = \"effect\"", "another [[estimate]] is called `effect`"),
+        (
+            "[[agent]]\nname = \"never\"\nalgorithm = \"rule\"\nrule = \"never\"",
+            "not randomised: `never` draws no actions by chance",
+        ),
+    ] {
+        let said = check(estimate);
+        assert!(said.contains(expected), "{estimate}: {said}");
+    }
+    assert_eq!(check("control = [\"step\"]\nagents = [\"random\"]").lines().count(), 0);
+}

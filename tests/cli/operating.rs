@@ -1,0 +1,142 @@
+//! Operating characteristics of estimates, with the truth of each trial.
+
+use crate::support::Folder;
+
+/// Nobody habituates or disengages, and the context has no effect on an untailored message: a message has 64 steps with
+/// probability 1/3 of each kind, or 256 if it is tailored to the context.
+const MANIFEST: &str = r#"format = 1
+name = "sizes"
+scenarios = ["C"]
+seeds = 30
+
+[environment]
+horizon = 6
+sigma = 0
+epsilon_d = 0
+epsilon_h = 0
+initial_habituation = 0
+rho_1 = 64
+rho_2 = 64
+mu = [0, 0]
+step_noise = "gamma"
+sigma_s = 150
+
+[trial]
+people = [5, 40]
+days = 6
+
+[evaluation]
+on = "trial"
+
+[[agent]]
+name = "random"
+algorithm = "rule"
+rule = "random"
+
+[[estimate]]
+name = "first"
+treatment = 1
+truth = true
+
+[[estimate]]
+name = "any"
+numerator = 0.75
+
+[[analysis]]
+name = "size"
+kind = "operating_characteristics"
+estimates = ["first"]
+find = { power = 0.8 }
+
+[[analysis]]
+name = "any"
+kind = "operating_characteristics"
+estimates = ["any"]
+"#;
+
+/// The column of a CSV file, by row.
+fn column(csv: &str, name: &str) -> Vec<String> {
+    let mut reader = csv::Reader::from_reader(csv.as_bytes());
+    let place = reader.headers().unwrap().iter().position(|one| one == name);
+    let place = place.unwrap_or_else(|| panic!("no column {name} in {csv}"));
+    reader.records().map(|row| row.unwrap()[place].to_owned()).collect()
+}
+
+fn numbers(csv: &str, name: &str) -> Vec<f64> {
+    column(csv, name).iter().map(|text| text.parse().unwrap()).collect()
+}
+
+#[test]
+fn characteristics_are_those_of_the_rows_of_estimates() {
+    let folder = Folder::completed(MANIFEST);
+    folder.jitai(["report", "sweep.toml", "--out", "report"]).succeeded();
+    let csv = folder.read("report/tables/sizes-size.csv");
+    assert_eq!(numbers(&csv, "x"), [5.0, 40.0]);
+    assert_eq!(numbers(&csv, "trials"), [30.0, 30.0]);
+    assert_eq!(
+        folder.number("SELECT count(*) FROM estimate WHERE name = 'any' AND truth IS NULL"),
+        60
+    );
+    for (place, people) in ["5", "40"].iter().enumerate() {
+        let of = |what: &str| -> f64 {
+            let sql = format!(
+                "SELECT {what} FROM estimate JOIN parameter USING (job_key)
+                WHERE estimate.name = 'first' AND parameter.name = 'trial.people' AND value = {people}"
+            );
+            folder.store().query_row(&sql, [], |row| row.get(0)).unwrap()
+        };
+        // The effect of message 1 is 64 in every state.
+        let truth = of("avg(truth)");
+        assert!((truth - 64.0).abs() < [40.0, 8.0][place], "{truth}");
+        let held = format!("avg({truth:?} BETWEEN low AND high)");
+        for (name, what) in [
+            ("truth", "avg(truth)"),
+            ("bias", "avg(estimate - truth)"),
+            ("mean_error", "avg(standard_error)"),
+            ("coverage", held.as_str()),
+            ("power", "avg(low > 0 OR high < 0)"),
+        ] {
+            let (found, expected) = (numbers(&csv, name)[place], of(what));
+            assert!((found - expected).abs() < 1e-9, "{name}: {found}, expected {expected}");
+        }
+        let errors = [numbers(&csv, "bias_low")[place], numbers(&csv, "bias_high")[place]];
+        assert!(errors[0] < 0.0 && errors[1] > 0.0, "an unbiased estimate: {errors:?}");
+    }
+    let powers = numbers(&csv, "power");
+    assert!(powers[0] < 0.8 && powers[1] > 0.8, "{powers:?}");
+    let page = folder.read("report/index.html");
+    assert!(page.contains(" reaches a power of 80"));
+    assert!(page.contains("the formula of Liao et al. (2016) gives"));
+    for what in ["power", "coverage", "bias"] {
+        assert!(folder.read(&format!("report/figures/sizes-size-{what}.svg")).contains("<svg"));
+    }
+    // Without an axis there is a table alone, whose bias has a reason.
+    let any = folder.read("report/tables/sizes-any.md");
+    assert!(
+        any.contains("no truth known; `truth = true` in [[estimate]] has it simulated"),
+        "{any}"
+    );
+    assert!(!folder.path("report/figures/sizes-any.svg").exists());
+}
+
+#[test]
+fn what_cannot_be_shown_is_refused() {
+    let refused = |text: String, says: &str| {
+        let folder = Folder::with(&text);
+        folder.jitai(["check", "sweep.toml"]).ended(2).says(says);
+    };
+    refused(MANIFEST.replace("[\"first\"]", "[\"second\"]"), "no [[estimate]] is called `second`");
+    refused(
+        MANIFEST.replace("power = 0.8", "power = 1.5"),
+        "`find`: expected { power = 0.8 } or another number between 0 and 1",
+    );
+    let (without, _) = MANIFEST.split_once("[[estimate]]").unwrap();
+    let analysis = "[[analysis]]\nname = \"size\"\nkind = \"operating_characteristics\"\n";
+    refused(format!("{without}{analysis}"), "needs an [[estimate]]");
+    refused(MANIFEST.replace("people = [5, 40]", "people = 5"), "`trial.people` is not swept");
+    let none = MANIFEST
+        .replace("[trial]\npeople = [5, 40]\ndays = 6\n", "")
+        .replace("on = \"trial\"\n", "");
+    let none = none.replace("find = { power = 0.8 }\n", "");
+    refused(none, "`truth`: it is simulated for the people of a [trial] alone");
+}
