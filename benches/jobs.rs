@@ -18,7 +18,7 @@ use jitai::env::{
 use jitai::experiment::{self, Filter};
 use jitai::job::Evaluation;
 use jitai::job::Job;
-use jitai::job::Outcome;
+use jitai::job::{CurvePoint, Outcome};
 use jitai::rng::{Purpose, Stream};
 use jitai::train::{
     self, Checkpoints, ReadCheckpoint, TrainingControl, TrainingProgress, Uncontrolled,
@@ -189,7 +189,7 @@ impl Checkpoints for Timer<'_, '_> {
 }
 
 impl TrainingControl for Timer<'_, '_> {
-    fn report(&self, _: TrainingProgress) {}
+    fn report(&self, _: TrainingProgress, _: &[CurvePoint]) {}
 
     fn stop_requested(&self) -> bool {
         self.steps_left.set(self.steps_left.get().saturating_sub(1));

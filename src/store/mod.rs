@@ -92,7 +92,7 @@ pub use merge::{
 pub use migrate::SCHEMA_VERSION;
 pub use place::{beside, require_one_name, resolve};
 pub use query::{Answer, Interrupter, QueryError, VIEWS, Value};
-pub use read::{FailedJob, Pace, Reader};
+pub use read::{FailedJob, Pace, Reader, StoredArm};
 pub use results::{Finished, RunEnd};
 pub use salvage::{Salvaged, salvage};
 pub use seal::seal;

@@ -10,7 +10,7 @@ use crate::agent::recorded_decisions;
 use crate::env::Environment;
 use crate::env::outside::{Description, EnvironmentProgram, OutsideModel};
 use crate::external::ProgramError;
-use crate::job::{Failure, FailureKind, Job, Outcome};
+use crate::job::{CurvePoint, Failure, FailureKind, Job, Outcome};
 use crate::key::Size;
 use crate::train::control::{StopHandle, TrainingControl};
 use crate::train::progress::TrainingProgress;
@@ -100,9 +100,9 @@ struct Watched<'c> {
 }
 
 impl TrainingControl for Watched<'_> {
-    fn report(&self, progress: TrainingProgress) {
+    fn report(&self, progress: TrainingProgress, curve: &[CurvePoint]) {
         self.episode.set(progress.episode);
-        self.control.report(progress);
+        self.control.report(progress, curve);
     }
 
     fn stop_requested(&self) -> bool {

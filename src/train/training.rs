@@ -6,7 +6,9 @@ use crate::agent::{
     Actor, Learner, LearnerError, OutOfMemory, Start, StartError, StepObserver, StudyPlan,
     TrainedEpisode,
 };
-use crate::job::{Failure, FailureKind, Job, Metric, Phase, Pooling, RecordedEpisodes, Results};
+use crate::job::{
+    CurvePoint, Failure, FailureKind, Job, Metric, Phase, Pooling, RecordedEpisodes, Results,
+};
 use crate::state::resumable;
 use crate::train::curve::CurveRecorder;
 use crate::train::decision_log::DecisionLog;
@@ -107,6 +109,11 @@ impl<'j> Training<'j> {
         } else {
             Stage::Testing
         }
+    }
+
+    /// The points of the learning curve so far.
+    pub(super) fn curve(&self) -> &[CurvePoint] {
+        self.curve.points()
     }
 
     pub(super) fn progress(&self) -> TrainingProgress {

@@ -32,3 +32,4 @@ mod simulating;
 mod support;
 mod sweeps;
 mod trials;
+mod watching;

@@ -31,6 +31,7 @@ const TABLE: &[(&str, &[&str])] = &[
     ("portable", &["env", "agent", "job", "store"]),
     ("schedule", &["kill_point", "key", "agent", "job", "manifest", "plan", "train", "store"]),
     ("cluster", &["external", "key", "job", "manifest", "plan", "train", "store", "schedule"]),
+    ("watch", &["key", "job", "manifest", "plan", "store", "schedule", "cluster"]),
     // The bootstrap has a random stream of its own.
     ("analyse", &["rng", "key", "env", "job", "manifest", "record"]),
     ("report", &["key", "env", "optimum", "job", "manifest", "plan", "record", "store", "analyse"]),
@@ -54,6 +55,7 @@ const TABLE: &[(&str, &[&str])] = &[
             "portable",
             "schedule",
             "cluster",
+            "watch",
             "analyse",
             "report",
         ],
