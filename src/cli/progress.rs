@@ -142,8 +142,9 @@ impl Shown {
         let mut left = self.unbegun.clone();
         let mut speeds = self.speeds.clone();
         for (queued, started, progress) in self.running.iter().flatten() {
-            let part =
+            let trained =
                 progress.map_or(0.0, |p| f64::from(p.episode) / f64::from(p.episodes.max(1)));
+            let part = queued.job.part_of_time(trained);
             left.add_running(&queued.job, 1.0 - part);
             speeds.add(&queued.job, part, started.elapsed());
         }

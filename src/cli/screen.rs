@@ -1,6 +1,6 @@
 //! The full-screen view of `jitai watch`.
 
-use std::io;
+use std::io::{self, IsTerminal};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{self, RecvTimeoutError};
 use std::thread;
@@ -62,7 +62,8 @@ pub(super) fn show(
     let mut shown = Shown { view, choice, failures: false, error: None };
     loop {
         terminal.draw(|frame| draw(&shown, frame)).map_err(failed)?;
-        if stop.load(Ordering::Relaxed) {
+        // A closed terminal, whose signal may be ignored, has no more keys.
+        if stop.load(Ordering::Relaxed) || !io::stdin().is_terminal() {
             return Ok(Exit::Interrupted);
         }
         if event::poll(LOOK).map_err(failed)?

@@ -7,9 +7,16 @@ use std::time::Duration;
 use crate::job::Job;
 use crate::store::{Reader, StoreError};
 
-/// The ratio of measured to expected training times, by algorithm.
+/// An algorithm and the expected time of a job. Jobs that differ only in seeds and rates are of one kind.
+type Kind = (String, Duration);
+
+fn kind(job: &Job) -> Kind {
+    (job.algorithm().to_owned(), job.expected_time())
+}
+
+/// Measured times of jobs, by kind.
 #[derive(Clone, Debug, Default)]
-pub struct Speeds(BTreeMap<String, Timed>);
+pub struct Speeds(BTreeMap<Kind, Timed>);
 
 /// Measured and expected times of the same jobs, in seconds.
 #[derive(Clone, Copy, Debug, Default)]
@@ -19,41 +26,50 @@ struct Timed {
 }
 
 impl Timed {
+    fn sum<'t>(all: impl Iterator<Item = &'t Timed>) -> Timed {
+        all.fold(Timed::default(), |sum, timed| Timed {
+            measured: sum.measured + timed.measured,
+            expected: sum.expected + timed.expected,
+        })
+    }
+
     fn ratio(self) -> Option<f64> {
         (self.expected > 0.0).then_some(self.measured / self.expected)
     }
 }
 
+/// The part of a job whose measurement outweighs those of other kinds of jobs.
+const OWN: f64 = 0.1;
+
 impl Speeds {
     /// The speeds of the runs in a store.
     pub fn of(reader: &Reader) -> Result<Speeds, StoreError> {
         let mut speeds = Speeds::default();
-        let mut runs = BTreeMap::<String, u64>::new();
+        let mut runs = BTreeMap::<Kind, u64>::new();
         for pace in reader.paces()? {
-            let algorithm = pace.job.algorithm();
-            let expected = pace.job.expected_time().as_secs_f64() * pace.runs as f64;
-            speeds.add_seconds(algorithm, expected, pace.seconds);
-            *runs.entry(algorithm.to_owned()).or_default() += pace.runs;
+            let kind = kind(&pace.job);
+            *runs.entry(kind.clone()).or_default() += pace.runs;
+            let timed = speeds.0.entry(kind).or_default();
+            timed.expected += pace.job.expected_time().as_secs_f64() * pace.runs as f64;
+            timed.measured += pace.seconds;
         }
-        // Earlier runs together count as one mean job, so measurements of this sweep soon outweigh them.
-        for (algorithm, timed) in &mut speeds.0 {
-            let runs = runs.get(algorithm).map_or(1.0, |runs| *runs as f64);
+        // Earlier runs of a kind together count as one mean job, so measurements of this sweep soon outweigh them.
+        for (kind, timed) in &mut speeds.0 {
+            let runs = runs.get(kind).map_or(1.0, |runs| *runs as f64);
             timed.measured /= runs;
             timed.expected /= runs;
         }
         Ok(speeds)
     }
 
-    /// Adds the measured time of a part, from 0 to 1, of a job's training.
+    /// Adds the measured time of a part, from 0 to 1, of a job. A job without progress says nothing yet.
     pub fn add(&mut self, job: &Job, part: f64, wall: Duration) {
-        let expected = job.expected_time().as_secs_f64() * part;
-        self.add_seconds(job.algorithm(), expected, wall.as_secs_f64());
-    }
-
-    fn add_seconds(&mut self, algorithm: &str, expected: f64, measured: f64) {
-        let timed = self.0.entry(algorithm.to_owned()).or_default();
-        timed.measured += measured;
-        timed.expected += expected;
+        if part <= 0.0 {
+            return;
+        }
+        let timed = self.0.entry(kind(job)).or_default();
+        timed.measured += wall.as_secs_f64();
+        timed.expected += job.expected_time().as_secs_f64() * part;
     }
 
     /// Whether anything has been measured.
@@ -63,10 +79,12 @@ impl Speeds {
 
     /// The time until the last job ends, when `workers` workers run one job at a time, in the order of the jobs.
     pub fn time(&self, left: &Left, workers: usize) -> Duration {
-        let usual = self.usual();
-        let time = |(algorithm, expected): &(String, Duration)| {
-            times(*expected, self.ratio(algorithm).unwrap_or(usual))
-        };
+        let mut known: HashMap<&Kind, Duration> = HashMap::new();
+        let kinds = left.running.iter().map(|(kind, _)| kind);
+        for kind in kinds.chain(left.waiting.iter().map(|(kind, _)| kind)) {
+            known.entry(kind).or_insert_with(|| times(kind.1, self.ratio(kind)));
+        }
+        let time = |kind: &Kind| known[kind];
         // The times at which the workers become idle.
         let mut idle: BinaryHeap<Reverse<Duration>> =
             left.running.iter().map(|(kind, part)| Reverse(times(time(kind), *part))).collect();
@@ -94,21 +112,18 @@ impl Speeds {
 
     /// The time that one core needs for a job, in seconds.
     pub fn seconds(&self, job: &Job) -> f64 {
-        let ratio = self.ratio(job.algorithm()).unwrap_or_else(|| self.usual());
-        job.expected_time().as_secs_f64() * ratio
+        job.expected_time().as_secs_f64() * self.ratio(&kind(job))
     }
 
-    fn ratio(&self, algorithm: &str) -> Option<f64> {
-        self.0.get(algorithm)?.ratio()
-    }
-
-    /// The ratio of all algorithms together, for an algorithm without measurements.
-    fn usual(&self) -> f64 {
-        let all = self.0.values().fold(Timed::default(), |sum, timed| Timed {
-            measured: sum.measured + timed.measured,
-            expected: sum.expected + timed.expected,
-        });
-        all.ratio().unwrap_or(1.0)
+    /// The ratio of the measured to the expected time of a kind: from its own measurements, completed by those of
+    /// its algorithm, or of all algorithms if there is none.
+    fn ratio(&self, kind: &Kind) -> f64 {
+        let of_algorithm = self.0.iter().filter(|((algorithm, _), _)| *algorithm == kind.0);
+        let of_algorithm = Timed::sum(of_algorithm.map(|(_, timed)| timed)).ratio();
+        let others = of_algorithm.or_else(|| Timed::sum(self.0.values()).ratio()).unwrap_or(1.0);
+        let Timed { measured, expected } = self.0.get(kind).copied().unwrap_or_default();
+        let weight = OWN * kind.1.as_secs_f64();
+        (measured + weight * others) / (expected + weight)
     }
 }
 
@@ -119,14 +134,10 @@ const AT_ONCE: u64 = 64;
 #[derive(Clone, Debug, Default)]
 pub struct Left {
     /// The jobs that have not begun, in the order in which each kind first occurred.
-    waiting: Vec<((String, Duration), u64)>,
-    places: HashMap<(String, Duration), usize>,
+    waiting: Vec<(Kind, u64)>,
+    places: HashMap<Kind, usize>,
     /// The running jobs, with the part that is left of each.
-    running: Vec<((String, Duration), f64)>,
-}
-
-fn kind(job: &Job) -> (String, Duration) {
-    (job.algorithm().to_owned(), job.expected_time())
+    running: Vec<(Kind, f64)>,
 }
 
 impl Left {

@@ -263,12 +263,13 @@ impl Watcher {
                     let curve = live.get(key);
                     if let Some(curve) = curve {
                         let worked = Duration::try_from_secs_f64(curve.seconds);
-                        speeds.add(&arm.job, curve.part(), worked.unwrap_or_default());
+                        let part = arm.job.part_of_time(curve.part());
+                        speeds.add(&arm.job, part, worked.unwrap_or_default());
                     }
                     let part = curve.map(RunningCurve::part);
                     let seed = &key.to_string()[..8];
                     view.running.push(RunningView { name: format!("{name} ({seed})"), part });
-                    running.push((&arm.job, part.unwrap_or(0.0)));
+                    running.push((&arm.job, arm.job.part_of_time(part.unwrap_or(0.0))));
                 }
             }
             let values = arm.keys.iter().filter_map(|key| self.returns.get(key));
