@@ -14,7 +14,6 @@ use ratatui::symbols::Marker;
 use ratatui::text::{Line, Span};
 use ratatui::widgets::{Axis, Block, Chart, Dataset, GraphType, Paragraph, Wrap};
 
-use crate::cli::watch::{summary, timed};
 use crate::cli::{Error, Exit};
 use crate::key::printable;
 use crate::report::rounded;
@@ -59,6 +58,7 @@ pub(super) fn show(
     let (choices, views) = look_on(watcher, choice.clone()).map_err(failed)?;
     let mut terminal = ratatui::try_init().map_err(failed)?;
     let _restored = Restored;
+    let keys = listen().map_err(failed)?;
     let mut shown = Shown { view, choice, failures: false, error: None };
     loop {
         terminal.draw(|frame| draw(&shown, frame)).map_err(failed)?;
@@ -66,8 +66,11 @@ pub(super) fn show(
         if stop.load(Ordering::Relaxed) || !io::stdin().is_terminal() {
             return Ok(Exit::Interrupted);
         }
-        if event::poll(LOOK).map_err(failed)?
-            && let Event::Key(key) = event::read().map_err(failed)?
+        let event = match keys.recv_timeout(LOOK) {
+            Err(RecvTimeoutError::Disconnected) => return Ok(Exit::Interrupted),
+            event => event,
+        };
+        if let Ok(Event::Key(key)) = event
             && key.kind != KeyEventKind::Release
         {
             let before = shown.choice.clone();
@@ -96,6 +99,18 @@ pub(super) fn show(
     }
 }
 
+/// Reads keys in a thread, because a read from a terminal that has been closed never ends.
+fn listen() -> io::Result<mpsc::Receiver<Event>> {
+    let (events, heard) = mpsc::channel();
+    let listen = move || {
+        while let Ok(event) = event::read()
+            && events.send(event).is_ok()
+        {}
+    };
+    thread::Builder::new().name("keys".to_owned()).spawn(listen)?;
+    Ok(heard)
+}
+
 type Views = mpsc::Receiver<Result<View, WatchError>>;
 
 /// Reads views in a thread, so that keys have their effect while a large store is read. A new choice is
@@ -105,7 +120,7 @@ fn look_on(mut watcher: Watcher, mut choice: Choice) -> io::Result<(mpsc::Sender
     let (views, seen) = mpsc::channel();
     let watch = move || {
         loop {
-            let (view, pause) = match timed(|| watcher.view(&choice)) {
+            let (view, pause) = match watcher.look(&choice) {
                 Ok((view, pause)) => (Ok(view), pause),
                 Err(error) => (Err(error), Duration::from_secs(2)),
             };
@@ -169,7 +184,7 @@ fn draw(shown: &Shown, frame: &mut Frame<'_>) {
     .areas(frame.area());
     let bold = Style::new().add_modifier(Modifier::BOLD);
     let name = Span::styled(printable(&view.experiment), bold);
-    let line = Line::from(vec![name, format!(": {}", summary(view)).into()]);
+    let line = Line::from(vec![name, format!(": {}", view.summary()).into()]);
     frame.render_widget(line, title);
     frame.render_widget(states(&view.counts, bar.width), bar);
     if *failures {

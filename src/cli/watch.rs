@@ -9,13 +9,7 @@ use std::time::{Duration, Instant};
 use crate::cli::output::{counted, no_experiment};
 use crate::cli::{Error, Exit, StoreArgument, screen, signals};
 use crate::key::printable;
-use crate::schedule::spoken;
 use crate::watch::{Choice, FailureView, View, WatchError, Watcher};
-
-/// Shortest time between two looks.
-const EVERY: Duration = Duration::from_secs(2);
-/// Time from one look to the next, as a multiple of the time that a look takes.
-const PAUSE: u32 = 4;
 
 /// Watch an experiment while its jobs run: jobs by state, time left, failures, and learning curves
 ///
@@ -41,7 +35,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<Exit, Error> {
     let path = &arguments.store.store;
     let mut watcher = Watcher::open(path)?;
     let mut choice = Choice { experiment: arguments.experiment.clone(), ..Choice::default() };
-    let view = watcher.view(&choice).map_err(|error| match error {
+    let (mut view, mut pause) = watcher.look(&choice).map_err(|error| match error {
         WatchError::Unknown { name, known } => {
             let known: Vec<&str> = known.iter().map(String::as_str).collect();
             Error::Usage(no_experiment(&printable(&path.display().to_string()), &name, &known))
@@ -55,44 +49,30 @@ pub(super) fn run(arguments: &Arguments) -> Result<Exit, Error> {
         return screen::show(watcher, view, choice, &stop);
     }
     let mut lines = Lines::default();
-    let mut view = view;
     loop {
         lines.write(&view)?;
         if lines.is_over(&view)? {
             return Ok(Exit::Done);
         }
-        let (begun, pause) = (Instant::now(), lines.pause);
+        let begun = Instant::now();
         while begun.elapsed() < pause {
             if stop.load(Ordering::Relaxed) {
                 return Ok(Exit::Interrupted);
             }
             thread::sleep(Duration::from_millis(50));
         }
-        (view, lines.pause) = timed(|| watcher.view(&choice))?;
+        (view, pause) = watcher.look(&choice)?;
     }
 }
 
-/// A look, and the time to wait before the next one.
-pub(super) fn timed<T, E>(look: impl FnOnce() -> Result<T, E>) -> Result<(T, Duration), E> {
-    let begun = Instant::now();
-    let seen = look()?;
-    Ok((seen, EVERY.max(begun.elapsed() * PAUSE)))
-}
-
 /// The view as lines.
+#[derive(Default)]
 struct Lines {
     last: String,
     /// The failures that have been written.
     failed: HashSet<String>,
     /// Whether no process was running a job at the last look.
     rested: bool,
-    pause: Duration,
-}
-
-impl Default for Lines {
-    fn default() -> Self {
-        Lines { last: String::new(), failed: HashSet::new(), rested: false, pause: EVERY }
-    }
 }
 
 impl Lines {
@@ -104,7 +84,7 @@ impl Lines {
                 writeln!(out, "failed: {name}: {reason}")?;
             }
         }
-        let line = format!("{}: {}", printable(&view.experiment), summary(view));
+        let line = format!("{}: {}", printable(&view.experiment), view.summary());
         let lines = view.submissions.iter().fold(line, |lines, line| lines + "\n  " + line);
         if lines != self.last {
             writeln!(out, "{lines}")?;
@@ -133,20 +113,4 @@ impl Lines {
         }
         Ok(true)
     }
-}
-
-/// The jobs by state, and the time left.
-pub(super) fn summary(view: &View) -> String {
-    let counts = &view.counts;
-    let mut words = vec![format!("{} of {} completed", counts.completed, counts.total())];
-    let others = [
-        (counts.running, "running"),
-        (counts.pending, "pending"),
-        (counts.interrupted, "interrupted"),
-        (counts.failed, "failed"),
-    ];
-    let others = others.iter().filter(|(count, _)| *count > 0);
-    words.extend(others.map(|(count, state)| format!("{count} {state}")));
-    words.extend(view.left.map(|left| format!("about {} left", spoken(left))));
-    words.join(", ")
 }

@@ -3,6 +3,7 @@
 use std::time::Duration;
 
 use crate::job::MetricName;
+use crate::schedule::spoken;
 use crate::store::Counts;
 use crate::watch::band::Band;
 
@@ -42,6 +43,24 @@ pub struct View {
     pub held: usize,
     /// The learning curves that were chosen.
     pub chart: Chart,
+}
+
+impl View {
+    /// The jobs by state, and the time left.
+    pub fn summary(&self) -> String {
+        let counts = &self.counts;
+        let mut words = vec![format!("{} of {} completed", counts.completed, counts.total())];
+        let others = [
+            (counts.running, "running"),
+            (counts.pending, "pending"),
+            (counts.interrupted, "interrupted"),
+            (counts.failed, "failed"),
+        ];
+        let others = others.iter().filter(|(count, _)| *count > 0);
+        words.extend(others.map(|(count, state)| format!("{count} {state}")));
+        words.extend(self.left.map(|left| format!("about {} left", spoken(left))));
+        words.join(", ")
+    }
 }
 
 /// An arm: the jobs that differ in their seeds alone.

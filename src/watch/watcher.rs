@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
 use crate::cluster::{self, ChunkState, Cluster, ClusterError, HandedIn, Look, Part};
-use crate::job::metric::{DISENGAGEMENT_RATE, TERMINATION_RATE, metrics_of};
+use crate::job::metric::metrics_with;
 use crate::job::{JobKey, MetricName, MetricPlace, counted};
 use crate::key::printable;
 use crate::manifest;
@@ -16,6 +16,10 @@ use crate::watch::band::band;
 use crate::watch::failures::{self, SameFailure};
 use crate::watch::view::{ArmView, Chart, Choice, FailureView, RunningView, View};
 
+/// Shortest time between two looks.
+const EVERY: Duration = Duration::from_secs(2);
+/// Time from one look to the next, as a multiple of the time that a look takes.
+const PAUSE: u32 = 4;
 /// Time between two questions to the engine of a cluster.
 const ASK: Duration = Duration::from_secs(15);
 /// The number of parts of a line.
@@ -102,10 +106,16 @@ impl Watcher {
         })
     }
 
-    /// The experiment as it is now.
+    /// The experiment as it is now, and the time to wait before the next look.
     ///
     /// **Errors**: the experiment does not exist; the store or a submission cannot be read.
-    pub fn view(&mut self, choice: &Choice) -> Result<View, WatchError> {
+    pub fn look(&mut self, choice: &Choice) -> Result<(View, Duration), WatchError> {
+        let begun = Instant::now();
+        let view = self.view(choice)?;
+        Ok((view, EVERY.max(begun.elapsed() * PAUSE)))
+    }
+
+    fn view(&mut self, choice: &Choice) -> Result<View, WatchError> {
         let experiments = self.reader.experiment_counts()?;
         let names: Vec<String> = experiments.iter().map(|one| one.experiment.clone()).collect();
         let chosen = match &choice.experiment {
@@ -370,12 +380,8 @@ impl Watcher {
     ) -> Result<Chart, WatchError> {
         let place = choice.arm.min(jobs.arms.len().saturating_sub(1));
         let Some(arm) = jobs.arms.get(place) else { return Ok(Chart::default()) };
-        let termination = arm.job.termination_metric();
-        let metrics: Vec<MetricName> = metrics_of(MetricPlace::Curve)
-            .filter(|metric| {
-                ![DISENGAGEMENT_RATE, TERMINATION_RATE].contains(metric) || *metric == termination
-            })
-            .collect();
+        let termination = arm.job.environment.family().termination_metric;
+        let metrics: Vec<MetricName> = metrics_with(MetricPlace::Curve, termination).collect();
         let metric = metrics[choice.metric % metrics.len()];
         if self.metric.replace(metric) != Some(metric) {
             self.curves.clear();

@@ -125,8 +125,8 @@ fn the_screen_shows_arms_and_curves_and_restores_the_terminal() {
     until("the screen is drawn", || screen.run.stdout().contains("quit"));
     screen.press("j");
     until("the curve is drawn", || screen.run.stdout().contains("mean_return"));
-    screen.press("m");
-    until("the next metric is drawn", || screen.run.stdout().contains("length"));
+    screen.press("mm");
+    until("another metric is drawn", || screen.run.stdout().contains("disengage"));
     screen.press("f");
     until("the failures are drawn", || screen.run.stdout().contains("like"));
     screen.press("q");
