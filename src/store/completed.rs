@@ -17,6 +17,9 @@ use super::read::failure_kind;
 use super::state::JobState;
 use super::{Reader, StoreError};
 
+/// A learning curve in one metric: training episodes finished, and values.
+pub type Curve = Vec<(u32, f64)>;
+
 /// The results of a run that are read in addition to its metrics.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Parts {
@@ -162,7 +165,7 @@ impl Reader {
         &self,
         keys: &[JobKey],
         metric: MetricName,
-    ) -> Result<Vec<(JobKey, Vec<(u32, f64)>)>, StoreError> {
+    ) -> Result<Vec<(JobKey, Curve)>, StoreError> {
         let keys: Vec<String> = keys.iter().map(JobKey::to_string).collect();
         self.read("read learning curves", |connection| {
             let heads = heads(connection, &keys, &mut SharedNames::default())?;
@@ -309,11 +312,7 @@ fn provenance(row: &rusqlite::Row<'_>) -> rusqlite::Result<Provenance> {
     })
 }
 
-fn curve(
-    connection: &Connection,
-    run: i64,
-    metric: MetricName,
-) -> rusqlite::Result<Vec<(u32, f64)>> {
+fn curve(connection: &Connection, run: i64, metric: MetricName) -> rusqlite::Result<Curve> {
     let mut statement = connection.prepare_cached(
         "SELECT episode, value FROM curve_point
          WHERE run = ?1 AND metric = (SELECT id FROM metric_name WHERE name = ?2)

@@ -72,7 +72,7 @@ mod writer;
 
 pub use claim::{Claim, Claimed, Isolation, RetryFailed};
 pub use command::Command;
-pub use completed::Parts;
+pub use completed::{Curve, Parts};
 pub use copy::Origin;
 pub use counts::ExperimentCounts;
 pub use crash::{CHECKPOINTS, STOPPED, checkpoint_name};
