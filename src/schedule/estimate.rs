@@ -173,7 +173,8 @@ fn times(time: Duration, factor: f64) -> Duration {
 /// A duration in words: `45 s`, `12 min`, `3 h 20 min`.
 pub fn spoken(time: Duration) -> String {
     let whole = time.as_secs_f64().round() as u64;
-    match (whole / 3600, whole / 60 % 60) {
+    let minutes = (whole + 30) / 60;
+    match (minutes / 60, minutes % 60) {
         (0, _) if whole < 100 => format!("{whole} s"),
         (0, minutes) => format!("{minutes} min"),
         (hours, minutes) if hours < 48 => format!("{hours} h {minutes} min"),
@@ -271,7 +272,9 @@ mod tests {
         let cases = [
             (0.4, "0 s"),
             (59.6, "60 s"),
+            (110.0, "2 min"),
             (125.0, "2 min"),
+            (3580.0, "1 h 0 min"),
             (3600.0, "1 h 0 min"),
             (12_000.0, "3 h 20 min"),
             (500_000.0, "5 days"),
