@@ -255,6 +255,15 @@ fn a_submission_is_watched_through_its_folder() {
     });
     watch.signal("TERM");
     watch.wait().ended(130);
+    let wait = with_cluster("submit sweep.toml --wait --on-end 'cat >> end'");
+    until("it waits", || wait.stderr().contains("running"));
+    let asked = Instant::now();
+    wait.signal("TERM");
+    wait.wait().ended(130);
+    assert_prompt(asked);
+    let end = summary(&folder);
+    assert_eq!((&end["command"], &end["event"]), (&"submit".into(), &"stopped".into()));
+    assert_eq!((&end["left"], &end["completed"]), (&2.into(), &0.into()));
     task.signal("TERM");
     task.wait();
     assert_eq!(curves(&folder, &lies_in), [] as [PathBuf; 0]);
