@@ -20,7 +20,7 @@ use jitai::estimate::Estimation;
 use jitai::experiment::{self, Filter};
 use jitai::job::Evaluation;
 use jitai::job::Job;
-use jitai::job::Outcome;
+use jitai::job::{CurvePoint, Outcome};
 use jitai::job::{Decision, EstimateDeclaration, Messages, Phase, Treatment};
 use jitai::rng::{Purpose, Stream};
 use jitai::train::{
@@ -192,7 +192,7 @@ impl Checkpoints for Timer<'_, '_> {
 }
 
 impl TrainingControl for Timer<'_, '_> {
-    fn report(&self, _: TrainingProgress) {}
+    fn report(&self, _: TrainingProgress, _: &[CurvePoint]) {}
 
     fn stop_requested(&self) -> bool {
         self.steps_left.set(self.steps_left.get().saturating_sub(1));

@@ -107,6 +107,8 @@ pub mod state;
 pub mod store;
 #[doc(hidden)]
 pub mod train;
+#[doc(hidden)]
+pub mod watch;
 
 /// Experiments: read a manifest, expand it into jobs, and run them against a store.
 pub mod experiment {

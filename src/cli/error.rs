@@ -8,6 +8,7 @@ use crate::manifest::Faults;
 use crate::plan::FilterError;
 use crate::schedule::SweepError;
 use crate::store::{QueryError, StoreError};
+use crate::watch::WatchError;
 
 /// How a command ended; each variant has an exit code.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -28,16 +29,23 @@ pub(crate) enum Exit {
     RunAgain,
 }
 
-impl From<Exit> for ExitCode {
-    fn from(exit: Exit) -> ExitCode {
-        ExitCode::from(match exit {
+impl Exit {
+    /// The exit code.
+    pub(crate) fn code(self) -> u8 {
+        match self {
             Exit::Done => 0,
             Exit::JobsFailed | Exit::Differs => 1,
             Exit::Usage => 2,
             Exit::System => 3,
             Exit::RunAgain => RUN_AGAIN,
             Exit::Interrupted => 130,
-        })
+        }
+    }
+}
+
+impl From<Exit> for ExitCode {
+    fn from(exit: Exit) -> ExitCode {
+        ExitCode::from(exit.code())
     }
 }
 
@@ -82,6 +90,18 @@ impl From<io::Error> for Error {
     }
 }
 
+impl From<WatchError> for Error {
+    fn from(error: WatchError) -> Self {
+        match error {
+            WatchError::Store(error) => error.into(),
+            WatchError::Cluster(error) => error.into(),
+            WatchError::Unknown { .. } | WatchError::Nothing { .. } => {
+                Error::Usage(error.to_string())
+            }
+        }
+    }
+}
+
 impl Error {
     /// Writes the error to standard error and returns how the command ended.
     pub(crate) fn report(&self) -> Exit {
@@ -96,6 +116,11 @@ impl Error {
             Error::Manifests(_) => writeln!(stderr, "{self}"),
             _ => writeln!(stderr, "error: {self}"),
         };
+        self.exit()
+    }
+
+    /// How a command with this error ends.
+    pub(crate) fn exit(&self) -> Exit {
         match self {
             Error::Query(QueryError::Damaged { .. }) => Exit::System,
             Error::Usage(_) | Error::Filter(_) | Error::Manifests(_) | Error::Query(_) => {

@@ -159,10 +159,7 @@ fn list_experiments(
     arguments: &Arguments,
 ) -> Result<(), Error> {
     let workers = arguments.workers.unwrap_or_else(schedule::one_per_core);
-    let time = |sum: &Sum| {
-        let jobs = sum.to_run() + sum.counts.running;
-        schedule::shared(speeds.time(&sum.left), workers.get(), jobs)
-    };
+    let time = |sum: &Sum| speeds.time(&sum.left, workers.get());
     let columns = counts::COLUMNS.map(str::to_owned);
     let mut rows = Rows::new(arguments.format, &columns, io::stdout().lock())?;
     let (mut all, mut dropped) = (Sum::default(), Vec::new());

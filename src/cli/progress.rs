@@ -7,7 +7,6 @@ use std::time::{Duration, Instant};
 use indicatif::{MultiProgress, ProgressBar, ProgressDrawTarget, ProgressStyle};
 use serde_json::{Value, json};
 
-use crate::cli::failures::without_numbers;
 use crate::cli::output::counted;
 use crate::job::{Failure, Outcome, Results};
 use crate::key::Parameter;
@@ -16,6 +15,7 @@ use crate::plan::Swept;
 use crate::report::rounded;
 use crate::schedule::{self, CheckpointNote, Event, EventSink, Found, Left, Queued, Speeds};
 use crate::train::TrainingProgress;
+use crate::watch::failures::without_numbers;
 
 /// Maximum width of a worker's line after an indent of two, for a terminal of 80 columns.
 const WORKER_WIDTH: usize = 77;
@@ -142,13 +142,13 @@ impl Shown {
         let mut left = self.unbegun.clone();
         let mut speeds = self.speeds.clone();
         for (queued, started, progress) in self.running.iter().flatten() {
-            let part =
+            let trained =
                 progress.map_or(0.0, |p| f64::from(p.episode) / f64::from(p.episodes.max(1)));
-            left.add_part(&queued.job, 1.0 - part);
+            let part = queued.job.part_of_time(trained);
+            left.add_running(&queued.job, 1.0 - part);
             speeds.add(&queued.job, part, started.elapsed());
         }
-        let jobs = self.jobs.saturating_sub(self.done) as u64;
-        let time = schedule::shared(speeds.time(&left), self.running.len(), jobs);
+        let time = speeds.time(&left, self.running.len());
         (self.done < self.jobs).then(|| format!("about {}", schedule::spoken(time)))
     }
 

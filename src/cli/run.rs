@@ -3,27 +3,31 @@
 use std::io::{self, Write};
 use std::num::NonZeroUsize;
 use std::ops::ControlFlow;
+use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
 use clap::ValueEnum;
 
 use crate::cli::check::ManifestArguments;
+use crate::cli::on_end::{Jobs, OnEnd};
 use crate::cli::output::{counted, shell_word};
 use crate::cli::progress::{Shown, Style};
 use crate::cli::replacing::Replacing;
 use crate::cli::signals::RESUME;
 use crate::cli::workers::workers;
-use crate::cli::{Error, Exit, StoreArgument, failures, signals, summary};
+use crate::cli::{Error, Exit, StoreArgument, signals, summary};
 use crate::env::Family;
 use crate::job::JobKey;
 use crate::key::printable;
 use crate::manifest::Manifest;
 use crate::plan::{Filter, Shard, Swept, headlines};
 use crate::schedule::{
-    self, Estimated, OnFailure, Options, Queued, Remaining, Selection, Speeds, Tally,
+    self, Estimated, Event, EventSink, OnFailure, Options, Queued, Remaining, Selection, Speeds,
+    Tally,
 };
 use crate::store::{FailedJob, Reader, RetryFailed, Store, mean_returns};
+use crate::watch::failures;
 
 /// Maximum number of different failures listed at the end.
 const FAILURES_SHOWN: usize = 10;
@@ -87,6 +91,15 @@ pub(super) struct Arguments {
     /// is stored, and before the next job of the same worker is reported as started.
     #[arg(long, value_enum, default_value = "text")]
     format: Format,
+    /// Call this shell command once when the run ends, also after failures and Ctrl-C
+    ///
+    /// Its standard input is a JSON object: command (run), event (done, stopped, halted or error),
+    /// exit_code, message (of an error), store, experiments, seconds, the total numbers completed,
+    /// failed and left (null if the run ended before the jobs were counted), and failures, each with
+    /// job_key, kind, message and jobs. Its output goes to standard error. After a signal it is not
+    /// waited for, and a second Ctrl-C ends the run without it.
+    #[arg(long, value_name = "COMMAND")]
+    on_end: Option<String>,
     #[command(flatten)]
     store: StoreArgument,
 }
@@ -100,10 +113,27 @@ enum Format {
 }
 
 pub(super) fn run(arguments: &Arguments) -> Result<Exit, Error> {
+    let on_end = Arc::new(OnEnd::new(arguments.on_end.as_ref(), "run", &arguments.store.store));
+    let last = Arc::clone(&on_end);
+    let last = move || drop(last.call("stopped", Exit::Interrupted, None));
     let stop = signals::stop_flag()
-        .and_then(|stop| signals::end_in_time(stop.clone()).map(|()| stop))
+        .and_then(|stop| signals::end_in_time(stop.clone(), last).map(|()| stop))
         .map_err(|source| Error::Io { what: "listen for signals".to_owned(), source })?;
+    let mut cause = Cause::NothingLeft;
+    let ended = run_jobs(arguments, &on_end, &stop, &mut cause);
+    on_end.after(&ended, cause.name(), &stop);
+    ended
+}
+
+/// Runs the jobs; `cause` receives why the sweep ended.
+fn run_jobs(
+    arguments: &Arguments,
+    on_end: &OnEnd,
+    stop: &AtomicBool,
+    cause: &mut Cause,
+) -> Result<Exit, Error> {
     let manifests = arguments.manifests.load(&arguments.store)?;
+    on_end.experiments(manifests.iter().map(|manifest| manifest.name.clone()));
     let mut selection = Selection::new(&manifests, arguments.filter.as_ref())?;
     if let Some(shard) = arguments.shard {
         selection = selection.shard(shard);
@@ -113,7 +143,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<Exit, Error> {
         return Ok(Exit::Differs);
     }
     for manifest in &manifests {
-        if register_experiment(&mut store, manifest, &selection, &stop)?.is_break() {
+        if register_experiment(&mut store, manifest, &selection, stop)?.is_break() {
             let _ = writeln!(io::stderr(), "stopped before the first job; {RESUME}");
             return Ok(Exit::Interrupted);
         }
@@ -121,6 +151,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<Exit, Error> {
     let options = arguments.options();
     let remaining = Remaining::of(&store, &selection, options.retry_failed)?;
     let mut end = End::before(&remaining);
+    on_end.jobs(end.jobs());
     if !remaining.lacking.is_empty() {
         end.estimated = arguments.estimate(&mut store, &remaining.lacking, &stop)?;
     }
@@ -130,7 +161,11 @@ pub(super) fn run(arguments: &Arguments) -> Result<Exit, Error> {
         // If the mark cannot be set, a crash counts as a kill, and the jobs can still run.
         let mark_crash = |mark| drop(signals::mark_crash(mark));
         let queue = remaining.queue;
-        let swept = schedule::run_queue(&mut store, queue, options, &stop, mark_crash, &mut shown);
+        let mut sink = |event: Event<'_>| {
+            on_end.hear(&event);
+            shown.on_event(event);
+        };
+        let swept = schedule::run_queue(&mut store, queue, options, stop, mark_crash, &mut sink);
         drop(shown);
         end.tally = swept?;
     }
@@ -142,6 +177,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<Exit, Error> {
             OnFailure::Continue => Cause::NothingLeft,
         };
     }
+    *cause = end.cause;
     match end.show(arguments, &reader, &selection) {
         // A closed pipe is no failure; the exit code still reports the outcome of the jobs.
         Err(Error::Io { source, .. }) if source.kind() == io::ErrorKind::BrokenPipe => {}
@@ -271,6 +307,17 @@ enum Cause {
     Failure,
 }
 
+impl Cause {
+    /// The name of the last event.
+    fn name(self) -> &'static str {
+        match self {
+            Cause::NothingLeft => "done",
+            Cause::Signal => "stopped",
+            Cause::Failure => "halted",
+        }
+    }
+}
+
 /// How the estimates of completed jobs ended.
 #[derive(Clone, Copy, Default)]
 struct EstimatesEnd {
@@ -318,6 +365,10 @@ impl End {
         self.completed_before + self.failed_before + self.queued - self.completed() - self.failed()
     }
 
+    fn jobs(&self) -> Jobs {
+        Jobs { completed: self.completed(), failed: self.failed(), left: self.left() }
+    }
+
     fn exit(&self) -> Exit {
         match self.cause {
             Cause::Signal => Exit::Interrupted,
@@ -353,11 +404,7 @@ impl End {
     fn report(&self, arguments: &Arguments) -> Result<(), Error> {
         if arguments.format == Format::Json {
             let event = serde_json::json!({
-                "event": match self.cause {
-                    Cause::NothingLeft => "done",
-                    Cause::Signal => "stopped",
-                    Cause::Failure => "halted",
-                },
+                "event": self.cause.name(),
                 "ran": self.ran(), "completed": self.completed(),
                 "failed": self.failed(), "left": self.left(),
             });

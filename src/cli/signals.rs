@@ -103,8 +103,11 @@ pub(super) fn survive_file_limits() -> io::Result<()> {
 /// Ends the process 1.5 seconds after the flag is set, if the process still runs then. An update of a
 /// very large network, the registration of a very large manifest, or a store locked by another program
 /// may take longer. Transactions and checkpoints are atomic, so the next run takes over the jobs: a job
-/// without a final checkpoint resumes from its previous checkpoint.
-pub(super) fn end_in_time(stop: Arc<AtomicBool>) -> io::Result<()> {
+/// without a final checkpoint resumes from its previous checkpoint. `last` is called before the end.
+pub(super) fn end_in_time(
+    stop: Arc<AtomicBool>,
+    last: impl FnOnce() + Send + 'static,
+) -> io::Result<()> {
     thread::Builder::new().name("deadline".to_owned()).spawn(move || {
         while !stop.load(Ordering::Relaxed) {
             thread::sleep(LOOK);
@@ -112,6 +115,7 @@ pub(super) fn end_in_time(stop: Arc<AtomicBool>) -> io::Result<()> {
         thread::sleep(GRACE);
         // The process ends even if standard error is closed.
         let _ = writeln!(io::stderr(), "stopped in the middle of a step; {RESUME}");
+        last();
         end_now()
     })?;
     Ok(())

@@ -9,7 +9,6 @@ use std::time::Duration;
 use serde_json::{Value, json};
 
 use crate::cli::changes::Changes;
-use crate::cli::failures::{self, SameFailure};
 use crate::cli::output::{Field, Format, Rows, counted};
 use crate::cli::{Error, Exit, StoreArgument, counts, submissions, summary};
 use crate::cluster::{self, Cluster, Look};
@@ -18,6 +17,7 @@ use crate::manifest;
 use crate::plan::Swept;
 use crate::schedule::{self, Left, Speeds};
 use crate::store::{ExperimentCounts, FailedJob, Reader};
+use crate::watch::failures::{self, SameFailure};
 
 /// Show the experiments of a store: jobs by state, and failures with their reasons
 ///
@@ -129,8 +129,7 @@ fn show(reader: &Reader, format: Format) -> Result<Unfinished, Error> {
         for (job, count) in &jobs_left {
             left.add(job, *count);
         }
-        let jobs = counts.pending + counts.interrupted + counts.running;
-        let seconds = schedule::shared(speeds.time(&left), workers, jobs).as_secs_f64();
+        let seconds = speeds.time(&left, workers).as_secs_f64();
         let mut fields = counts::fields(&experiment, &counts, seconds);
         if format == Format::Json {
             fields.push(Field::Nested(failed.described(&experiment)));

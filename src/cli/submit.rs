@@ -1,8 +1,8 @@
 //! `jitai submit`: submits missing jobs to a cluster.
 
+use std::collections::HashSet;
 use std::io::{self, Write};
 use std::path::PathBuf;
-use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread;
 use std::time::{Duration, Instant};
@@ -11,16 +11,18 @@ use clap::ValueEnum;
 use serde_json::json;
 
 use crate::cli::check::ManifestArguments;
+use crate::cli::on_end::{Jobs, OnEnd};
 use crate::cli::output::counted;
 use crate::cli::replacing::Replacing;
-use crate::cli::{Error, Exit, StoreArgument, failures, run, signals, submissions};
+use crate::cli::{Error, Exit, StoreArgument, run, signals, submissions};
 use crate::cluster::{
     self, ChunkState, ChunkSurvey, Cluster, ClusterError, Draft, Look, Loss, Profile, Request,
     Submission,
 };
 use crate::plan::Filter;
-use crate::schedule::Selection;
-use crate::store::{Reader, RetryFailed, Store, StoreError};
+use crate::schedule::{Selection, Survey};
+use crate::store::{JobState, Reader, RetryFailed, Store, StoreError};
+use crate::watch::failures;
 
 /// First and longest time between two checks of a submission with `--wait`.
 const LOOK: (Duration, Duration) = (Duration::from_secs(1), Duration::from_secs(15));
@@ -45,6 +47,12 @@ pub(super) struct Arguments {
     /// Wait for the submission to end, merge its results, and resubmit the jobs of tasks that died
     #[arg(long, conflicts_with = "dry_run")]
     wait: bool,
+    /// With --wait: call this shell command once when the submission ends, also after failures and Ctrl-C
+    ///
+    /// Its standard input is a JSON object as for `jitai run`; command is submit, and event is done,
+    /// lost (jobs are left that submitting again would not help), stopped (the tasks continue) or error.
+    #[arg(long, value_name = "COMMAND", requires = "wait")]
+    on_end: Option<String>,
     /// Submit only the jobs with these parameters, such as agent=dqn,gamma=0.9|0.99, as for `run`
     #[arg(long, value_name = "NAME=VALUE,...")]
     filter: Option<Filter>,
@@ -71,11 +79,20 @@ enum Format {
 pub(super) fn run(arguments: &Arguments) -> Result<Exit, Error> {
     let stop = signals::stop_flag()
         .map_err(|source| Error::Io { what: "listen for signals".to_owned(), source })?;
+    let on_end = OnEnd::new(arguments.on_end.as_ref(), "submit", &arguments.store.store);
+    let ended = submit(arguments, &on_end, &stop);
+    let event = if let Ok(Exit::System) = ended { "lost" } else { "done" };
+    on_end.after(&ended, event, &stop);
+    ended
+}
+
+fn submit(arguments: &Arguments, on_end: &OnEnd, stop: &AtomicBool) -> Result<Exit, Error> {
     let profile = match &arguments.cluster {
         Some(path) => Profile::load(path).map_err(|faults| Error::Manifests(vec![faults]))?,
         None => Profile::default(),
     };
     let manifests = arguments.manifests.load(&arguments.store)?;
+    on_end.experiments(manifests.iter().map(|manifest| manifest.name.clone()));
     let selection = Selection::new(&manifests, arguments.filter.as_ref())?;
     let program = this_program()?;
     let retry = if arguments.retry_failed { RetryFailed::Yes } else { RetryFailed::No };
@@ -91,7 +108,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<Exit, Error> {
         return Ok(Exit::Differs);
     }
     for manifest in &manifests {
-        if run::register_experiment(&mut store, manifest, &selection, &stop)?.is_break() {
+        if run::register_experiment(&mut store, manifest, &selection, stop)?.is_break() {
             return Ok(Exit::Interrupted);
         }
     }
@@ -99,7 +116,9 @@ pub(super) fn run(arguments: &Arguments) -> Result<Exit, Error> {
     let (draft, submitted) = submitting.round()?;
     submitting.report(&draft, submitted.as_ref())?;
     if arguments.wait {
-        return submitting.follow();
+        let exit = submitting.follow()?;
+        submitting.summarise(on_end)?;
+        return Ok(exit);
     }
     Ok(Exit::Done)
 }
@@ -116,7 +135,7 @@ struct Submitting<'a> {
     cluster: Cluster<'a>,
     request: Request<'a>,
     store: Store,
-    stop: Arc<AtomicBool>,
+    stop: &'a AtomicBool,
 }
 
 impl Submitting<'_> {
@@ -206,11 +225,14 @@ impl Submitting<'_> {
         let (mut pause, most) = LOOK;
         let (mut said_at, mut said) = (None::<Instant>, String::new());
         loop {
-            if self.stop.load(Ordering::Relaxed) {
-                writeln!(io::stderr(), "stopped waiting; the tasks continue on the cluster")?;
-                return Ok(Exit::Interrupted);
+            let begun = Instant::now();
+            while begun.elapsed() < pause {
+                if self.stop.load(Ordering::Relaxed) {
+                    writeln!(io::stderr(), "stopped waiting; the tasks continue on the cluster")?;
+                    return Ok(Exit::Interrupted);
+                }
+                thread::sleep(Duration::from_millis(50));
             }
-            thread::sleep(pause);
             pause = (pause * 2).min(most);
             let look = self.cluster.look()?;
             let line = progress(&look);
@@ -260,6 +282,29 @@ impl Submitting<'_> {
         };
         let ours: Vec<_> = look.surveys.iter().filter(|(one, _)| is_ours(one)).collect();
         ours.into_iter()
+    }
+
+    /// Adds the jobs and the failures of the store to the summary of `--on-end`.
+    fn summarise(&self, on_end: &OnEnd) -> Result<(), Error> {
+        let reader = self.store.reader()?;
+        let mut jobs = Jobs::default();
+        Survey::of(self.request.selection, Some(&reader)).walk_all(|job| {
+            *match job.state {
+                JobState::Completed => &mut jobs.completed,
+                JobState::Failed => &mut jobs.failed,
+                JobState::Pending | JobState::Interrupted | JobState::Running => &mut jobs.left,
+            } += 1;
+            Ok::<_, StoreError>(())
+        })?;
+        on_end.jobs(jobs);
+        let ours: HashSet<&str> =
+            self.request.selection.manifests().iter().map(|one| one.name.as_str()).collect();
+        for failed in reader.failed_jobs()? {
+            if ours.contains(failed.experiment.as_str()) {
+                on_end.failed(failed.job_key, &failed.failure);
+            }
+        }
+        Ok(())
     }
 
     fn end(&self, draft: &Draft) -> Exit {

@@ -7,7 +7,7 @@ use clap::{CommandFactory, Parser, Subcommand};
 
 use crate::cli::{
     Error, cancel, check, doctor, export, forget, log, merge, optimum, plan, query, report, run,
-    schema, signals, simulate, status, submit, task,
+    schema, signals, simulate, status, submit, task, watch,
 };
 use crate::kernel::Isa;
 use crate::kill_point;
@@ -27,6 +27,7 @@ enum Verb {
     Plan(plan::Arguments),
     Run(run::Arguments),
     Status(status::Arguments),
+    Watch(watch::Arguments),
     Query(query::Arguments),
     Report(report::Arguments),
     Export(export::Arguments),
@@ -76,6 +77,7 @@ pub fn main() -> ExitCode {
         Verb::Plan(arguments) => plan::run(&arguments),
         Verb::Run(arguments) => run::run(&arguments),
         Verb::Status(arguments) => status::run(&arguments),
+        Verb::Watch(arguments) => watch::run(&arguments),
         Verb::Query(arguments) => query::run(&arguments),
         Verb::Report(arguments) => report::run(&arguments),
         Verb::Export(arguments) => export::run(&arguments),

@@ -12,6 +12,7 @@
 //!     attempts/0.17.0-1a2b3c4d.json ... the record of each attempt
 //!     parts/0.17.0-1a2b3c4d-1.sqlite    sealed stores; beside each, the list of its jobs (.jobs)
 //!     checkpoints/             checkpoints of stopped jobs
+//!     curves/                  learning curves of running jobs
 //!     cancelled or abandoned   a mark: its tasks must not run
 //! ```
 //!
@@ -29,6 +30,7 @@ use super::clock::random;
 use super::engines::EngineKind;
 use super::error::ClusterError;
 use crate::job::JobKey;
+use crate::schedule::CheckpointFolder;
 use crate::store::{StoreError, beside, resolve};
 
 /// Version of the files of a submission; other versions are rejected.
@@ -362,6 +364,11 @@ impl Submission {
     /// The path at which the checkpoint of a job is handed in.
     pub fn checkpoint(&self, key: &JobKey) -> PathBuf {
         self.path.join("checkpoints").join(format!("{key}.checkpoint"))
+    }
+
+    /// The folder of the learning curves of running jobs.
+    pub fn curves(&self) -> CheckpointFolder {
+        CheckpointFolder::at(self.path.join("curves"))
     }
 }
 

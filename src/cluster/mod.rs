@@ -36,7 +36,7 @@ pub use collect::collect;
 pub use engine::{Alive, Engine, EngineError, Limits, Phase};
 pub use engines::{EngineKind, connect};
 pub use error::ClusterError;
-pub use folder::{Stop, Submission, Submissions};
+pub use folder::{HandedIn, Part, Stop, Submission, Submissions};
 pub use order::RUN_AGAIN;
 pub use profile::{Profile, schema};
 pub use submit::{Cluster, Draft, Filled, Look, Request};

@@ -173,7 +173,8 @@ impl<'a> Cluster<'a> {
         Ok(abandoned)
     }
 
-    /// Records jobs as failed if too many of their tasks died; returns these jobs.
+    /// Records jobs as failed if too many of their tasks died; returns these jobs. Also removes the learning
+    /// curves that lost tasks have left.
     ///
     /// **Errors**: the store or a mark cannot be written.
     pub fn record_crashes(
@@ -181,6 +182,10 @@ impl<'a> Cluster<'a> {
         look: &Look,
         store: &mut Store,
     ) -> Result<Vec<JobKey>, ClusterError> {
+        for (submission, survey) in &look.surveys {
+            let held: HashSet<&JobKey> = survey.held().collect();
+            submission.curves().forget_curves(|key| !held.contains(key));
+        }
         let guilty = self.deaths(look)?.guilty();
         if guilty.is_empty() {
             return Ok(Vec::new());

@@ -143,6 +143,8 @@ impl Run<'_> {
         }
         let plan = Plan::read(submission, &left)?;
         let scratch = Scratch::make(self.task, self.out)?;
+        // Earlier attempts at these jobs have ended.
+        submission.curves().forget_curves(|key| left.contains(key));
         self.adopt_checkpoints(&scratch, &left);
         let mut number = 0;
         while !left.is_empty() {
@@ -180,7 +182,8 @@ impl Run<'_> {
         let workers = NonZeroUsize::new(self.attempt.cpus as usize).unwrap_or(NonZeroUsize::MIN);
         let options = Options { workers, retry_failed: RetryFailed::No, ..Options::default() };
         let halt = AtomicBool::new(false);
-        let context = Context { options, train: &train::run, stop: &halt };
+        let curves = self.task.submission.curves();
+        let context = Context { options, train: &train::run, stop: &halt, curves: Some(&curves) };
         let session = store.begin_session(&schedule::of_this_process())?;
         let mut ended = Vec::new();
         let swept =

@@ -161,6 +161,19 @@ impl Job {
         Duration::try_from_secs_f64(LEAST_SECONDS + seconds).unwrap_or(Duration::MAX)
     }
 
+    /// The part of the expected time that is over once this part of the training is over, both from 0 to 1. The
+    /// rest is the test.
+    pub fn part_of_time(&self, trained: f64) -> f64 {
+        if self.trial.is_some() {
+            return trained;
+        }
+        let Work { choice, .. } = self.agent.work(&self.task());
+        let tested = self.task().steps(self.evaluation.test_episodes);
+        let test = tested.saturating_mul(PER_SIMULATED_STEP.saturating_add(choice));
+        let test = test as f64 / Engine::Fused.speed() / self.expected_time().as_secs_f64();
+        trained * (1.0 - test.min(1.0))
+    }
+
     /// The multiply-adds of the training, and of the simulation and the test together.
     fn parts_of_work(&self) -> (u64, u64) {
         let task = self.task();

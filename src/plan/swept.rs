@@ -49,7 +49,16 @@ impl Swept {
 
     /// The short name of a job: agent, scenario, headline key, seed, and what is swept besides.
     pub fn name(&self, agent: &str, job: &Job) -> String {
-        let (scenario, seed) = (&job.scenario, job.seed);
+        self.named(agent, job, &format!(" seed={}", job.seed))
+    }
+
+    /// The short name of the jobs that differ from a job in their seeds alone.
+    pub fn arm(&self, agent: &str, job: &Job) -> String {
+        self.named(agent, job, "")
+    }
+
+    fn named(&self, agent: &str, job: &Job, seed: &str) -> String {
+        let scenario = &job.scenario;
         let headline =
             job.environment.family().headline.and_then(|key| {
                 Some(format!(" {key}={}", job.number(Parameter::Environment(key))?))
@@ -57,7 +66,7 @@ impl Swept {
         let headline = headline.unwrap_or_default();
         let words = shortened(&self.words(agent, job));
         let agent = printable(agent);
-        format!("{agent} {scenario}{headline} seed={seed} {words}").trim_end().to_owned()
+        format!("{agent} {scenario}{headline}{seed} {words}").trim_end().to_owned()
     }
 }
 

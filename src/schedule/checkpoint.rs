@@ -5,7 +5,8 @@
 //!
 //! - No two runs share a file. A process that has lost its claim without noticing cannot overwrite or remove
 //!   the checkpoint of a later run.
-//! - A file is written under another name, synced and renamed, so it is complete or absent.
+//! - The curve of a running job (`curve.rs`) lies in the same folder, as `<job key>.<attempt>.curve`.
+//! - A checkpoint is written under another name, synced and renamed, so it is complete or absent.
 //! - The files of a job are removed only after its completed or failed run is stored.
 //! - If a checkpoint cannot be read or written, the job loses time but the training continues.
 
@@ -60,18 +61,21 @@ pub enum CheckpointNote {
 
 /// A file of the folder.
 #[derive(Clone, Debug, PartialEq, Eq)]
-struct Entry {
-    key: JobKey,
-    attempt: u32,
-    form: Form,
+pub(super) struct Entry {
+    pub(super) key: JobKey,
+    pub(super) attempt: u32,
+    pub(super) form: Form,
 }
 
-/// Whether a file is a checkpoint.
+/// What a file is.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Form {
+pub(super) enum Form {
+    /// A checkpoint.
     Whole,
     /// The file is being written, or a process was killed while writing it.
     Unfinished,
+    /// The learning curve of a running job.
+    Curve,
 }
 
 impl Entry {
@@ -80,6 +84,7 @@ impl Entry {
         let form = match form {
             Form::Whole => "checkpoint",
             Form::Unfinished => "unfinished",
+            Form::Curve => "curve",
         };
         store::checkpoint_name(&key.to_string(), *attempt, form)
     }
@@ -92,6 +97,7 @@ impl Entry {
         let form = match parts.next()? {
             "checkpoint" => Form::Whole,
             "unfinished" => Form::Unfinished,
+            "curve" => Form::Curve,
             _ => return None,
         };
         let entry = Entry { key: JobKey(key.to_be_bytes()), attempt, form };
@@ -107,8 +113,13 @@ impl CheckpointFolder {
         CheckpointFolder { path: resolve(&path).unwrap_or(path) }
     }
 
-    /// Removes files that no run will resume from: checkpoints of completed or failed jobs, and
-    /// unfinished files of killed processes.
+    /// The folder at this path.
+    pub fn at(path: PathBuf) -> Self {
+        CheckpointFolder { path }
+    }
+
+    /// Removes files that no run needs: checkpoints of completed or failed jobs, and unfinished files and
+    /// curves of killed processes.
     ///
     /// **Errors**: the store cannot be read.
     pub fn clear(&self, reader: &Reader) -> Result<(), StoreError> {
@@ -117,7 +128,7 @@ impl CheckpointFolder {
         for (entry, state) in entries.iter().zip(states) {
             let over = match state {
                 JobState::Completed | JobState::Failed => true,
-                JobState::Pending | JobState::Interrupted => entry.form == Form::Unfinished,
+                JobState::Pending | JobState::Interrupted => entry.form != Form::Whole,
                 JobState::Running => false,
             };
             if over {
@@ -130,14 +141,28 @@ impl CheckpointFolder {
 
     /// The latest complete checkpoint of each job.
     pub fn latest(&self) -> Vec<(JobKey, PathBuf)> {
+        self.latest_of(Form::Whole)
+    }
+
+    fn latest_of(&self, form: Form) -> Vec<(JobKey, PathBuf)> {
         let mut latest: HashMap<JobKey, Entry> = HashMap::new();
-        for entry in self.entries().into_iter().filter(|entry| entry.form == Form::Whole) {
+        for entry in self.entries().into_iter().filter(|entry| entry.form == form) {
             match latest.get(&entry.key) {
                 Some(other) if other.attempt > entry.attempt => {}
                 _ => drop(latest.insert(entry.key, entry)),
             }
         }
         latest.into_iter().map(|(key, entry)| (key, self.file(&entry))).collect()
+    }
+
+    /// The curves of running jobs, of the latest attempt at each. Curves of killed processes may be among them.
+    pub fn curves(&self) -> Vec<(JobKey, PathBuf)> {
+        self.latest_of(Form::Curve)
+    }
+
+    /// Removes the curves of jobs whose processes are known to be dead.
+    pub fn forget_curves(&self, is_dead: impl Fn(&JobKey) -> bool) {
+        self.remove_where(|entry| entry.form == Form::Curve && is_dead(&entry.key));
     }
 
     /// Copies a job's checkpoint from another store, for the job's next run.
@@ -176,12 +201,12 @@ impl CheckpointFolder {
         self.path.join(entry.name())
     }
 
-    fn remove(&self, entry: &Entry) {
+    pub(super) fn remove(&self, entry: &Entry) {
         // Another process may already have removed the file; the next clearing removes a file that remains.
         let _ = fs::remove_file(self.file(entry));
     }
 
-    fn remove_if_empty(&self) {
+    pub(super) fn remove_if_empty(&self) {
         let _ = fs::remove_dir(&self.path);
     }
 
@@ -200,6 +225,12 @@ impl CheckpointFolder {
             self.remove(&unfinished);
         }
         written
+    }
+
+    /// Creates a file in the place of a file that another process may still be writing.
+    pub(super) fn create_anew(&self, entry: &Entry) -> io::Result<File> {
+        self.remove(entry);
+        self.create(entry)
     }
 
     fn create(&self, entry: &Entry) -> io::Result<File> {

@@ -1,14 +1,22 @@
 //! Estimates of the remaining time, from expected times and from measured times of other jobs.
 
-use std::collections::BTreeMap;
+use std::cmp::Reverse;
+use std::collections::{BTreeMap, BinaryHeap, HashMap};
 use std::time::Duration;
 
 use crate::job::Job;
 use crate::store::{Reader, StoreError};
 
-/// The ratio of measured to expected training times, by algorithm.
+/// An algorithm and the expected time of a job. Jobs that differ only in seeds and rates are of one kind.
+type Kind = (String, Duration);
+
+fn kind(job: &Job) -> Kind {
+    (job.algorithm().to_owned(), job.expected_time())
+}
+
+/// Measured times of jobs, by kind.
 #[derive(Clone, Debug, Default)]
-pub struct Speeds(BTreeMap<String, Timed>);
+pub struct Speeds(BTreeMap<Kind, Timed>);
 
 /// Measured and expected times of the same jobs, in seconds.
 #[derive(Clone, Copy, Debug, Default)]
@@ -18,41 +26,50 @@ struct Timed {
 }
 
 impl Timed {
+    fn sum<'t>(all: impl Iterator<Item = &'t Timed>) -> Timed {
+        all.fold(Timed::default(), |sum, timed| Timed {
+            measured: sum.measured + timed.measured,
+            expected: sum.expected + timed.expected,
+        })
+    }
+
     fn ratio(self) -> Option<f64> {
         (self.expected > 0.0).then_some(self.measured / self.expected)
     }
 }
 
+/// The part of a job whose measurement outweighs those of other kinds of jobs.
+const OWN: f64 = 0.1;
+
 impl Speeds {
     /// The speeds of the runs in a store.
     pub fn of(reader: &Reader) -> Result<Speeds, StoreError> {
         let mut speeds = Speeds::default();
-        let mut runs = BTreeMap::<String, u64>::new();
+        let mut runs = BTreeMap::<Kind, u64>::new();
         for pace in reader.paces()? {
-            let algorithm = pace.job.algorithm();
-            let expected = pace.job.expected_time().as_secs_f64() * pace.runs as f64;
-            speeds.add_seconds(algorithm, expected, pace.seconds);
-            *runs.entry(algorithm.to_owned()).or_default() += pace.runs;
+            let kind = kind(&pace.job);
+            *runs.entry(kind.clone()).or_default() += pace.runs;
+            let timed = speeds.0.entry(kind).or_default();
+            timed.expected += pace.job.expected_time().as_secs_f64() * pace.runs as f64;
+            timed.measured += pace.seconds;
         }
-        // Earlier runs together count as one mean job, so measurements of this sweep soon outweigh them.
-        for (algorithm, timed) in &mut speeds.0 {
-            let runs = runs.get(algorithm).map_or(1.0, |runs| *runs as f64);
+        // Earlier runs of a kind together count as one mean job, so measurements of this sweep soon outweigh them.
+        for (kind, timed) in &mut speeds.0 {
+            let runs = runs.get(kind).map_or(1.0, |runs| *runs as f64);
             timed.measured /= runs;
             timed.expected /= runs;
         }
         Ok(speeds)
     }
 
-    /// Adds the measured time of a part, from 0 to 1, of a job's training.
+    /// Adds the measured time of a part, from 0 to 1, of a job. A job without progress says nothing yet.
     pub fn add(&mut self, job: &Job, part: f64, wall: Duration) {
-        let expected = job.expected_time().as_secs_f64() * part;
-        self.add_seconds(job.algorithm(), expected, wall.as_secs_f64());
-    }
-
-    fn add_seconds(&mut self, algorithm: &str, expected: f64, measured: f64) {
-        let timed = self.0.entry(algorithm.to_owned()).or_default();
-        timed.measured += measured;
-        timed.expected += expected;
+        if part <= 0.0 {
+            return;
+        }
+        let timed = self.0.entry(kind(job)).or_default();
+        timed.measured += wall.as_secs_f64();
+        timed.expected += job.expected_time().as_secs_f64() * part;
     }
 
     /// Whether anything has been measured.
@@ -60,73 +77,104 @@ impl Speeds {
         self.0.values().any(|timed| timed.ratio().is_some())
     }
 
-    /// The time that one core needs for the remaining work. An algorithm without measurements gets the ratio
-    /// of all other algorithms together.
-    pub fn time(&self, left: &Left) -> Duration {
-        let all = self.0.values().fold(Timed::default(), |sum, timed| Timed {
-            measured: sum.measured + timed.measured,
-            expected: sum.expected + timed.expected,
-        });
-        let usual = all.ratio().unwrap_or(1.0);
-        let seconds = left.0.iter().map(|(algorithm, expected)| {
-            let ratio = self.0.get(algorithm).and_then(|timed| timed.ratio());
-            ratio.unwrap_or(usual) * expected.as_secs_f64()
-        });
-        Duration::try_from_secs_f64(seconds.sum()).unwrap_or(Duration::MAX)
+    /// The time until the last job ends, when `workers` workers run one job at a time, in the order of the jobs.
+    pub fn time(&self, left: &Left, workers: usize) -> Duration {
+        let mut known: HashMap<&Kind, Duration> = HashMap::new();
+        let kinds = left.running.iter().map(|(kind, _)| kind);
+        for kind in kinds.chain(left.waiting.iter().map(|(kind, _)| kind)) {
+            known.entry(kind).or_insert_with(|| times(kind.1, self.ratio(kind)));
+        }
+        let time = |kind: &Kind| known[kind];
+        // The times at which the workers become idle.
+        let mut idle: BinaryHeap<Reverse<Duration>> =
+            left.running.iter().map(|(kind, part)| Reverse(times(time(kind), *part))).collect();
+        while idle.len() < workers.max(1) {
+            idle.push(Reverse(Duration::ZERO));
+        }
+        for (kind, count) in &left.waiting {
+            let (time, workers) = (time(kind), idle.len() as u64);
+            // Very many equal jobs occupy all workers equally.
+            let (each, rest) = match count / workers {
+                many @ AT_ONCE.. => (many, count % workers),
+                _ => (0, *count),
+            };
+            if each > 0 {
+                let each = time.saturating_mul(u32::try_from(each).unwrap_or(u32::MAX));
+                idle = idle.into_iter().map(|at| Reverse(at.0.saturating_add(each))).collect();
+            }
+            for _ in 0..rest {
+                let Reverse(at) = idle.pop().expect("there is a worker");
+                idle.push(Reverse(at.saturating_add(time)));
+            }
+        }
+        idle.into_iter().map(|Reverse(at)| at).max().unwrap_or_default()
     }
 
     /// The time that one core needs for a job, in seconds.
     pub fn seconds(&self, job: &Job) -> f64 {
-        let mut left = Left::default();
-        left.add(job, 1);
-        self.time(&left).as_secs_f64()
+        job.expected_time().as_secs_f64() * self.ratio(&kind(job))
+    }
+
+    /// The ratio of the measured to the expected time of a kind: from its own measurements, completed by those of
+    /// its algorithm, or of all algorithms if there is none.
+    fn ratio(&self, kind: &Kind) -> f64 {
+        let of_algorithm = self.0.iter().filter(|((algorithm, _), _)| *algorithm == kind.0);
+        let of_algorithm = Timed::sum(of_algorithm.map(|(_, timed)| timed)).ratio();
+        let others = of_algorithm.or_else(|| Timed::sum(self.0.values()).ratio()).unwrap_or(1.0);
+        let Timed { measured, expected } = self.0.get(kind).copied().unwrap_or_default();
+        let weight = OWN * kind.1.as_secs_f64();
+        (measured + weight * others) / (expected + weight)
     }
 }
 
-/// The expected time of the remaining work, by algorithm.
+/// The number of equal jobs per worker from which they are not handed out one by one.
+const AT_ONCE: u64 = 64;
+
+/// The remaining work: the algorithms and expected times of jobs.
 #[derive(Clone, Debug, Default)]
-pub struct Left(BTreeMap<String, Duration>);
+pub struct Left {
+    /// The jobs that have not begun, in the order in which each kind first occurred.
+    waiting: Vec<(Kind, u64)>,
+    places: HashMap<Kind, usize>,
+    /// The running jobs, with the part that is left of each.
+    running: Vec<(Kind, f64)>,
+}
 
 impl Left {
     /// Adds `count` jobs that differ only in their seeds.
     pub fn add(&mut self, job: &Job, count: u64) {
-        let count = u32::try_from(count).unwrap_or(u32::MAX);
-        self.add_time(job, job.expected_time().saturating_mul(count));
-    }
-
-    /// Adds the unfinished part, from 0 to 1, of a running job.
-    pub fn add_part(&mut self, job: &Job, part: f64) {
-        let ahead = Duration::try_from_secs_f64(job.expected_time().as_secs_f64() * part);
-        self.add_time(job, ahead.unwrap_or(Duration::MAX));
-    }
-
-    fn add_time(&mut self, job: &Job, time: Duration) {
-        match self.0.get_mut(job.algorithm()) {
-            Some(left) => *left = left.saturating_add(time),
-            None => drop(self.0.insert(job.algorithm().to_owned(), time)),
+        let kind = kind(job);
+        let place = *self.places.entry(kind.clone()).or_insert(self.waiting.len());
+        match self.waiting.get_mut(place) {
+            Some((_, waiting)) => *waiting += count,
+            None => self.waiting.push((kind, count)),
         }
+    }
+
+    /// Adds a running job, of which a part, from 0 to 1, is left.
+    pub fn add_running(&mut self, job: &Job, part: f64) {
+        self.running.push((kind(job), part));
     }
 
     /// Removes a job that was added before.
     pub fn remove(&mut self, job: &Job) {
-        if let Some(left) = self.0.get_mut(job.algorithm()) {
-            *left = left.saturating_sub(job.expected_time());
+        if let Some(place) = self.places.get(&kind(job)) {
+            let (_, waiting) = &mut self.waiting[*place];
+            *waiting = waiting.saturating_sub(1);
         }
     }
 }
 
-/// The time that the work of `jobs` jobs takes when `workers` workers share it, of which each runs one job at
-/// a time.
-pub fn shared(time: Duration, workers: usize, jobs: u64) -> Duration {
-    let busy = usize::try_from(jobs).map_or(workers, |jobs| workers.min(jobs));
-    let seconds = time.as_secs_f64() / busy.max(1) as f64;
-    Duration::try_from_secs_f64(seconds).unwrap_or(Duration::MAX)
+/// The product of a time and a factor; the longest time if it is too long.
+fn times(time: Duration, factor: f64) -> Duration {
+    Duration::try_from_secs_f64(time.as_secs_f64() * factor).unwrap_or(Duration::MAX)
 }
 
 /// A duration in words: `45 s`, `12 min`, `3 h 20 min`.
 pub fn spoken(time: Duration) -> String {
     let whole = time.as_secs_f64().round() as u64;
-    match (whole / 3600, whole / 60 % 60) {
+    let minutes = (whole + 30) / 60;
+    match (minutes / 60, minutes % 60) {
         (0, _) if whole < 100 => format!("{whole} s"),
         (0, minutes) => format!("{minutes} min"),
         (hours, minutes) if hours < 48 => format!("{hours} h {minutes} min"),
@@ -149,7 +197,7 @@ mod tests {
     }
 
     fn seconds(speeds: &Speeds, left: &Left) -> f64 {
-        speeds.time(left).as_secs_f64()
+        speeds.time(left, 1).as_secs_f64()
     }
 
     #[test]
@@ -164,11 +212,12 @@ mod tests {
         assert!(speeds.are_measured());
         assert!((seconds(&speeds, &left) - 40.0).abs() < 1e-6);
         left.remove(&job);
-        left.add_part(&job, 0.5);
+        left.add_running(&job, 0.5);
         assert!((seconds(&speeds, &left) - 30.0).abs() < 1e-6);
         left.remove(&job);
         left.remove(&job);
-        assert_eq!(speeds.time(&left), Duration::ZERO);
+        let left = Left { running: Vec::new(), ..left };
+        assert_eq!(speeds.time(&left, 1), Duration::ZERO);
     }
 
     #[test]
@@ -193,11 +242,29 @@ mod tests {
     }
 
     #[test]
-    fn no_more_workers_share_the_work_than_there_are_jobs() {
-        let minute = Duration::from_secs(60);
-        for (workers, jobs, expected) in [(1, 9, 60), (4, 9, 15), (4, 2, 30), (4, 0, 60)] {
-            assert_eq!(shared(minute, workers, jobs), Duration::from_secs(expected));
-        }
+    fn workers_take_the_jobs_in_turn() {
+        let [short, long] =
+            [1_000, 9_000].map(|n| job(&format!("algorithm = \"reinforce\"\nepisodes = {n}\n")));
+        let mut speeds = Speeds::default();
+        speeds.add(&long, 1.0, Duration::from_secs(90));
+        let unit = speeds.seconds(&short);
+        let long_seconds = speeds.seconds(&long);
+        let time = |counts: [u64; 2], running: &[f64], workers| {
+            let mut left = Left::default();
+            left.add(&short, counts[0]);
+            left.add(&long, counts[1]);
+            running.iter().for_each(|part| left.add_running(&long, *part));
+            speeds.time(&left, workers).as_secs_f64()
+        };
+        let close = |found: f64, expected: f64| {
+            assert!((found / expected - 1.0).abs() < 1e-6, "{found} {expected}");
+        };
+        close(time([9, 0], &[], 4), 3.0 * unit);
+        close(time([2, 0], &[], 4), unit);
+        // The long job starts last, and the other workers wait for it.
+        close(time([4, 1], &[], 4), unit + long_seconds);
+        close(time([1, 0], &[0.5, 0.25], 2), (0.5 * long_seconds).max(0.25 * long_seconds + unit));
+        close(time([4_000_001, 0], &[], 4), 1_000_001.0 * unit);
     }
 
     #[test]
@@ -205,7 +272,9 @@ mod tests {
         let cases = [
             (0.4, "0 s"),
             (59.6, "60 s"),
+            (110.0, "2 min"),
             (125.0, "2 min"),
+            (3580.0, "1 h 0 min"),
             (3600.0, "1 h 0 min"),
             (12_000.0, "3 h 20 min"),
             (500_000.0, "5 days"),

@@ -12,7 +12,7 @@ use std::time::{Duration, Instant};
 use super::panic;
 use super::queued::Queued;
 use crate::estimate::Estimation;
-use crate::job::{EstimateDeclaration, Estimates, Job, Outcome};
+use crate::job::{CurvePoint, EstimateDeclaration, Estimates, Job, Outcome};
 use crate::store::{Added, Reader, Store, StoreError, results_digest};
 use crate::train::{self, StopHandle, TrainingControl, TrainingProgress};
 
@@ -166,7 +166,7 @@ struct Again<'q> {
 }
 
 impl TrainingControl for Again<'_> {
-    fn report(&self, _: TrainingProgress) {}
+    fn report(&self, _: TrainingProgress, _: &[CurvePoint]) {}
 
     fn stop_requested(&self) -> bool {
         let is_over = self.deadline.is_some_and(|deadline| Instant::now() >= deadline);

@@ -54,7 +54,7 @@ pub fn run_queue(
 ) -> Result<Tally, SweepError> {
     let session = store.begin_session(&super::of_this_process())?;
     mark_crash(store.crash_mark(session)?);
-    let context = Context { options, train: &train::run, stop };
+    let context = Context { options, train: &train::run, stop, curves: None };
     let swept = super::run(store, session, queue, context, sink);
     let ended = store.end_session(session);
     let tally = swept?;

@@ -17,6 +17,7 @@
 //!   none are retried, so that retries do not bias a comparison of arms.
 
 mod checkpoint;
+mod curve;
 mod estimate;
 mod estimates;
 mod event;
@@ -30,7 +31,8 @@ mod sweep;
 mod worker;
 
 pub use checkpoint::{CheckpointFolder, CheckpointNote};
-pub use estimate::{Left, Speeds, shared, spoken};
+pub use curve::RunningCurve;
+pub use estimate::{Left, Speeds, spoken};
 pub use estimates::{Estimated, add_estimates, trains_again};
 pub use event::{Event, EventSink, Found};
 pub use manifests::{register_experiment, run_manifests, run_queue};

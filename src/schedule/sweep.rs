@@ -139,6 +139,7 @@ pub fn run(
             train: context.train,
             halt: &halt,
             folder: &folder,
+            curves: context.curves.unwrap_or(&folder),
             checkpoint_every: context.options.checkpoint_every,
             messages,
         };
@@ -222,6 +223,8 @@ pub struct Context<'a> {
     pub train: Train<'a>,
     /// Set from outside to stop the sweep.
     pub stop: &'a AtomicBool,
+    /// The folder for the learning curves of running jobs; `None` for the folder of checkpoints.
+    pub curves: Option<&'a CheckpointFolder>,
 }
 
 /// The result of assigning jobs to idle workers.

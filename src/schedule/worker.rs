@@ -7,9 +7,12 @@ use std::sync::{Arc, Mutex, PoisonError, mpsc};
 use std::thread::{self, Scope};
 use std::time::Duration;
 
-use crate::job::{EstimateDeclaration, Failure, FailureKind, Outcome};
+use crate::job::{CurvePoint, EstimateDeclaration, Failure, FailureKind, Outcome};
 use crate::job::{Job, JobKey};
-use crate::schedule::checkpoint::{Alarm, CheckpointFolder, CheckpointNote, Keeper, Stopwatch};
+use crate::schedule::checkpoint::{
+    Alarm, CheckpointFolder, CheckpointNote, Entry, Form, Keeper, Stopwatch,
+};
+use crate::schedule::curve::{self, CurveFile};
 use crate::schedule::panic;
 use crate::schedule::queued::Queued;
 use crate::store::Claim;
@@ -19,12 +22,13 @@ use crate::train::{Checkpoints, StopHandle, TrainingControl, TrainingProgress};
 pub type Train<'a> = &'a (dyn Fn(&Job, &dyn TrainingControl) -> Outcome + Sync);
 
 /// State shared by a worker and the coordinating thread: the worker's latest progress, and alarms for
-/// due checkpoints and the time limit.
+/// due checkpoints, the time limit and due points of the learning curve.
 #[derive(Default)]
 pub(super) struct Slot {
     progress: Mutex<Option<TrainingProgress>>,
     checkpoint: Alarm,
     deadline: Alarm,
+    curve: Alarm,
     worked: Stopwatch,
 }
 
@@ -34,6 +38,7 @@ impl Slot {
         self.worked.look();
         self.checkpoint.look();
         self.deadline.look();
+        self.curve.look();
     }
 
     fn get(&self) -> Option<TrainingProgress> {
@@ -72,6 +77,8 @@ pub(super) struct Shared<'a> {
     pub(super) train: Train<'a>,
     pub(super) halt: &'a Arc<AtomicBool>,
     pub(super) folder: &'a CheckpointFolder,
+    /// The folder for the learning curves of running jobs.
+    pub(super) curves: &'a CheckpointFolder,
     /// The time between two checkpoints.
     pub(super) checkpoint_every: Duration,
     pub(super) messages: mpsc::Sender<Message>,
@@ -164,7 +171,10 @@ fn work(worker: usize, training: &Training, slot: &Arc<Slot>, shared: &Shared<'_
     };
     let clock = (&slot.checkpoint, shared.checkpoint_every);
     let keeper = Keeper::new(shared.folder, (*key, *attempt), clock, &report);
-    let control = SlotControl { slot, halt: shared.halt, keeper, estimates, folder };
+    slot.curve.set(curve::EVERY);
+    let entry = Entry { key: *key, attempt: *attempt, form: Form::Curve };
+    let curve = CurveFile::new(shared.curves, entry);
+    let control = SlotControl { slot, halt: shared.halt, keeper, estimates, curve, folder };
     let outcome = match train_caught(shared.train, job, &control) {
         Outcome::Interrupted if slot.deadline.rings() => {
             Outcome::Failed(over_time(slot, limit, job))
@@ -179,12 +189,21 @@ struct SlotControl<'a> {
     halt: &'a Arc<AtomicBool>,
     keeper: Keeper<'a>,
     estimates: &'a [Arc<EstimateDeclaration>],
+    curve: CurveFile<'a>,
     folder: &'a Path,
 }
 
 impl TrainingControl for SlotControl<'_> {
-    fn report(&self, progress: TrainingProgress) {
+    fn report(&self, progress: TrainingProgress, curve: &[CurvePoint]) {
         self.slot.set(Some(progress));
+        if self.report_is_due() {
+            self.slot.curve.set(curve::EVERY);
+            self.curve.add(progress, self.keeper.before() + self.worked(), curve);
+        }
+    }
+
+    fn report_is_due(&self) -> bool {
+        self.slot.curve.rings()
     }
 
     fn stop_requested(&self) -> bool {

@@ -6,7 +6,8 @@ use std::sync::Arc;
 
 use rusqlite::Connection;
 
-use crate::job::{ActionCount, EstimateDeclaration, Failure, Provenance};
+use crate::job::metric::MEAN_RETURN;
+use crate::job::{ActionCount, EstimateDeclaration, Failure, MetricName, Provenance};
 use crate::job::{JobKey, PlannedJob};
 use crate::record::{CompletedRun, DataSet, JobRecord, JobStatus, SharedSettings};
 
@@ -16,6 +17,9 @@ use super::job_states::JobStates;
 use super::read::failure_kind;
 use super::state::JobState;
 use super::{Reader, StoreError};
+
+/// A learning curve in one metric: training episodes finished, and values.
+pub type Curve = Vec<(u32, f64)>;
 
 /// The results of a run that are read in addition to its metrics.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -146,7 +150,7 @@ impl Reader {
             for (id, (key, mut run)) in runs {
                 let parts = wanted.get(&key).copied().unwrap_or_default();
                 if parts.curve {
-                    run.curve = curve(connection, id)?;
+                    run.curve = curve(connection, id, MEAN_RETURN)?;
                 }
                 if parts.actions {
                     run.actions = actions(connection, id)?;
@@ -160,6 +164,40 @@ impl Reader {
                 completed.insert(key, Arc::new(run));
             }
             Ok(completed)
+        })
+    }
+
+    /// The learning curves of completed jobs in a metric; other jobs are omitted.
+    pub fn curves(
+        &self,
+        keys: &[JobKey],
+        metric: MetricName,
+    ) -> Result<Vec<(JobKey, Curve)>, StoreError> {
+        let keys: Vec<String> = keys.iter().map(JobKey::to_string).collect();
+        self.read("read learning curves", |connection| {
+            let heads = heads(connection, &keys, &mut SharedNames::default())?;
+            let curves =
+                heads.into_iter().map(|(id, (key, _))| Ok((key, curve(connection, id, metric)?)));
+            Ok(curves.collect::<rusqlite::Result<_>>()?)
+        })
+    }
+
+    /// The mean returns of the tests of completed jobs; other jobs are omitted.
+    pub fn test_returns(&self, keys: &[JobKey]) -> Result<Vec<(JobKey, f64)>, StoreError> {
+        let keys: Vec<String> = keys.iter().map(JobKey::to_string).collect();
+        self.read("read mean returns", |connection| {
+            let mut statement = connection.prepare_cached(
+                "SELECT unhex(job.key), run_metric.value
+                 FROM json_each(?1) AS wanted
+                 CROSS JOIN job ON job.key = wanted.value
+                 CROSS JOIN run ON run.job = job.id AND run.status = 'completed'
+                 CROSS JOIN run_metric ON run_metric.run = run.id AND run_metric.metric =
+                    (SELECT id FROM metric_name WHERE name = ?2)",
+            )?;
+            let rows = statement.query_map((json(&keys), MEAN_RETURN.text()), |row| {
+                Ok((JobKey(row.get(0)?), row.get(1)?))
+            })?;
+            Ok(rows.collect::<rusqlite::Result<_>>()?)
         })
     }
 
@@ -284,13 +322,13 @@ fn provenance(row: &rusqlite::Row<'_>) -> rusqlite::Result<Provenance> {
     })
 }
 
-fn curve(connection: &Connection, run: i64) -> rusqlite::Result<Vec<(u32, f64)>> {
+fn curve(connection: &Connection, run: i64, metric: MetricName) -> rusqlite::Result<Curve> {
     let mut statement = connection.prepare_cached(
         "SELECT episode, value FROM curve_point
-         WHERE run = ?1 AND metric = (SELECT id FROM metric_name WHERE name = 'mean_return')
+         WHERE run = ?1 AND metric = (SELECT id FROM metric_name WHERE name = ?2)
          ORDER BY episode",
     )?;
-    statement.query_map([run], |row| Ok((row.get(0)?, row.get(1)?)))?.collect()
+    statement.query_map((run, metric.text()), |row| Ok((row.get(0)?, row.get(1)?)))?.collect()
 }
 
 fn actions(connection: &Connection, run: i64) -> rusqlite::Result<Vec<ActionCount>> {

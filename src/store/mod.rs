@@ -74,7 +74,7 @@ mod writer;
 
 pub use claim::{Claim, Claimed, Isolation, RetryFailed};
 pub use command::Command;
-pub use completed::Parts;
+pub use completed::{Curve, Parts};
 pub use copy::Origin;
 pub use counts::ExperimentCounts;
 pub use crash::{CHECKPOINTS, STOPPED, checkpoint_name};
@@ -95,7 +95,7 @@ pub use merge::{
 pub use migrate::SCHEMA_VERSION;
 pub use place::{beside, require_one_name, resolve};
 pub use query::{Answer, Interrupter, QueryError, VIEWS, Value};
-pub use read::{FailedJob, Pace, Reader};
+pub use read::{FailedJob, Pace, Reader, StoredArm};
 pub use results::{Finished, RunEnd, results_digest};
 pub use salvage::{Salvaged, salvage};
 pub use seal::seal;

@@ -1,10 +1,11 @@
 //! The reading connection: states, failures and times of jobs and experiments.
 
+use std::collections::HashMap;
 use std::path::{Path, PathBuf};
 
 use rusqlite::{Connection, OptionalExtension};
 
-use crate::job::{CanonicalForm, Job, JobKey, Versions};
+use crate::job::{CanonicalForm, Job, JobKey, Versions, without_seed};
 use crate::job::{Failure, FailureKind};
 
 use super::command::{self, Command};
@@ -41,6 +42,17 @@ pub struct FailedJob {
     pub failure: Failure,
     /// When the run ended, in UTC, ISO 8601 with milliseconds.
     pub ended_at: String,
+}
+
+/// The jobs of an experiment that differ only in their seeds.
+#[derive(Clone, Debug, PartialEq)]
+pub struct StoredArm {
+    /// The name of the agent in the experiment.
+    pub agent: String,
+    /// One of the jobs.
+    pub job: Job,
+    /// The keys of the jobs.
+    pub keys: Vec<JobKey>,
 }
 
 /// The measured time of jobs that differ only in their seeds.
@@ -136,6 +148,35 @@ impl Reader {
                 see(JobKey(row.get(0)?));
             }
             Ok(())
+        })
+    }
+
+    /// The jobs of an experiment in the order of its manifest, grouped by content without the seed. An unknown
+    /// experiment has no jobs. Jobs that this release cannot read are omitted.
+    pub fn arms(&self, experiment: &str) -> Result<Vec<StoredArm>, StoreError> {
+        self.read("read the jobs of an experiment", |connection| {
+            let mut statement = connection.prepare_cached(
+                "SELECT experiment_job.agent, job.canonical, unhex(job.key)
+                 FROM experiment_job JOIN job ON job.id = experiment_job.job
+                 WHERE experiment = (SELECT id FROM experiment WHERE name = ?1)
+                 ORDER BY experiment_job.position",
+            )?;
+            let mut places: HashMap<(String, String), Option<usize>> = HashMap::new();
+            let mut arms: Vec<StoredArm> = Vec::new();
+            let mut rows = statement.query([experiment])?;
+            while let Some(row) = rows.next()? {
+                let (agent, canonical): (String, String) = (row.get(0)?, row.get(1)?);
+                let stem = without_seed(&canonical).into_owned();
+                let place = places.entry((agent, stem)).or_insert_with_key(|(agent, _)| {
+                    let job = Job::from_canonical(&canonical).ok()?;
+                    arms.push(StoredArm { agent: agent.clone(), job, keys: Vec::new() });
+                    Some(arms.len() - 1)
+                });
+                if let Some(place) = place {
+                    arms[*place].keys.push(JobKey(row.get(2)?));
+                }
+            }
+            Ok(arms)
         })
     }
 

@@ -4,7 +4,7 @@ use std::path::Path;
 use std::sync::Arc;
 use std::time::Duration;
 
-use crate::job::EstimateDeclaration;
+use crate::job::{CurvePoint, EstimateDeclaration};
 use crate::train::checkpoint::{Checkpoints, KeptNowhere};
 use crate::train::progress::TrainingProgress;
 
@@ -13,8 +13,14 @@ pub type StopHandle = Arc<dyn Fn() -> bool + Send + Sync>;
 
 /// Receives the progress reports of a training, may stop it, and keeps its checkpoints.
 pub trait TrainingControl {
-    /// Receives the progress after every span of the learner: an episode or an update.
-    fn report(&self, progress: TrainingProgress);
+    /// Receives the progress and the points of the learning curve so far, after every span of the learner: an
+    /// episode or an update.
+    fn report(&self, progress: TrainingProgress, curve: &[CurvePoint]);
+
+    /// Whether a long span should pause, so that its progress is reported; queried at every step.
+    fn report_is_due(&self) -> bool {
+        false
+    }
 
     /// Whether the training should end at the next opportunity, without a result.
     fn stop_requested(&self) -> bool;
@@ -48,7 +54,7 @@ pub trait TrainingControl {
 pub struct Uncontrolled;
 
 impl TrainingControl for Uncontrolled {
-    fn report(&self, _: TrainingProgress) {}
+    fn report(&self, _: TrainingProgress, _: &[CurvePoint]) {}
 
     fn stop_requested(&self) -> bool {
         false

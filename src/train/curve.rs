@@ -99,6 +99,11 @@ impl CurveRecorder {
         })
     }
 
+    /// The points so far.
+    pub(super) fn points(&self) -> &[CurvePoint] {
+        &self.points
+    }
+
     /// The points, including a final point for the remaining episodes.
     pub(super) fn finish(mut self) -> Vec<CurvePoint> {
         if !self.since_point.is_empty() {

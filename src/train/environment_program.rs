@@ -11,7 +11,7 @@ use crate::agent::recorded_decisions;
 use crate::env::Environment;
 use crate::env::outside::{Description, EnvironmentProgram, OutsideModel};
 use crate::external::ProgramError;
-use crate::job::{EstimateDeclaration, Failure, FailureKind, Job, Outcome};
+use crate::job::{CurvePoint, EstimateDeclaration, Failure, FailureKind, Job, Outcome};
 use crate::key::Size;
 use crate::train::control::{StopHandle, TrainingControl};
 use crate::train::progress::TrainingProgress;
@@ -101,9 +101,9 @@ struct Watched<'c> {
 }
 
 impl TrainingControl for Watched<'_> {
-    fn report(&self, progress: TrainingProgress) {
+    fn report(&self, progress: TrainingProgress, curve: &[CurvePoint]) {
         self.episode.set(progress.episode);
-        self.control.report(progress);
+        self.control.report(progress, curve);
     }
 
     fn stop_requested(&self) -> bool {

@@ -35,12 +35,12 @@ fn train(job: &Job, control: &dyn TrainingControl) -> Outcome {
         // Other manifests with such an agent are rejected, so the algorithm is at fault.
         Err(error) => panic!("the agent cannot start: {error}"),
     };
-    let pause = || control.stop_requested() || checkpoints.are_due();
+    let pause = || control.stop_requested() || checkpoints.are_due() || control.report_is_due();
     loop {
         if let Err(failure) = training.advance(&pause) {
             return Outcome::Failed(failure);
         }
-        control.report(training.progress());
+        control.report(training.progress(), training.curve());
         if training.stage() == Stage::Over {
             break;
         }

@@ -8,7 +8,7 @@ use crate::agent::{
     TrainedEpisode,
 };
 use crate::job::{
-    Decision, EstimateDeclaration, Failure, FailureKind, Job, Metric, Phase, Pooling,
+    CurvePoint, Decision, EstimateDeclaration, Failure, FailureKind, Job, Metric, Phase, Pooling,
     RecordedEpisodes, Results,
 };
 use crate::state::resumable;
@@ -140,6 +140,11 @@ impl<'j> Training<'j> {
         } else {
             Stage::Testing
         }
+    }
+
+    /// The points of the learning curve so far.
+    pub(super) fn curve(&self) -> &[CurvePoint] {
+        self.curve.points()
     }
 
     pub(super) fn progress(&self) -> TrainingProgress {

@@ -62,7 +62,7 @@ fn a_run_that_was_taken_over_is_reported_and_its_job_runs_again() {
         train::run(job, control)
     };
     let stop = AtomicBool::new(false);
-    let context = Context { options: one_worker(), train: &train, stop: &stop };
+    let context = Context { options: one_worker(), train: &train, stop: &stop, curves: None };
     let mut listener = Listener { heard: Vec::new(), stop_at_skip: &AtomicBool::new(false) };
     let tally = schedule::run(&mut store, session, queue, context, &mut listener).unwrap();
     assert_eq!(tally, Tally { completed: 1, ..Tally::default() });
@@ -96,7 +96,7 @@ fn a_job_that_ended_elsewhere_is_reported_with_its_outcome() {
         train::run(job, control)
     };
     let stop = AtomicBool::new(false);
-    let context = Context { options: one_worker(), train: &train, stop: &stop };
+    let context = Context { options: one_worker(), train: &train, stop: &stop, curves: None };
     let mut listener = Listener { heard: Vec::new(), stop_at_skip: &AtomicBool::new(false) };
     let tally = schedule::run(&mut store, session, queue, context, &mut listener).unwrap();
     let expected =
@@ -119,7 +119,7 @@ fn a_stop_is_heard_among_thousands_of_jobs_that_others_have_done() {
             results_sha256 = zeroblob(32)";
     Connection::open(folder.path("jitai.sqlite")).unwrap().execute_batch(done).unwrap();
     let stop = AtomicBool::new(false);
-    let context = Context { options: OPTIONS, train: &train::run, stop: &stop };
+    let context = Context { options: OPTIONS, train: &train::run, stop: &stop, curves: None };
     let mut listener = Listener { heard: Vec::new(), stop_at_skip: &stop };
     let tally = schedule::run(&mut store, session, queue, context, &mut listener).unwrap();
     assert!((1..=1000).contains(&tally.already_failed), "{tally:?}");

@@ -299,7 +299,7 @@ pub const OPTIONS: Options = Options {
 fn sweep(folder: &Folder, train: schedule::Train<'_>) -> (Tally, Listener) {
     let text = support::manifest("sweep", "0.6", "2", Effort::Trivial);
     let (mut store, session, queue) = queued(folder, &text);
-    let context = Context { options: OPTIONS, train, stop: &AtomicBool::new(false) };
+    let context = Context { options: OPTIONS, train, stop: &AtomicBool::new(false), curves: None };
     let mut listener = Listener::default();
     let tally = schedule::run(&mut store, session, queue, context, &mut listener).unwrap();
     store.end_session(session).unwrap();

@@ -34,3 +34,4 @@ mod simulating;
 mod support;
 mod sweeps;
 mod trials;
+mod watching;

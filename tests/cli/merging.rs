@@ -266,7 +266,8 @@ fn a_job_with_other_results_is_a_conflict_and_the_store_keeps_its_own() {
     };
     let (mut store, session, queue) = queued(&folder, &folder.read("sweep.toml"));
     let key = queue[3].key.to_string();
-    let context = Context { options: OPTIONS, train: &train, stop: &AtomicBool::new(false) };
+    let context =
+        Context { options: OPTIONS, train: &train, stop: &AtomicBool::new(false), curves: None };
     schedule::run(&mut store, session, queue, context, &mut |_: Event<'_>| {}).unwrap();
     store.end_session(session).unwrap();
     drop(store);

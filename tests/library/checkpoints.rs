@@ -11,8 +11,8 @@ use jitai::agent::{
     Trunk,
 };
 use jitai::env::{FirstContext, Population, StateNoise, StepCount, StepNoise, TimeIndicator};
+use jitai::job::{CurvePoint, Outcome, Pooling, Results, Trial, UpdateData};
 use jitai::job::{EvaluatedOn, Evaluation, Job, RecordedDecisions};
-use jitai::job::{Outcome, Pooling, Results, Trial, UpdateData};
 use jitai::key::{Distribution, Keyed, Value};
 use jitai::train::{
     self, CheckpointError, Checkpoints, ReadCheckpoint, Resumed, TrainingControl, TrainingProgress,
@@ -93,7 +93,7 @@ impl Checkpoints for Shelf {
 const WORKED: Duration = Duration::from_secs(5);
 
 impl TrainingControl for Shelf {
-    fn report(&self, _: TrainingProgress) {}
+    fn report(&self, _: TrainingProgress, _: &[CurvePoint]) {}
 
     fn stop_requested(&self) -> bool {
         self.stops && self.is_time()
@@ -578,7 +578,7 @@ fn a_training_whose_checkpoints_cannot_be_kept_continues() {
         }
     }
     impl TrainingControl for FullDisk {
-        fn report(&self, _: TrainingProgress) {}
+        fn report(&self, _: TrainingProgress, _: &[CurvePoint]) {}
 
         fn stop_requested(&self) -> bool {
             false

@@ -10,7 +10,7 @@ use jitai::agent::{
 use jitai::env::{FirstContext, StepCount, TimeIndicator};
 use jitai::job::Evaluation;
 use jitai::job::Job;
-use jitai::job::{Outcome, Results};
+use jitai::job::{CurvePoint, Outcome, Results};
 use jitai::train::{self, Uncontrolled};
 use sha2::{Digest, Sha256};
 
@@ -194,7 +194,7 @@ fn seeds_and_parameters_change_the_results() {
 fn a_stop_request_ends_a_training_without_a_result() {
     struct StopAfter(std::cell::Cell<u32>);
     impl train::TrainingControl for StopAfter {
-        fn report(&self, progress: train::TrainingProgress) {
+        fn report(&self, progress: train::TrainingProgress, _: &[CurvePoint]) {
             assert!(progress.episode <= 1, "it went on to episode {}", progress.episode);
         }
         fn worked(&self) -> std::time::Duration {

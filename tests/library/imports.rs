@@ -36,6 +36,7 @@ const TABLE: &[(&str, &[&str])] = &[
         &["kill_point", "key", "agent", "job", "estimate", "manifest", "plan", "train", "store"],
     ),
     ("cluster", &["external", "key", "job", "manifest", "plan", "train", "store", "schedule"]),
+    ("watch", &["key", "job", "manifest", "plan", "store", "schedule", "cluster"]),
     // The bootstrap has a random stream of its own.
     ("analyse", &["rng", "key", "env", "job", "estimate", "manifest", "record"]),
     ("report", &["key", "env", "optimum", "job", "manifest", "plan", "record", "store", "analyse"]),
@@ -59,6 +60,7 @@ const TABLE: &[(&str, &[&str])] = &[
             "portable",
             "schedule",
             "cluster",
+            "watch",
             "analyse",
             "report",
         ],

@@ -81,11 +81,12 @@ impl<'j> TrainingRecord<'j> {
         let episode = TrainedEpisode { total_reward, length, terminated, ..self.since };
         self.since = TrainedEpisode { epsilon, ..TrainedEpisode::default() };
         self.curve.add(&episode)?;
-        self.control.report(TrainingProgress {
+        let progress = TrainingProgress {
             episode: self.curve.episodes(),
             episodes: self.job.agent.episodes(),
             recent_return: self.curve.recent_return(),
-        });
+        };
+        self.control.report(progress, self.curve.points());
         Ok(())
     }
 

@@ -16,7 +16,7 @@ use std::{str, thread};
 use jitai::agent::{Actions, Weights};
 use jitai::cli::input;
 use jitai::job::Job;
-use jitai::job::{Outcome, Provenance};
+use jitai::job::{CurvePoint, Outcome, Provenance};
 use jitai::manifest::{self, Manifest};
 use jitai::plan::{self};
 use jitai::store::{
@@ -409,7 +409,7 @@ impl Checkpoints for Shelf {
 }
 
 impl TrainingControl for Shelf {
-    fn report(&self, _: TrainingProgress) {}
+    fn report(&self, _: TrainingProgress, _: &[CurvePoint]) {}
 
     fn stop_requested(&self) -> bool {
         true

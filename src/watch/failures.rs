@@ -1,20 +1,20 @@
 //! Equal failures, listed once with their number.
 
-use crate::cli::output::counted;
+use crate::job::counted;
 use crate::key::printable;
 use crate::store::FailedJob;
 
 /// The failed jobs of an experiment with the same kind of failure and the same message up to its numbers.
-pub(super) struct SameFailure<'f> {
+pub struct SameFailure<'f> {
     /// The first of these jobs.
-    pub(super) first: &'f FailedJob,
+    pub first: &'f FailedJob,
     /// The number of these jobs.
-    pub(super) jobs: usize,
+    pub jobs: usize,
 }
 
 impl SameFailure<'_> {
     /// The failure in words, after the name of its first job: `and 2 more jobs: diverged (…)`.
-    pub(super) fn described(&self, name: &str) -> String {
+    pub fn described(&self, name: &str) -> String {
         let failure = &self.first.failure;
         let others = match self.jobs {
             1 => String::new(),
@@ -25,7 +25,7 @@ impl SameFailure<'_> {
 }
 
 /// A message without its numbers, which differ between jobs that failed in the same way.
-pub(super) fn without_numbers(message: &str) -> String {
+pub fn without_numbers(message: &str) -> String {
     let mut plain = message.replace(|c: char| c.is_ascii_digit(), "#");
     while plain.contains("##") {
         plain = plain.replace("##", "#");
@@ -34,14 +34,12 @@ pub(super) fn without_numbers(message: &str) -> String {
 }
 
 /// `1 more job`, `2 more jobs`.
-pub(super) fn more(jobs: usize) -> String {
+pub fn more(jobs: usize) -> String {
     counted(jobs, "more job")
 }
 
 /// The different failures, in the order in which each occurs first.
-pub(super) fn different<'f>(
-    failed: impl IntoIterator<Item = &'f FailedJob>,
-) -> Vec<SameFailure<'f>> {
+pub fn different<'f>(failed: impl IntoIterator<Item = &'f FailedJob>) -> Vec<SameFailure<'f>> {
     let mut places = std::collections::HashMap::new();
     let mut different: Vec<SameFailure<'f>> = Vec::new();
     for job in failed {

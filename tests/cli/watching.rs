@@ -1,0 +1,270 @@
+//! `watch`, and the command that is called at the end of a run.
+
+use std::fs;
+use std::io::Write;
+use std::os::unix::fs::PermissionsExt;
+use std::path::PathBuf;
+use std::process::Stdio;
+use std::time::{Duration, Instant};
+
+use jitai::schedule::RunningCurve;
+use serde_json::Value;
+
+use crate::failures::partly_diverging;
+use crate::support::{Effort, Folder, Running, assert_prompt, left_out, manifest, until};
+
+/// The files of learning curves in a folder.
+fn curves(folder: &Folder, name: &str) -> Vec<PathBuf> {
+    let files = fs::read_dir(folder.path(name)).into_iter().flatten().flatten();
+    files
+        .map(|file| file.path())
+        .filter(|path| path.extension().is_some_and(|e| e == "curve"))
+        .collect()
+}
+
+#[test]
+fn lines_say_what_has_ended_and_why_jobs_failed() {
+    let folder = Folder::with(&partly_diverging());
+    folder.jitai(["run", "sweep.toml"]).ended(1);
+    for arguments in [&["watch"][..], &["watch", "sweep", "--plain"]] {
+        let watch = folder.jitai(arguments.iter().copied()).succeeded();
+        let watch = watch.prints("sweep: 2 of 4 completed, 2 failed\n");
+        watch.prints("failed: wild P-H-D sigma=0.6 seed=1: diverged (");
+    }
+    folder.jitai(["watch", "swep"]).ended(2).says("did you mean `sweep`?");
+    folder.jitai(["watch", "--store", "none.sqlite"]).ended(3).says("none.sqlite");
+}
+
+#[test]
+fn curves_of_running_jobs_are_seen_and_leave_nothing_behind() {
+    let folder = Folder::with(&manifest("sweep", "0.6", "1", Effort::Endless));
+    let run = folder.start(["run", "sweep.toml", "--workers", "2"]);
+    let checkpoints = "jitai.sqlite.checkpoints";
+    until("both jobs have curves", || curves(&folder, checkpoints).len() == 2);
+    let watch = folder.start(["watch", "--plain"]);
+    until("the watch counts them", || {
+        watch.stdout().contains("sweep: 0 of 2 completed, 2 running, about")
+    });
+    for curve in curves(&folder, checkpoints) {
+        let read = || RunningCurve::read(&curve).unwrap();
+        let before = read();
+        assert!(before.episode > 0 && before.seconds > 1.0, "{before:?}");
+        let begun = Instant::now();
+        until("points are added", || read().episode > before.episode);
+        assert!(begun.elapsed() < Duration::from_secs(60));
+    }
+    // A killed process leaves its files; nobody takes them for running jobs.
+    run.kill();
+    assert_eq!(curves(&folder, checkpoints).len(), 2);
+    watch.wait().succeeded().says("2 jobs left, but no process is running");
+    let again = folder.start(["run", "sweep.toml", "--workers", "2"]);
+    until("the files are removed", || curves(&folder, checkpoints).is_empty());
+    until("jobs run", || folder.is_running_a_job());
+    until("both jobs have curves again", || curves(&folder, checkpoints).len() == 2);
+    again.signal("INT");
+    again.wait().ended(130);
+    assert_eq!(curves(&folder, checkpoints), [] as [PathBuf; 0]);
+}
+
+/// The program in a pseudo terminal of 80 by 24, to which keys are written.
+struct Terminal {
+    run: Running,
+    keys: fs::File,
+}
+
+impl Terminal {
+    fn start(folder: &Folder, arguments: &str) -> Terminal {
+        let program = env!("CARGO_BIN_EXE_jitai");
+        let inner = format!("stty rows 24 cols 80; echo $$ > pid; exec {program} {arguments}");
+        let fifo = folder.path("keys");
+        let made = std::process::Command::new("mkfifo").arg(&fifo).status().unwrap();
+        assert!(made.success());
+        let mut command = folder.command_of("script", ["-qefc", &inner, "/dev/null"]);
+        command.env("TERM", "xterm-256color").env("SHELL", "/bin/sh").env_remove("NO_COLOR");
+        // Opened for both, so that neither end waits for the other.
+        let keys = fs::OpenOptions::new().read(true).write(true).open(&fifo).unwrap();
+        command.stdin(Stdio::from(keys.try_clone().unwrap()));
+        Terminal { run: Running::of(command), keys }
+    }
+
+    fn press(&mut self, keys: &str) {
+        self.keys.write_all(keys.as_bytes()).unwrap();
+    }
+
+    /// Everything that was written, and that the terminal was restored.
+    #[track_caller]
+    fn left(self, code: i32) -> String {
+        let ended = self.run.wait();
+        assert_eq!(ended.code, Some(code), "{}", ended.stdout);
+        let (entered, left) = ("\u{1b}[?1049h", "\u{1b}[?1049l");
+        let at = |text: &str| ended.stdout.rfind(text).unwrap_or_else(|| panic!("{ended:?}"));
+        assert!(at(entered) < at(left) && at("\u{1b}[?25l") < at("\u{1b}[?25h"));
+        ended.stdout
+    }
+}
+
+/// Whether `script` of util-linux can make a pseudo terminal.
+fn has_terminals() -> bool {
+    let script = std::process::Command::new("script").arg("--version").output();
+    let has =
+        script.is_ok_and(|output| String::from_utf8_lossy(&output.stdout).contains("util-linux"));
+    if !has {
+        left_out("the full screen of `watch`", "it needs `script` of util-linux");
+    }
+    has
+}
+
+#[test]
+fn the_screen_shows_arms_and_curves_and_restores_the_terminal() {
+    if !has_terminals() {
+        return;
+    }
+    let folder = Folder::with(&partly_diverging());
+    folder.jitai(["run", "sweep.toml"]).ended(1);
+    let mut screen = Terminal::start(&folder, "watch");
+    until("the screen is drawn", || screen.run.stdout().contains("quit"));
+    screen.press("j");
+    until("the curve is drawn", || screen.run.stdout().contains("mean_return"));
+    screen.press("mm");
+    until("another metric is drawn", || screen.run.stdout().contains("disengage"));
+    screen.press("f");
+    until("the failures are drawn", || screen.run.stdout().contains("like"));
+    screen.press("q");
+    let text = screen.left(0);
+    for word in ["sweep", "wild", "tame", "2/2", "diverged"] {
+        assert!(text.contains(word), "{word} is not in {text}");
+    }
+}
+
+#[test]
+fn a_signal_ends_the_screen_and_restores_the_terminal() {
+    if !has_terminals() {
+        return;
+    }
+    let folder = Folder::completed(&manifest("sweep", "0.6", "1", Effort::Trivial));
+    let screen = Terminal::start(&folder, "watch");
+    until("the screen is drawn", || screen.run.stdout().contains("quit"));
+    let kill = format!("kill -TERM {}", folder.read("pid"));
+    assert!(std::process::Command::new("sh").args(["-c", &kill]).status().unwrap().success());
+    screen.left(130);
+}
+
+/// The summary that the command of `--on-end` got; the command is called once.
+#[track_caller]
+fn summary(folder: &Folder) -> Value {
+    until("the command was called", || {
+        fs::read_to_string(folder.path("end")).is_ok_and(|text| text.ends_with('\n'))
+    });
+    let text = folder.read("end");
+    assert_eq!(text.lines().count(), 1, "{text}");
+    fs::remove_file(folder.path("end")).unwrap();
+    serde_json::from_str(&text).unwrap()
+}
+
+const ON_END: &str = "cat >> end";
+
+#[test]
+fn a_command_is_called_once_however_a_run_ends() {
+    let folder = Folder::with(&partly_diverging());
+    let told = |summary: &Value| {
+        ["event", "exit_code", "completed", "failed", "left"].map(|key| summary[key].to_string())
+    };
+    folder.jitai(["run", "sweep.toml", "--on-end", ON_END]).ended(1);
+    let end = summary(&folder);
+    assert_eq!(told(&end), ["\"done\"", "1", "2", "2", "0"]);
+    assert_eq!(
+        (&end["failures"][0]["kind"], &end["failures"][0]["jobs"]),
+        (&"diverged".into(), &2.into())
+    );
+    assert_eq!((&end["command"], &end["experiments"][0]), (&"run".into(), &"sweep".into()));
+    // Standard output is for data.
+    let again = ["run", "sweep.toml", "--format", "json", "--on-end", "cat >> end; echo called"];
+    let again = folder.jitai(again).ended(1).says("called");
+    assert!(!again.stdout.contains("called"));
+    assert_eq!(told(&summary(&folder)), ["\"done\"", "1", "2", "2", "0"]);
+    folder.jitai(["run", "none.toml", "--on-end", ON_END]).ended(2);
+    let end = summary(&folder);
+    assert_eq!(told(&end), ["\"error\"", "2", "null", "null", "null"]);
+    assert!(end["message"].as_str().unwrap().contains("none.toml"));
+    // The command changes nothing about the run.
+    let bad = folder.jitai(["run", "sweep.toml", "--on-end", "exit 7"]).ended(1);
+    bad.says("the command of --on-end ended with exit status: 7");
+    folder.jitai(["submit", "sweep.toml", "--on-end", ON_END]).ended(2).says("--wait");
+}
+
+#[test]
+fn a_command_is_called_after_a_signal() {
+    let folder = Folder::with(&manifest("sweep", "0.6", "1", Effort::Endless));
+    // A slow command does not delay the end.
+    let slow = "cat >> end; sleep 30";
+    let run = folder.start(["run", "sweep.toml", "--on-end", slow]);
+    until("a job runs", || folder.is_running_a_job());
+    let asked = Instant::now();
+    run.signal("INT");
+    run.wait().ended(130);
+    assert_prompt(asked);
+    let end = summary(&folder);
+    assert_eq!(
+        (&end["event"], &end["exit_code"], &end["left"]),
+        (&"stopped".into(), &130.into(), &2.into())
+    );
+}
+
+#[test]
+fn a_submission_is_watched_through_its_folder() {
+    let folder = Folder::with(&manifest("sweep", "0.6", "1", Effort::Endless));
+    fs::create_dir(folder.path("bin")).unwrap();
+    for (name, body) in [
+        ("sbatch", "echo 17"),
+        ("scontrol", "echo MaxArraySize = 1001"),
+        (
+            "squeue",
+            "for a; do case $a in --name=*) echo \"${a#--name=}|17|0|RUNNING\" ;; esac; done",
+        ),
+    ] {
+        let path = folder.path("bin").join(name);
+        fs::write(&path, format!("#!/bin/sh\n{body}\n")).unwrap();
+        fs::set_permissions(&path, fs::Permissions::from_mode(0o755)).unwrap();
+    }
+    let program = env!("CARGO_BIN_EXE_jitai");
+    let with_cluster = |arguments: &str| {
+        let script = format!("PATH=$PWD/bin:$PATH exec {program} {arguments}");
+        Running::of(folder.command_of("sh", ["-c", &script]))
+    };
+    with_cluster("submit sweep.toml").wait().succeeded();
+    let submission = fs::read_dir(folder.path("jitai.sqlite.submissions")).unwrap().flatten();
+    let submission = submission.map(|entry| entry.path()).find(|path| path.is_dir()).unwrap();
+    let name = submission.file_name().unwrap().to_str().unwrap().to_owned();
+    let task = folder.start([
+        "task",
+        submission.to_str().unwrap(),
+        "--chunk",
+        "0",
+        "--attempt",
+        "17.0",
+        "--scratch",
+        folder.path("").to_str().unwrap(),
+    ]);
+    let lies_in = format!("jitai.sqlite.submissions/{name}/curves");
+    until("the task has curves", || !curves(&folder, &lies_in).is_empty());
+    let watch = with_cluster("watch --plain");
+    until("the watch sees the task", || {
+        let text = watch.stdout();
+        text.contains(&format!("{name}: 0 chunks waiting, 1 running"))
+            && text.contains("1 running, 1 pending")
+    });
+    watch.signal("TERM");
+    watch.wait().ended(130);
+    let wait = with_cluster("submit sweep.toml --wait --on-end 'cat >> end'");
+    until("it waits", || wait.stderr().contains("running"));
+    let asked = Instant::now();
+    wait.signal("TERM");
+    wait.wait().ended(130);
+    assert_prompt(asked);
+    let end = summary(&folder);
+    assert_eq!((&end["command"], &end["event"]), (&"submit".into(), &"stopped".into()));
+    assert_eq!((&end["left"], &end["completed"]), (&2.into(), &0.into()));
+    task.signal("TERM");
+    task.wait();
+    assert_eq!(curves(&folder, &lies_in), [] as [PathBuf; 0]);
+}
