@@ -9,7 +9,7 @@ use std::time::Duration;
 use clap::ValueEnum;
 
 use crate::cli::check::ManifestArguments;
-use crate::cli::output::{counted, shell_word};
+use crate::cli::output::shell_word;
 use crate::cli::progress::{Shown, Style};
 use crate::cli::replacing::Replacing;
 use crate::cli::signals::RESUME;
@@ -17,10 +17,9 @@ use crate::cli::workers::workers;
 use crate::cli::{Error, Exit, StoreArgument, failures, signals, summary};
 use crate::env::Family;
 use crate::job::JobKey;
-use crate::key::printable;
 use crate::manifest::Manifest;
 use crate::plan::{Filter, Shard, Swept, headlines};
-use crate::schedule::{self, OnFailure, Options, Queued, Remaining, Selection, Speeds, Tally};
+use crate::schedule::{self, Cause, End, OnFailure, Options, Queued, Remaining, Selection, Speeds};
 use crate::store::{FailedJob, Reader, RetryFailed, Store, mean_returns};
 
 /// Maximum number of different failures listed at the end.
@@ -125,22 +124,14 @@ pub(super) fn run(arguments: &Arguments) -> Result<Exit, Error> {
         let queue = remaining.queue;
         let swept = schedule::run_queue(&mut store, queue, options, &stop, mark_crash, &mut shown);
         drop(shown);
-        end.tally = swept?;
+        end = end.after(swept?, stop.load(Ordering::Relaxed), options.on_failure);
     }
-    if end.left() > 0 {
-        // A signal after the last job has no effect.
-        end.cause = match options.on_failure {
-            _ if stop.load(Ordering::Relaxed) => Cause::Signal,
-            OnFailure::Stop => Cause::Failure,
-            OnFailure::Continue => Cause::NothingLeft,
-        };
-    }
-    match end.show(arguments, &reader, &selection) {
+    match show(&end, arguments, &reader, &selection) {
         // A closed pipe is no failure; the exit code still reports the outcome of the jobs.
         Err(Error::Io { source, .. }) if source.kind() == io::ErrorKind::BrokenPipe => {}
         shown => shown?,
     }
-    Ok(end.exit())
+    Ok(exit(&end))
 }
 
 impl Arguments {
@@ -187,140 +178,63 @@ pub(super) fn register_experiment(
     let Some(registered) = registered else {
         return Ok(ControlFlow::Break(()));
     };
-    if registered.dropped > 0 {
-        let _ = writeln!(
-            io::stderr(),
-            "{name} no longer has {} that it had before; their results stay in the store; if this \
-             manifest is a new experiment, give it another name",
-            counted(registered.dropped, "job"),
-            name = printable(&manifest.name),
-        );
+    if let Some(note) = schedule::dropped_note(manifest, &registered) {
+        let _ = writeln!(io::stderr(), "{note}");
     }
     Ok(ControlFlow::Continue(()))
 }
 
-/// Why a sweep ended.
-#[derive(Clone, Copy, PartialEq, Eq)]
-enum Cause {
-    /// Every job has ended.
-    NothingLeft,
-    /// A signal arrived.
-    Signal,
-    /// A job failed, and `--fail-fast` was given.
-    Failure,
+fn exit(end: &End) -> Exit {
+    match end.cause() {
+        Cause::Stopped => Exit::Interrupted,
+        Cause::Failure => Exit::JobsFailed,
+        Cause::NothingLeft if end.failed() > 0 => Exit::JobsFailed,
+        Cause::NothingLeft => Exit::Done,
+    }
 }
 
-/// How a sweep ended.
-struct End {
-    /// Number of jobs to run.
-    queued: usize,
-    /// Number of jobs that had completed before the sweep.
-    completed_before: usize,
-    /// Number of jobs that had failed before the sweep and were not run again.
-    failed_before: usize,
-    tally: Tally,
-    cause: Cause,
+/// Reports how the sweep ended and, in text format, its results.
+fn show(
+    end: &End,
+    arguments: &Arguments,
+    reader: &Reader,
+    selection: &Selection<'_>,
+) -> Result<(), Error> {
+    let manifests = selection.manifests();
+    report(end, arguments)?;
+    // After a signal, there is no time to summarise a large experiment.
+    if arguments.format == Format::Json || end.cause() == Cause::Stopped {
+        return Ok(());
+    }
+    if arguments.quiet {
+        return Ok(());
+    }
+    let example = summary::print(reader, selection)?;
+    if end.failed() > 0 {
+        list_failures(&reader.failed_jobs()?, manifests)?;
+    }
+    Ok(suggest_next(arguments, manifests, example)?)
 }
 
-impl End {
-    /// The end of a sweep that has not begun.
-    fn before(remaining: &Remaining) -> End {
-        End {
-            queued: remaining.queue.len(),
-            completed_before: remaining.completed,
-            failed_before: remaining.failed,
-            tally: Tally::default(),
-            cause: Cause::NothingLeft,
-        }
-    }
-
-    fn completed(&self) -> usize {
-        self.completed_before + self.tally.already_completed + self.tally.completed
-    }
-
-    fn failed(&self) -> usize {
-        self.failed_before + self.tally.already_failed + self.tally.failed
-    }
-
-    fn left(&self) -> usize {
-        self.completed_before + self.failed_before + self.queued - self.completed() - self.failed()
-    }
-
-    fn exit(&self) -> Exit {
-        match self.cause {
-            Cause::Signal => Exit::Interrupted,
-            Cause::Failure => Exit::JobsFailed,
-            Cause::NothingLeft if self.failed() > 0 => Exit::JobsFailed,
-            Cause::NothingLeft => Exit::Done,
-        }
-    }
-
-    /// Reports how the sweep ended and, in text format, its results.
-    fn show(
-        &self,
-        arguments: &Arguments,
-        reader: &Reader,
-        selection: &Selection<'_>,
-    ) -> Result<(), Error> {
-        let manifests = selection.manifests();
-        self.report(arguments)?;
-        // After a signal, there is no time to summarise a large experiment.
-        if arguments.format == Format::Json || self.cause == Cause::Signal {
-            return Ok(());
-        }
-        if arguments.quiet {
-            return Ok(());
-        }
-        let example = summary::print(reader, selection)?;
-        if self.failed() > 0 {
-            list_failures(&reader.failed_jobs()?, manifests)?;
-        }
-        Ok(suggest_next(arguments, manifests, example)?)
-    }
-
-    fn report(&self, arguments: &Arguments) -> Result<(), Error> {
-        if arguments.format == Format::Json {
-            let event = serde_json::json!({
-                "event": match self.cause {
-                    Cause::NothingLeft => "done",
-                    Cause::Signal => "stopped",
-                    Cause::Failure => "halted",
-                },
-                "ran": self.ran(), "completed": self.completed(),
-                "failed": self.failed(), "left": self.left(),
-            });
-            writeln!(io::stdout(), "{event}")?;
-            return Ok(());
-        }
-        if arguments.quiet {
-            return Ok(());
-        }
-        let (completed, failed, left) = (self.completed(), self.failed(), self.left());
-        let ran = counted(self.ran(), "job");
-        let ran = format!("{ran} run, {completed} completed in all, {failed} failed");
-        let line = match self.cause {
-            Cause::Signal => {
-                let completed = counted(completed, "job");
-                format!("stopped: {completed} completed, {left} left; {RESUME}")
-            }
-            Cause::Failure => {
-                format!("{ran}; halted after the first failure; {} left", counted(left, "job"))
-            }
-            Cause::NothingLeft if self.queued == 0 && failed == 0 => match completed {
-                0 => "nothing to run: this shard has no jobs".to_owned(),
-                1 => "nothing to run: the job is completed".to_owned(),
-                _ => format!("nothing to run: all {completed} jobs are completed"),
+fn report(end: &End, arguments: &Arguments) -> Result<(), Error> {
+    if arguments.format == Format::Json {
+        let event = serde_json::json!({
+            "event": match end.cause() {
+                Cause::NothingLeft => "done",
+                Cause::Stopped => "stopped",
+                Cause::Failure => "halted",
             },
-            Cause::NothingLeft => ran,
-        };
+            "ran": end.ran(), "completed": end.completed(),
+            "failed": end.failed(), "left": end.left(),
+        });
+        writeln!(io::stdout(), "{event}")?;
+        return Ok(());
+    }
+    if !arguments.quiet {
         // The work is done, so a closed standard error is not a failure.
-        let _ = writeln!(io::stderr(), "{line}");
-        Ok(())
+        let _ = writeln!(io::stderr(), "{}", end.line(RESUME));
     }
-
-    fn ran(&self) -> usize {
-        self.tally.completed + self.tally.failed
-    }
+    Ok(())
 }
 
 /// Lists the first different failures of the manifests' experiments.

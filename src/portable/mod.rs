@@ -7,11 +7,13 @@ mod description;
 mod onnx;
 mod protobuf;
 
+use std::path::Path;
+
 use serde_json::Value as Json;
 
 use crate::agent::{BanditPolicy, LinearThompson, NetworkPolicy, Weights, WeightsError};
 use crate::job::NoWeights;
-use crate::store::StoredWeights;
+use crate::store::{Reader, StoredWeights};
 pub use description::digest;
 
 /// A policy as files.
@@ -152,6 +154,14 @@ pub fn bandit_of(stored: &StoredWeights) -> Result<(Weights, BanditPolicy), Port
 pub fn bandit_posterior(stored: &StoredWeights) -> Result<String, PortableError> {
     let (weights, _) = bandit_of(stored)?;
     Ok(description::describe_bandit(stored, &weights, &[]).to_string())
+}
+
+/// [`bandit_posterior`] of the only completed job in a store whose key begins with `key`; the error says why there
+/// is none.
+pub fn posterior_in(store: &Path, key: &str) -> Result<String, String> {
+    let reader = Reader::open(store).map_err(|error| error.to_string())?;
+    let stored = reader.weights(key).map_err(|error| error.to_string())?;
+    bandit_posterior(&stored).map_err(|error| error.to_string())
 }
 
 /// The policy of a completed job as files.

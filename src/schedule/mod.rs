@@ -17,10 +17,13 @@
 //!   none are retried, so that retries do not bias a comparison of arms.
 
 mod checkpoint;
+mod ending;
 mod estimate;
 mod event;
+mod event_log;
 mod manifests;
 mod panic;
+mod preview;
 mod provenance;
 mod queued;
 mod selection;
@@ -29,10 +32,13 @@ mod sweep;
 mod worker;
 
 pub use checkpoint::{CheckpointFolder, CheckpointNote};
+pub use ending::{Cause, End};
 pub use estimate::{Left, Speeds, shared, spoken};
 pub use event::{Event, EventSink, Found};
-pub use manifests::{register_experiment, run_manifests, run_queue};
-pub use provenance::of_this_process;
+pub use event_log::EventLog;
+pub use manifests::{dropped_note, register_experiment, removal, run_manifests, run_queue};
+pub use preview::Preview;
+pub use provenance::{command, of_this_process};
 pub use queued::Queued;
 pub use selection::Selection;
 pub use survey::{Change, Reason, Remaining, Sharing, Survey, Surveyed};

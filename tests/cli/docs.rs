@@ -19,7 +19,7 @@ mod questions;
 use examples::{cell, fill_store, jitai, run};
 use questions::questions;
 
-const DOCUMENTS: [&str; 34] = [
+const DOCUMENTS: [&str; 35] = [
     "README.md",
     "CONTRIBUTING.md",
     "docs/agents.md",
@@ -37,6 +37,7 @@ const DOCUMENTS: [&str; 34] = [
     "docs/fidelity.md",
     "docs/index.md",
     "docs/manifest.md",
+    "docs/notebooks.md",
     "docs/optimum.md",
     "docs/oralytics.md",
     "docs/trials.md",
