@@ -127,7 +127,7 @@ class Store:
         to several columns is numbered: ``value``, ``value_2``.
         """
         if isinstance(parameters, Mapping):
-            values = list(parameters.items())
+            values: list[tuple[str | None, Any]] = list(parameters.items())
         elif isinstance(parameters, (str, bytes)) or not isinstance(parameters, Sequence):
             raise TypeError(f"parameters: expected a list or a dict, found {parameters!r}")
         else:
