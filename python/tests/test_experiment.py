@@ -272,3 +272,33 @@ def test_other_python_threads_work_during_a_run(tmp_path):
 def test_the_shipped_manifests_are_valid():
     checked = jitai.check(sorted((ROOT / "experiments").glob("*.toml")))
     assert checked.jobs > 100 and len(checked.lines) >= 5
+
+
+def test_figures_are_those_of_the_report(tmp_path):
+    path = tmp_path / "a.sqlite"
+    curve = {"kind": "learning_curve", "name": "learning"}
+    manifest = {**SMALL, "analysis": [*SMALL["analysis"], curve]}
+    jitai.run(manifest, store=path, progress=False)
+    jitai.report(manifest, store=path, out=tmp_path / "report")
+    with jitai.open(path) as results:
+        figures = results.plot()
+        assert {figure.analysis for figure in figures} == {"gap", "learning"}
+        for figure in figures:
+            written = (tmp_path / "report" / "figures" / f"{figure.name}.svg").read_text()
+            assert figure._repr_svg_() == figure.svg == written
+        assert all(figure.svg in figures._repr_html_() for figure in figures)
+        learning = results.plot("dict", "learning")
+        assert {figure.analysis for figure in learning} == {"learning"}
+        learning[0].save(tmp_path / "saved.svg")
+        assert (tmp_path / "saved.svg").read_text() == learning[0].svg
+        other = results.plot(manifest={**manifest, "analysis": [{**curve, "name": "other"}]})
+        assert [figure.caption for figure in other] == [figure.caption for figure in learning]
+        for error, message, arguments in [
+            (ValueError, "no analysis `lerning` .did you mean `learning`..; the manifest declares gap, learning", ("dict", "lerning")),
+            (ValueError, "no experiment `dct`", ("dct",)),
+        ]:
+            with pytest.raises(error, match=message):
+                results.plot(*arguments)
+    with pytest.raises(ValueError, match="declares no ..analysis"):
+        bare = {key: value for key, value in SMALL.items() if key != "analysis"}
+        jitai.open(path).plot(manifest=bare)

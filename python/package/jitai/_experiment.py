@@ -29,8 +29,9 @@ BETWEEN_LINES = 5.0
 
 def _arguments(manifest: Manifest | Sequence[Manifest], **others: Any) -> dict[str, Any]:
     """The arguments of a call of the native module."""
-    is_one = isinstance(manifest, str) or not isinstance(manifest, Sequence)
-    manifests: list[Any] = [manifest] if is_one else list(manifest)
+    manifests: list[Any] = [manifest]
+    if isinstance(manifest, Sequence) and not isinstance(manifest, str):
+        manifests = list(manifest)
     if not manifests:
         raise ValueError("manifest: expected at least one manifest, found none")
     manifests = [dict(one) if isinstance(one, Mapping) else one for one in manifests]
