@@ -179,13 +179,13 @@ pub mod environment {
 /// Policies: actors, decision rules, and the episodes that they play.
 pub mod policy {
     pub use crate::agent::{
-        ActionNetwork, Actions, Actor, Architecture, BanditPolicy, Choice, DecisionRule,
-        NetworkActor, NetworkPolicy, RuleParameters, RulePolicy, StackNames,
+        ActionNetwork, Actions, Actor, Architecture, BanditPolicy, Choice, DecisionRule, GruNames,
+        NetworkActor, NetworkPolicy, RuleParameters, RulePolicy, RuleState, StackNames,
     };
     pub use crate::job::NoWeights;
     pub use crate::optimum::NoOptimum;
     pub use crate::portable::{
-        PortableError, PortablePolicy, bandit_of, network_of, portable, posterior_in,
+        PortableError, PortablePolicy, bandit_of, describe_job, network_of, portable, posterior_in,
     };
     pub use crate::train::{RollStreams, Rollout, StepObserver, begin, play, roll};
 }
