@@ -173,7 +173,7 @@ test-python: ## tests of the Python module, with Gymnasium's current and oldest 
 	@ls target/wheels/jitai-*.whl >/dev/null 2>&1 || { echo "no wheel: run \`make python\`" >&2; exit 1; }
 	$(CARGO) fmt --check --package jitai-python
 	PYO3_PYTHON=$(CURDIR)/$(PYTHON) $(CARGO) clippy --release --package jitai-python --quiet -- -D warnings
-	$(PIP) install hypothesis onnxruntime pandas polars pyarrow pytest safetensors
+	$(PIP) install hypothesis mypy onnxruntime pandas polars pyarrow pytest safetensors tqdm
 	cd python && ../target/python/bin/pytest --quiet
 	$(MAKE) python-sb3
 	$(PIP_SB3) install "hypothesis>=6.100" pytest

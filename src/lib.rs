@@ -121,17 +121,22 @@ pub mod experiment {
     };
     pub use crate::manifest::{
         Analysis, AnalysisKind, Contrast, CurveAxis, DeclaredAgent, DeclaredEstimate, Exclusion,
-        Fault, Faults, Manifest, Pairing, Parameters, Position, Published, PublishedRow, Recovery,
-        Section, SelectionRule, Sides, Zip, load, parse, schema,
+        Fault, Faults, Manifest, Overridden, Override, Pairing, Parameters, Position, Published,
+        PublishedRow, Recovery, Runs, Section, SelectionRule, Sides, Zip, hints, load, load_with,
+        parse, parse_with, same_name, schema,
     };
-    pub use crate::plan::{Filter, FilterError, Shard, ShardError, count, expand, jobs};
+    pub use crate::plan::{
+        Factors, Filter, FilterError, Shard, ShardError, Swept, count, expand, jobs,
+    };
     pub use crate::schedule::{
-        CheckpointNote, Event, EventSink, Found, OnFailure, Options, Queued, SweepError, Tally,
-        run_manifests as run,
+        Cause, CheckpointNote, End, EstimatesEnd, Event, EventLog, EventSink, Found, MOST_WORKERS, OnFailure,
+        Options, Preview, Queued, Remaining, Selection, Speeds, Survey, Surveyed, SweepError,
+        Tally, add_estimates, command, dropped_note, register_experiment, removal, run_manifests as run,
+        run_queue,
     };
     pub use crate::store::{
-        Conflict, Damage, MergeProgress, Merged, Origin, OtherManifest, RetryFailed, Sources,
-        Store, StoreError, merge, stores_of,
+        Command, Conflict, Counts, Damage, MergeProgress, Merged, Origin, OtherManifest,
+        RetryFailed, Sources, Store, StoreError, merge, stores_of,
     };
     pub use crate::train::{CheckpointError, TrainingProgress};
 }
@@ -150,7 +155,8 @@ pub mod results {
         AmongParticipants, CompletedRun, DataSet, JobRecord, JobStatus, Settings,
     };
     pub use crate::report::{
-        AssembleError, Hosts, ReportFile, ReportedExperiment, Work, assemble, report,
+        AssembleError, Hosts, ReportFigure, ReportFile, ReportedExperiment, Work, assemble,
+        figures, report, splits,
     };
     pub use crate::store::{
         Answer, ColumnType, ExperimentCounts, FailedJob, Interrupter, JobState, Pace, Parts,
@@ -178,12 +184,14 @@ pub mod environment {
 /// Policies: actors, decision rules, and the episodes that they play.
 pub mod policy {
     pub use crate::agent::{
-        ActionNetwork, Actions, Actor, Architecture, BanditPolicy, Choice, DecisionRule,
-        NetworkActor, NetworkPolicy, RuleParameters, RulePolicy, StackNames,
+        ActionNetwork, Actions, Actor, Architecture, BanditPolicy, Choice, DecisionRule, GruNames,
+        NetworkActor, NetworkPolicy, RuleParameters, RulePolicy, RuleState, StackNames,
     };
     pub use crate::job::NoWeights;
     pub use crate::optimum::NoOptimum;
-    pub use crate::portable::{PortableError, PortablePolicy, bandit_of, network_of, portable};
+    pub use crate::portable::{
+        PortableError, PortablePolicy, bandit_of, describe_job, network_of, portable, posterior_in,
+    };
     pub use crate::train::{RollStreams, Rollout, StepObserver, begin, play, roll};
 }
 

@@ -240,7 +240,7 @@ fn with_files(environment: &Environment, files: &[String]) -> PyResult<Environme
     read.ok_or_else(|| refused("the environment cannot be read"))
 }
 
-fn refused(error: impl std::fmt::Display) -> PyErr {
+pub(crate) fn refused(error: impl std::fmt::Display) -> PyErr {
     PyValueError::new_err(error.to_string())
 }
 
@@ -287,7 +287,7 @@ fn manifest_of(
 }
 
 /// A value in the notation of manifests.
-fn toml_of(name: &str, value: &Bound<'_, PyAny>, depth: usize) -> PyResult<Toml> {
+pub(crate) fn toml_of(name: &str, value: &Bound<'_, PyAny>, depth: usize) -> PyResult<Toml> {
     let of_type = |what: String| {
         PyTypeError::new_err(format!(
             "`{name}`: expected a number, a word, true or false, or a list of these, found {what}"

@@ -1,8 +1,9 @@
 //! Long calls that Ctrl-C ends, as it ends Python code.
 
-use std::sync::mpsc::{self, RecvTimeoutError};
+use std::convert::Infallible;
+use std::sync::mpsc::{self, RecvTimeoutError, Sender};
 use std::thread;
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use numpy::{PyArray1, PyArrayMethods};
 use pyo3::exceptions::PyRuntimeError;
@@ -22,17 +23,37 @@ pub(crate) fn interruptible<T: Send>(
     if !is_main_thread(py)? {
         return Ok(py.detach(work));
     }
+    attended(py, stop, |_running: Sender<Infallible>| work(), |_, never| match never {})
+}
+
+/// [`interruptible`] on any thread, with messages that `work` sends until it ends: `heed` receives them on this
+/// thread. Its exceptions stop `work`, too.
+pub(crate) fn attended<T: Send, M: Send>(
+    py: Python<'_>,
+    stop: impl Fn() + Send,
+    work: impl FnOnce(Sender<M>) -> T + Send,
+    mut heed: impl FnMut(Python<'_>, M) -> PyResult<()> + Send,
+) -> PyResult<T> {
     py.detach(move || {
         thread::scope(|scope| {
             // Closed when the work ends, even by a panic.
-            let (running, ended) = mpsc::channel::<()>();
-            let worker = thread::Builder::new().spawn_scoped(scope, move || {
-                let _running = running;
-                work()
-            })?;
+            let (running, inbox) = mpsc::channel::<M>();
+            let worker = thread::Builder::new().spawn_scoped(scope, move || work(running))?;
             let mut raised = None;
-            while let Err(RecvTimeoutError::Timeout) = ended.recv_timeout(LOOK) {
-                raised = raised.or_else(|| Python::attach(|py| py.check_signals()).err());
+            let mut looked = Instant::now();
+            loop {
+                let received = inbox.recv_timeout(LOOK);
+                let heeded = match received {
+                    Err(RecvTimeoutError::Disconnected) => break,
+                    Err(RecvTimeoutError::Timeout) => Ok(()),
+                    Ok(message) if raised.is_none() => Python::attach(|py| heed(py, message)),
+                    Ok(_) => Ok(()),
+                };
+                raised = raised.or(heeded.err());
+                if looked.elapsed() >= LOOK {
+                    looked = Instant::now();
+                    raised = raised.or_else(|| Python::attach(|py| py.check_signals()).err());
+                }
                 if raised.is_some() {
                     stop();
                 }

@@ -1,4 +1,4 @@
-//! The native part of the Python module `jitai`: environments, stores and policies as Python objects.
+//! The native part of the Python module `jitai`: environments, experiments, stores and policies as Python objects.
 //!
 //! In: Python values and NumPy arrays. Out: the same. The library computes everything; this crate converts
 //! values, checks inputs, and maps errors to Python exceptions. The package around it, `package/jitai/`,
@@ -6,6 +6,7 @@
 
 mod declaration;
 mod errors;
+mod experiment;
 mod info;
 mod interrupt;
 mod lane;
@@ -22,6 +23,8 @@ mod _jitai {
 
     #[pymodule_export]
     use crate::declaration::Declaration;
+    #[pymodule_export]
+    use crate::experiment::{ManifestError, check, figures, plan, report, run};
     #[pymodule_export]
     use crate::lane::Lane;
     #[pymodule_export]

@@ -1,117 +1,82 @@
 //! Trained policies, which act on observations from any source.
 
-use std::io;
 use std::ops::Range;
 use std::path::PathBuf;
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
 use jitai::algorithm::{LinearThompson, Weights};
 use jitai::environment::{
-    Action, ActionSpec, EpisodeStatus, Interface, LaneSet, LaneStreams, ObservationSpec,
-    Observations, Purpose, Resumable, StateError, StateReader, StateWriter, Stream,
-    VectorEnvironment,
+    Action, ContextDraw, EpisodeStatus, ObservationSpec, Observations, Purpose, Resumable,
+    StateReader, StateWriter, Stream,
 };
+use jitai::experiment::{Job, JobKey};
 use jitai::policy::{
-    ActionNetwork, Actions, Actor, BanditPolicy, Choice, NetworkPolicy, bandit_of, network_of,
-    portable,
+    ActionNetwork, Actions, BanditPolicy, Choice, NetworkPolicy, RuleParameters, RulePolicy,
+    RuleState, bandit_of, describe_job, network_of, portable,
 };
 use jitai::results::{Reader, StoredWeights};
+use numpy::ndarray::ArrayView1;
 use numpy::{PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray2, PyUntypedArrayMethods};
 use pyo3::exceptions::{PyKeyError, PyTypeError, PyValueError};
 use pyo3::prelude::*;
-use pyo3::types::PyDict;
+use pyo3::types::{PyBytes, PyDict};
 
 use crate::declaration::json;
+use crate::errors::unreadable_state;
 use crate::store::{dictionary, store_error};
-
-/// An environment that shows given observations and whose steps do nothing.
-struct Given {
-    interface: Interface,
-    rows: Observations,
-    statuses: Vec<EpisodeStatus>,
-}
-
-impl Resumable for Given {
-    fn save(&self, _: &mut StateWriter<'_>) -> io::Result<()> {
-        Ok(())
-    }
-
-    fn restore(&mut self, _: &mut StateReader<'_>) -> Result<(), StateError> {
-        Ok(())
-    }
-}
-
-impl VectorEnvironment for Given {
-    fn action_spec(&self) -> ActionSpec {
-        ActionSpec { count: self.interface.actions, lowest_reward: 0.0, highest_reward: 0.0 }
-    }
-
-    fn observation_spec(&self) -> ObservationSpec {
-        self.interface.observations.clone()
-    }
-
-    fn reset(&mut self, _: LaneSet<'_>, _: &mut LaneStreams) {}
-
-    fn step(&mut self, _: &[Action], rewards: &mut [f64], _: &mut LaneStreams) {
-        rewards.fill(0.0);
-    }
-
-    fn statuses(&self) -> &[EpisodeStatus] {
-        &self.statuses
-    }
-
-    fn observe(&self, out: &mut Observations) {
-        out.clear();
-        out.extend(&self.rows, 0..self.rows.rows());
-    }
-}
 
 /// What chooses the actions of a policy, with the random stream that they are drawn from.
 struct Acting {
+    seed: u64,
     stream: Stream,
     by: By,
 }
 
-/// A network or a bandit.
+/// A network, a bandit or a rule.
 enum By {
     Network(Box<Network>),
     Bandit(Box<BanditPolicy>),
+    Rule(Box<RulePolicy>),
 }
 
-/// The actors of a network, and their buffers.
+/// A network, and its buffers.
 struct Network {
-    given: Given,
-    as_trained: Box<dyn Actor<Given>>,
-    greedy: Box<dyn Actor<Given>>,
     network: Box<dyn ActionNetwork + Send>,
     choice: Choice,
-    actions: Vec<Action>,
+    /// Memory of the episodes, \[rows, memory\]; empty before their first observation.
+    memory: Vec<f32>,
     numbers: Vec<f32>,
 }
 
 impl Network {
     fn act(&mut self, rows: &Rows, greedy: bool, stream: &mut Stream) -> Vec<i64> {
-        let Network { given, as_trained, greedy: best, actions, .. } = self;
-        actions.clear();
-        actions.resize(rows.count(), Action::NONE);
-        given.statuses.resize(rows.count(), EpisodeStatus::Running);
-        given.rows = rows.observations();
-        let actor = if greedy { best } else { as_trained };
-        actor.act(given, stream, actions, None);
+        let choice = if greedy { Choice::EpsilonGreedy { epsilon: 0.0 } } else { self.choice };
+        self.memory.resize(rows.count() * self.network.memory(), 0.0);
+        self.network.recall(&rows.observations(), &mut self.memory, &mut self.numbers);
+        let mut actions = vec![Action::NONE; rows.count()];
+        choice.choose(&mut self.numbers, &mut actions, stream);
         actions.iter().map(|action| action.index() as i64).collect()
     }
 
+    /// The outputs for the next observations, which are not remembered.
     fn values(&mut self, rows: &Rows) -> &[f32] {
-        self.network.evaluate(&rows.observations(), &mut self.numbers);
+        let mut memory = self.memory.clone();
+        memory.resize(rows.count() * self.network.memory(), 0.0);
+        self.network.recall(&rows.observations(), &mut memory, &mut self.numbers);
         &self.numbers
     }
 }
+
+/// The state of the simulation in each row, as a rule knows it.
+type States = Vec<RuleState>;
 
 /// Observations in the precision in which they were given, and the moments of their one-hots.
 struct Rows {
     spec: ObservationSpec,
     letters: Vec<f64>,
     moments: Vec<Option<u32>>,
+    /// The states that a rule acts on; empty for other policies.
+    states: States,
 }
 
 impl Rows {
@@ -125,12 +90,25 @@ impl Rows {
         (&self.letters[row * width..(row + 1) * width], self.moments[row])
     }
 
+    /// The state of a row; any state for a rule that needs none.
+    fn state(&self, row: usize) -> &RuleState {
+        const ANY: RuleState = RuleState {
+            context: ContextDraw::FIXED_FIRST,
+            time: 0,
+            habituation: 0.0,
+            disengagement: 0.0,
+            status: EpisodeStatus::Running,
+        };
+        self.states.get(row).unwrap_or(&ANY)
+    }
+
     fn part(&self, rows: Range<usize>) -> Rows {
         let width = self.spec.features.len();
         Rows {
             spec: self.spec.clone(),
             letters: self.letters[rows.start * width..rows.end * width].to_vec(),
-            moments: self.moments[rows].to_vec(),
+            moments: self.moments[rows.clone()].to_vec(),
+            states: self.states.get(rows).unwrap_or_default().to_vec(),
         }
     }
 
@@ -166,8 +144,33 @@ impl TrainedPolicy {
         self.stored.job.task().observations()
     }
 
-    fn read(&self, observations: &PyReadonlyArray2<'_, f64>) -> PyResult<Rows> {
-        read(self.spec(), observations)
+    /// The rows of a call, which must fit the policy.
+    fn read(
+        &self,
+        observations: &PyReadonlyArray2<'_, f64>,
+        states: Option<PyReadonlyArray2<'_, f64>>,
+    ) -> PyResult<Rows> {
+        let mut rows = read(self.spec(), observations)?;
+        match &self.lock().by {
+            By::Rule(rule) if rule.needs_state() => {
+                let states = states.ok_or_else(|| {
+                    PyTypeError::new_err("info: this rule acts on the true state; pass info=…")
+                })?;
+                rows.states = states.as_array().rows().into_iter().map(state_of).collect();
+            }
+            By::Network(network) if network.network.memory() > 0 => {
+                let running = network.memory.len() / network.network.memory();
+                if running > 0 && running != rows.count() {
+                    return Err(PyValueError::new_err(format!(
+                        "observations: expected a row for each of {running} running episodes, found {}; \
+                         begin() begins new episodes",
+                        rows.count()
+                    )));
+                }
+            }
+            By::Rule(_) | By::Network(_) | By::Bandit(_) => {}
+        }
+        Ok(rows)
     }
 
     fn actions(&self) -> usize {
@@ -182,7 +185,11 @@ impl TrainedPolicy {
         compute: impl Fn(&mut Acting, &Rows) -> Vec<T> + Sync,
     ) -> PyResult<Vec<T>> {
         let count = rows.count();
-        if count <= PART {
+        if count == 0 {
+            return Ok(Vec::new());
+        }
+        // The memory of episodes is of all rows.
+        if count <= PART || self.has_memory() {
             return Ok(py.detach(|| compute(&mut self.lock(), &rows)));
         }
         let mut results = Vec::with_capacity(count);
@@ -194,31 +201,51 @@ impl TrainedPolicy {
         Ok(results)
     }
 
+    fn has_memory(&self) -> bool {
+        matches!(&self.lock().by, By::Network(network) if network.network.memory() > 0)
+    }
+
     fn of_stored(stored: StoredWeights) -> PyResult<Self> {
-        let stream = Stream::new(stored.job.seed, Purpose::TestActions);
+        let seed = stored.job.seed;
+        let acting =
+            |by| Mutex::new(Acting { seed, stream: Stream::new(seed, Purpose::TestActions), by });
+        if let Some(rule) = stored.job.agent.parameters::<RuleParameters>() {
+            let rule = rule.policy(&stored.job.task()).map_err(no_policy)?;
+            let acting = acting(By::Rule(Box::new(rule)));
+            return Ok(TrainedPolicy { stored, weights: Weights::default(), acting });
+        }
         if stored.job.agent.parameters::<LinearThompson>().is_some() {
             let (weights, bandit) = bandit_of(&stored).map_err(no_policy)?;
-            let acting = Mutex::new(Acting { stream, by: By::Bandit(Box::new(bandit)) });
+            let acting = acting(By::Bandit(Box::new(bandit)));
             return Ok(TrainedPolicy { stored, weights, acting });
         }
-        let interface = stored.job.task().interface();
-        let spec = interface.observations.clone();
         let (weights, NetworkPolicy { network, choice, .. }) =
             network_of(&stored).map_err(no_policy)?;
-        let actor = |actions| -> PyResult<Box<dyn Actor<Given>>> {
-            let (_, policy) = network_of(&stored).map_err(no_policy)?;
-            Ok(policy.actor(spec.observations(), actions))
-        };
-        let by = By::Network(Box::new(Network {
-            as_trained: actor(Actions::AsTrained)?,
-            greedy: actor(Actions::Greedy)?,
-            network,
-            choice,
-            given: Given { rows: spec.observations(), interface, statuses: Vec::new() },
-            actions: Vec::new(),
-            numbers: Vec::new(),
-        }));
-        Ok(TrainedPolicy { stored, weights, acting: Mutex::new(Acting { stream, by }) })
+        let (memory, numbers) = (Vec::new(), Vec::new());
+        let acting = acting(By::Network(Box::new(Network { network, choice, memory, numbers })));
+        Ok(TrainedPolicy { stored, weights, acting })
+    }
+}
+
+/// A pickled job: its key and its content, which has files by their digests, as the store has them.
+type Saved = ([u8; 16], String);
+
+/// The columns of [`state_of`], names of `info`.
+const STATE: [&str; 6] =
+    ["step", "context", "likely", "probability_0", "habituation", "disengagement"];
+
+/// The state of a rule, from a row of numbers in the order of [`STATE`].
+fn state_of(row: ArrayView1<'_, f64>) -> RuleState {
+    RuleState {
+        time: row[0] as u32,
+        context: ContextDraw {
+            context: row[1] as u8,
+            likely: row[2] as u8,
+            probability_of_zero: row[3],
+        },
+        habituation: row[4],
+        disengagement: row[5],
+        status: EpisodeStatus::Running,
     }
 }
 
@@ -239,17 +266,114 @@ impl TrainedPolicy {
         self.stored.job_key.to_string()
     }
 
-    /// The description, as `jitai export --policy` writes it to `policy.json`.
+    /// The description, as `jitai export --policy` writes it to `policy.json`; of a rule, its job.
     fn describe<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
+        if matches!(self.lock().by, By::Rule(_)) {
+            return json(py, &describe_job(&self.stored));
+        }
         let described = py.detach(|| portable(&self.stored)).map_err(no_policy)?;
         json(py, &described.description)
     }
 
-    /// Restarts the random stream of the actions, with a new seed or with the job's seed.
+    /// The algorithm.
+    #[getter]
+    fn algorithm(&self) -> &'static str {
+        self.stored.job.algorithm()
+    }
+
+    /// The names of `info` that the policy acts on, in the order of the columns of `states`.
+    #[getter]
+    fn state_names(&self) -> Vec<&'static str> {
+        match &self.lock().by {
+            By::Rule(rule) if rule.needs_state() => STATE.to_vec(),
+            By::Rule(_) | By::Network(_) | By::Bandit(_) => Vec::new(),
+        }
+    }
+
+    /// Restarts the random stream of the actions, with a new seed or with the job's seed, and begins new episodes.
     #[pyo3(signature = (seed = None))]
-    fn reset(&self, py: Python<'_>, seed: Option<u64>) {
+    fn reset(&self, py: Python<'_>, seed: Option<u64>) -> PyResult<()> {
         let seed = seed.unwrap_or(self.stored.job.seed);
-        py.detach(|| self.lock().stream = Stream::new(seed, Purpose::TestActions));
+        py.detach(|| {
+            let mut acting = self.lock();
+            (acting.seed, acting.stream) = (seed, Stream::new(seed, Purpose::TestActions));
+        });
+        self.begin(None)
+    }
+
+    /// Begins new episodes: in the rows of a mask, or in any number of rows.
+    #[pyo3(signature = (mask = None))]
+    fn begin(&self, mask: Option<Vec<bool>>) -> PyResult<()> {
+        let acting = &mut *self.lock();
+        let By::Network(network) = &mut acting.by else { return Ok(()) };
+        let Some(mask) = mask else {
+            network.memory.clear();
+            return Ok(());
+        };
+        let mut rows = network.memory.chunks_exact_mut(network.network.memory().max(1));
+        if rows.len() > 0 && rows.len() != mask.len() {
+            return Err(PyValueError::new_err(format!(
+                "mask: expected an entry for each of {} running episodes, found {}",
+                rows.len(),
+                mask.len()
+            )));
+        }
+        for begins in mask {
+            if let (Some(row), true) = (rows.next(), begins) {
+                row.fill(0.0);
+            }
+        }
+        Ok(())
+    }
+
+    /// Everything that another process needs for an equal policy.
+    #[allow(clippy::type_complexity)]
+    fn __reduce__<'py>(
+        slf: &Bound<'py, Self>,
+    ) -> PyResult<(
+        Bound<'py, PyAny>,
+        (Saved, Option<Bound<'py, PyBytes>>, u64, Bound<'py, PyBytes>, Vec<f32>),
+    )> {
+        let policy = slf.get();
+        let bytes = |bytes: &[u8]| PyBytes::new(slf.py(), bytes);
+        let acting = policy.lock();
+        let mut position = Vec::new();
+        acting.stream.save(&mut StateWriter::new(&mut position))?;
+        let memory = match &acting.by {
+            By::Network(network) => network.memory.clone(),
+            By::Bandit(_) | By::Rule(_) => Vec::new(),
+        };
+        let job = &policy.stored.job;
+        let weights = policy.stored.safetensors.as_deref().map(bytes);
+        let saved = (policy.stored.job_key.0, job.canonical());
+        let state = (saved, weights, acting.seed, bytes(&position), memory);
+        Ok((slf.get_type().getattr("restored")?, state))
+    }
+
+    /// Restores a pickled policy.
+    #[staticmethod]
+    fn restored(
+        saved: Saved,
+        weights: Option<Vec<u8>>,
+        seed: u64,
+        position: &[u8],
+        memory: Vec<f32>,
+    ) -> PyResult<Self> {
+        let (key, text) = saved;
+        let job = Job::from_canonical(&text).map_err(no_policy)?;
+        let stored = StoredWeights { job_key: JobKey(key), job, safetensors: weights };
+        let policy = TrainedPolicy::of_stored(stored)?;
+        {
+            let acting = &mut *policy.lock();
+            (acting.seed, acting.stream) = (seed, Stream::new(seed, Purpose::TestActions));
+            let mut position = position;
+            let restored = acting.stream.restore(&mut StateReader::new(&mut position));
+            restored.map_err(unreadable_state)?;
+            if let By::Network(network) = &mut acting.by {
+                network.memory = memory;
+            }
+        }
+        Ok(policy)
     }
 
     /// An action for each row of observations, \[rows\].
@@ -258,16 +382,26 @@ impl TrainedPolicy {
         py: Python<'py>,
         observations: PyReadonlyArray2<'py, f64>,
         greedy: bool,
+        states: Option<PyReadonlyArray2<'py, f64>>,
     ) -> PyResult<Bound<'py, PyArray1<i64>>> {
-        let rows = self.read(&observations)?;
+        let rows = self.read(&observations, states)?;
+        if greedy && matches!(self.lock().by, By::Rule(_)) {
+            let message = "greedy=True applies to trained policies, and this policy is a rule";
+            return Err(PyValueError::new_err(message));
+        }
+        let count = self.actions();
         let choice = if greedy { Actions::Greedy } else { Actions::AsTrained };
-        let actions = self.in_parts(py, rows, |Acting { stream, by }, part| match by {
+        let actions = self.in_parts(py, rows, |Acting { stream, by, .. }, part| match by {
             By::Network(network) => network.act(part, greedy, stream),
             By::Bandit(bandit) => {
                 let mut act = |row| {
                     let word = if greedy { 0 } else { stream.bits() };
                     bandit.choose(choice, part.row(row), word).0.index() as i64
                 };
+                (0..part.count()).map(&mut act).collect()
+            }
+            By::Rule(rule) => {
+                let mut act = |row| rule.choose(part.state(row), count, stream).index() as i64;
                 (0..part.count()).map(&mut act).collect()
             }
         })?;
@@ -280,7 +414,10 @@ impl TrainedPolicy {
         py: Python<'py>,
         observations: PyReadonlyArray2<'py, f64>,
     ) -> PyResult<Bound<'py, PyArray2<f32>>> {
-        let rows = self.read(&observations)?;
+        if matches!(self.lock().by, By::Rule(_)) {
+            return Err(PyValueError::new_err("a rule has no values"));
+        }
+        let rows = self.read(&observations, None)?;
         let count = rows.count();
         let values = self.in_parts(py, rows, |acting, part| match &mut acting.by {
             By::Network(network) => network.values(part).to_vec(),
@@ -289,6 +426,7 @@ impl TrainedPolicy {
                     |row| bandit.values(part.row(row)).iter().map(|value| *value as f32).collect();
                 (0..part.count()).flat_map(|row| -> Vec<f32> { of(row) }).collect()
             }
+            By::Rule(_) => Vec::new(),
         })?;
         PyArray1::from_vec(py, values).reshape([count, self.actions()])
     }
@@ -298,8 +436,9 @@ impl TrainedPolicy {
         &self,
         py: Python<'py>,
         observations: PyReadonlyArray2<'py, f64>,
+        states: Option<PyReadonlyArray2<'py, f64>>,
     ) -> PyResult<Bound<'py, PyArray2<f64>>> {
-        let rows = self.read(&observations)?;
+        let rows = self.read(&observations, states)?;
         let (count, actions) = (rows.count(), self.actions());
         let probabilities = self.in_parts(py, rows, |acting, part| match &mut acting.by {
             By::Network(network) => {
@@ -309,6 +448,14 @@ impl TrainedPolicy {
             By::Bandit(bandit) => {
                 let mut of = |row| bandit.choose(Actions::AsTrained, part.row(row), 0).1.to_vec();
                 (0..part.count()).flat_map(&mut of).collect()
+            }
+            By::Rule(rule) => {
+                let mut probabilities = vec![0.0; part.count() * actions];
+                for (row, out) in probabilities.chunks_exact_mut(actions).enumerate() {
+                    let action = rule.choose(part.state(row), actions, &mut acting.stream.clone());
+                    rule.write_probabilities(action, out);
+                }
+                probabilities
             }
         })?;
         PyArray1::from_vec(py, probabilities).reshape([count, actions])
@@ -354,7 +501,7 @@ fn read(spec: ObservationSpec, given: &PyReadonlyArray2<'_, f64>) -> PyResult<Ro
     let values = given.as_slice().map_err(|_| {
         PyTypeError::new_err("observations: expected rows one after the other in memory")
     })?;
-    let mut read = Rows { spec, letters: Vec::new(), moments: Vec::new() };
+    let mut read = Rows { spec, letters: Vec::new(), moments: Vec::new(), states: Vec::new() };
     let one_hot = read.spec.one_hot;
     for (row, entries) in values.chunks_exact(inputs).enumerate().take(rows) {
         if let Some(place) = entries.iter().position(|entry| !(*entry as f32).is_finite()) {

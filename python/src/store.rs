@@ -10,10 +10,11 @@ use jitai::results::{Answer, ColumnType, QueryError, Reader, SqlValue};
 use jitai::store::StoreError;
 use numpy::PyArray1;
 use pyo3::exceptions::{
-    PyFileNotFoundError, PyKeyError, PyMemoryError, PyOSError, PyRuntimeError, PyValueError,
+    PyFileNotFoundError, PyKeyError, PyMemoryError, PyOSError, PyRuntimeError, PyTypeError,
+    PyValueError,
 };
 use pyo3::prelude::*;
-use pyo3::types::{PyBytes, PyDict, PyList};
+use pyo3::types::{PyBool, PyBytes, PyDict, PyFloat, PyInt, PyList, PyString};
 
 use crate::interrupt::interruptible;
 
@@ -89,14 +90,29 @@ impl StoreReader {
         let experiments: Vec<String> = experiment.into_iter().collect();
         let all = self.with(py, |reader| reader.exports(&experiments).map_err(store_error))?;
         let sql = all.into_iter().find(|(view, _)| *view == name).and_then(|(_, sql)| sql);
-        self.columns(py, &sql.ok_or_else(|| PyValueError::new_err(format!("no view {name}")))?)
+        let sql = sql.ok_or_else(|| PyValueError::new_err(format!("no view {name}")))?;
+        self.columns(py, &sql, Vec::new())
     }
 
     /// The columns of the answer to a query, in order. The values of a column of the kinds `integer` and
     /// `real` are an array, with 0 and NaN for NULL; those of `text`, `bytes`, `mixed` and `null` are a list.
-    fn columns<'py>(&self, py: Python<'py>, sql: &str) -> PyResult<Vec<PyColumn<'py>>> {
-        let columns = self.with(py, |reader| answer(reader, sql))?;
+    /// `values` are the values of the query's parameters, with their names.
+    #[pyo3(signature = (sql, values = Vec::new()))]
+    fn columns<'py>(
+        &self,
+        py: Python<'py>,
+        sql: &str,
+        values: Vec<(Option<String>, Bound<'py, PyAny>)>,
+    ) -> PyResult<Vec<PyColumn<'py>>> {
+        let values = values.into_iter().map(|(name, value)| Ok((name, Cell::of(&value)?)));
+        let values = values.collect::<PyResult<Vec<_>>>()?;
+        let columns = self.with(py, |reader| answer(reader, sql, &values))?;
         columns.into_iter().map(|column| column.of_python(py)).collect()
+    }
+
+    /// The text of the current manifest of an experiment.
+    fn manifest(&self, py: Python<'_>, experiment: &str) -> PyResult<Option<String>> {
+        self.with(py, |reader| reader.manifest(experiment).map_err(store_error))
     }
 
     /// Closes the file.
@@ -175,6 +191,43 @@ impl From<SqlValue<'_>> for Cell {
             SqlValue::Real(real) => Cell::Real(real),
             SqlValue::Text(text) => Cell::Text(text.to_owned()),
             SqlValue::Blob(bytes) => Cell::Blob(bytes.to_vec()),
+        }
+    }
+}
+
+impl Cell {
+    /// The value of a parameter of a query.
+    fn of(value: &Bound<'_, PyAny>) -> PyResult<Cell> {
+        // Scalars of NumPy are numbers of their own.
+        let value = match value.hasattr("dtype")? && value.hasattr("item")? {
+            true => value.call_method0("item")?,
+            false => value.clone(),
+        };
+        Ok(match () {
+            () if value.is_none() => Cell::Null,
+            () if value.is_instance_of::<PyBool>() => {
+                Cell::Integer(value.extract::<bool>()?.into())
+            }
+            () if value.is_instance_of::<PyInt>() => Cell::Integer(value.extract()?),
+            () if value.is_instance_of::<PyFloat>() => Cell::Real(value.extract()?),
+            () if value.is_instance_of::<PyString>() => Cell::Text(value.extract()?),
+            () if value.is_instance_of::<PyBytes>() => Cell::Blob(value.extract()?),
+            () => {
+                return Err(PyTypeError::new_err(format!(
+                    "parameters: expected numbers, texts, bytes or None, found {}",
+                    value.get_type().name()?
+                )));
+            }
+        })
+    }
+
+    fn as_sql(&self) -> SqlValue<'_> {
+        match self {
+            Cell::Null => SqlValue::Null,
+            Cell::Integer(whole) => SqlValue::Integer(*whole),
+            Cell::Real(real) => SqlValue::Real(*real),
+            Cell::Text(text) => SqlValue::Text(text),
+            Cell::Blob(bytes) => SqlValue::Blob(bytes),
         }
     }
 }
@@ -315,13 +368,16 @@ fn extended<T>(mut values: Vec<T>, last: T) -> Vec<T> {
     values
 }
 
-fn answer(reader: &Reader, sql: &str) -> PyResult<Vec<Column>> {
+fn answer(reader: &Reader, sql: &str, values: &[(Option<String>, Cell)]) -> PyResult<Vec<Column>> {
+    let values: Vec<(Option<&str>, SqlValue<'_>)> =
+        values.iter().map(|(name, value)| (name.as_deref(), value.as_sql())).collect();
     let mut columns: Vec<Column> = Vec::new();
     reader
-        .query(sql, |part| {
+        .query_with(sql, &values, |part| {
             match part {
                 Answer::Columns(names) => {
-                    let types = reader.column_types(sql, names.len());
+                    let written = reader.written_out(sql, &values);
+                    let types = reader.column_types(&written, names.len());
                     let pairs = names.iter().zip(types);
                     columns = pairs.map(|(name, kind)| Column::new(name, kind)).collect();
                 }

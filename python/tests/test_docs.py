@@ -10,6 +10,7 @@ import pytest
 from conftest import PEOPLE, ROOT, run
 
 MANUAL = ROOT / "docs" / "python.md"
+NOTEBOOKS = ROOT / "docs" / "notebooks.md"
 
 
 @pytest.fixture(scope="module")
@@ -30,8 +31,12 @@ def folder(tmp_path_factory):
     return folder
 
 
+def blocks_of(page):
+    return re.findall(r"```python\n(.*?)```", page.read_text(), re.DOTALL)
+
+
 def examples():
-    blocks = re.findall(r"```python\n(.*?)```", MANUAL.read_text(), re.DOTALL)
+    blocks = blocks_of(MANUAL)
     # An outside agent needs jitai at its other end: test_external.py runs it.
     blocks = [block for block in blocks if "external.connect" not in block]
     assert len(blocks) >= 7
@@ -53,3 +58,12 @@ def test_the_example_for_stable_baselines_runs():
     pytest.importorskip("torch")
     [block] = [block for block in examples() if "# With Stable-Baselines3." in block]
     exec(compile(block, str(MANUAL), "exec"), {})
+
+
+def test_the_examples_of_experiments_run(tmp_path, monkeypatch):
+    pytest.importorskip("pandas")
+    monkeypatch.chdir(tmp_path)
+    names: dict = {}
+    for block in blocks_of(NOTEBOOKS):
+        exec(compile(block, str(NOTEBOOKS), "exec"), names)
+    assert len(names["means"]) == 4 and (tmp_path / "first" / "index.html").is_file()

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import pickle
 import re
 from pathlib import Path
 
@@ -159,8 +160,6 @@ def test_a_policy_refuses_what_it_cannot_use(store, jobs, tmp_path):
     with jitai.open(store) as results:
         runs = results.runs()
     rule = runs[runs.agent == "tailored"].job_key.iloc[0]
-    with pytest.raises(KeyError, match="agents of the algorithm `rule` have no weights"):
-        jitai.Policy.from_store(store, rule)
     refused = run("export", "--policy", rule, "--out", str(tmp_path), "--store", str(store))
     assert refused.returncode == 2
     assert "agents of the algorithm `rule` have no weights" in refused.stderr
@@ -325,3 +324,171 @@ def test_chance_of_a_bandit_follows_its_probabilities(bandits):
     assert policy.act(row) == actions[0]
     mean, precision = policy.weights["mean"], policy.weights["precision"]
     assert np.allclose(np.einsum("rij,rj->ri", precision, mean), policy.weights["information"])
+
+
+OTHERS = """\
+format = 1
+name = "others"
+scenarios = ["P-H-D", "L-H-D"]
+seeds = 1
+environment = { sigma = 0.6, horizon = 10 }
+evaluation.test_episodes = 5
+
+[[agent]]
+name = "dqn"
+algorithm = "dueling_dqn"
+recurrent = "gru"
+episodes = 30
+layers = [8, 6]
+units = 5
+
+[[agent]]
+name = "ppo"
+algorithm = "ppo"
+recurrent = "gru"
+episodes = 64
+lanes = 8
+steps = 16
+layers = [8, 6]
+units = 5
+"""
+RULES = ["never", "untailored", "tailored", "threshold", "random", "optimal"]
+
+
+@pytest.fixture(scope="session")
+def others(tmp_path_factory):
+    """A store with agents that remember, and with every rule; and its job keys by agent and scenario."""
+    folder = tmp_path_factory.mktemp("others")
+    rules = "".join(
+        f'[[agent]]\nname = "{rule}"\nalgorithm = "rule"\nrule = "{rule}"\n' for rule in RULES
+    )
+    (folder / "others.toml").write_text(OTHERS + rules)
+    ran = run("run", "others.toml", "--quiet", cwd=folder)
+    assert ran.returncode == 0, ran.stderr
+    with jitai.open(folder / "jitai.sqlite") as results:
+        runs = results.runs()
+    keys = {(row.agent, row.scenario): row.job_key for row in runs.itertuples()}
+    assert len(keys) == 2 * (2 + len(RULES))
+    return folder / "jitai.sqlite", keys
+
+
+@pytest.mark.parametrize("scenario", ["P-H-D", "L-H-D"])
+@pytest.mark.parametrize("agent", ["dqn", "ppo", *RULES])
+def test_agents_that_remember_and_rules_act_as_simulate_does(others, agent, scenario):
+    store, keys = others
+    key = keys[agent, scenario]
+    simulated = run(
+        "simulate", f"--policy=run:{key}", "--seed=5", "--episodes=20", "--format=json",
+        f"--store={store}",
+    )  # fmt: skip
+    assert simulated.returncode == 0, simulated.stderr
+    with jitai.open(store) as results:
+        policy = results.policy(key)
+    policy.reset(5)
+    env = jitai.make(scenario=scenario, sigma=0.6, horizon=10)
+    observation, info = env.reset(seed=5)
+    for row in json.loads(simulated.stdout):
+        probability = policy.probabilities(observation, info=info)
+        assert np.array_equal(probability, policy.probabilities(observation, info=info))
+        # A copy in another process continues identically.
+        copied = pickle.loads(pickle.dumps(policy))
+        action = policy.act(observation, info=info)
+        assert copied.act(observation, info=info) == action
+        assert (action, row["action_probability"]) == (row["action"], probability[action])
+        observation, _, terminated, truncated, info = env.step(action)
+        if terminated or truncated:
+            observation, info = env.reset()
+            policy.begin()
+    assert repr(policy).startswith(f"<jitai.Policy of job {key}: ")
+
+
+@pytest.mark.parametrize("agent", ["dqn", "ppo"])
+def test_the_graph_of_a_gru_has_its_state(others, tmp_path, agent):
+    store, keys = others
+    key = keys[agent, "P-H-D"]
+    policy = jitai.Policy.from_store(store, key)
+    out = tmp_path / "policy"
+    exported = run("export", "--policy", key, "--out", str(out), "--store", str(store))
+    assert exported.returncode == 0, exported.stderr
+    assert json.loads((out / "policy.json").read_text()) == policy.description
+    [stack] = policy.description["network"]["stacks"]
+    assert stack["gru"] == {"before": 1, "input": "gru_input", "state": "gru_hidden"}
+    session = onnxruntime.InferenceSession(out / "policy.onnx", providers=["CPUExecutionProvider"])
+    state = np.zeros((300, 5), np.float32)
+    for step in range(12):
+        rows = observations(policy, 300, seed=step)
+        values, probabilities = policy.values(rows), policy.probabilities(rows)
+        best = policy.act(rows, greedy=True)
+        assert np.array_equal(best, values.argmax(axis=1))
+        names = ["values", "probabilities", "best", "next_state"]
+        theirs = session.run(names, {"observations": rows, "state": state})
+        assert np.allclose(theirs[0], values, rtol=1e-4, atol=1e-4)
+        ordered = np.sort(values, axis=1)
+        clear = ordered[:, 3] - ordered[:, 2] > 1e-4 * (1 + np.abs(ordered[:, 3]))
+        assert np.allclose(theirs[1][clear], probabilities[clear], atol=1e-4)
+        assert np.array_equal(theirs[2][clear], best[clear])
+        state = theirs[3]
+        if step == 5:
+            ended = np.arange(300) % 3 == 0
+            policy.begin(ended)
+            state[ended] = 0
+    assert np.abs(state).max() > 1e-3
+
+
+def test_rows_of_a_policy_that_remembers_are_episodes(others):
+    store, keys = others
+    policy = jitai.Policy.from_store(store, keys["ppo", "P-H-D"])
+    assert policy.act(np.zeros((0, 3))).shape == (0,)
+    rows = observations(policy, 3)
+    first = policy.values(rows)
+    policy.act(rows)
+    assert not np.array_equal(policy.values(rows), first)
+    with pytest.raises(ValueError, match="a row for each of 3 running episodes, found 2; begin"):
+        policy.act(rows[:2])
+    with pytest.raises(ValueError, match="an entry for each of 3 running episodes, found 2"):
+        policy.begin([True, False])
+    policy.begin([True, False, True])
+    now = policy.values(rows)
+    assert np.array_equal(now[[0, 2]], first[[0, 2]]) and not np.array_equal(now[1], first[1])
+    policy.begin()
+    assert np.array_equal(policy.values(rows[:2]), first[:2])
+    policy.act(rows[:1])
+    policy.reset()
+    assert np.array_equal(policy.values(rows), first)
+
+
+def test_a_rule_acts_on_the_true_state(others):
+    store, keys = others
+    policy = jitai.Policy.from_store(store, keys["tailored", "L-H-D"])
+    envs = jitai.make_vec(50, scenario="L-H-D", sigma=0.6)
+    rows, infos = envs.reset(seed=1)
+    rows, *_, infos = envs.step(policy.act(rows, info=infos))
+    assert np.array_equal(policy.act(rows, info=infos), 2 + infos["likely"])
+    assert policy.description["job_key"] == policy.job_key and not policy.weights
+    with pytest.raises(TypeError, match="acts on the true state; pass info"):
+        policy.act(rows)
+    with pytest.raises(ValueError, match="likely.* missing"):
+        policy.act(rows, info={"step": 1})
+    with pytest.raises(ValueError, match="this policy is a rule"):
+        policy.act(rows, info=infos, greedy=True)
+    with pytest.raises(ValueError, match="no values"):
+        policy.values(rows)
+    chance = jitai.Policy.from_store(store, keys["random", "P-H-D"])
+    assert set(chance.act(rows)) == {0, 1, 2, 3}
+    assert np.array_equal(chance.probabilities(rows[0]), [0.25] * 4)
+
+
+def test_policies_can_be_pickled(store, jobs, bandits):
+    of_bandits, keys, _ = bandits
+    policies = [jitai.Policy.from_store(store, job["job_key"]) for job in jobs[:4]]
+    policies += [jitai.Policy.from_store(of_bandits, key) for key in keys.values()]
+    for policy in policies:
+        inputs = len(policy.description["features"])
+        rows = np.zeros((50, inputs))
+        rows[:, -1] = 1
+        policy.reset(7)
+        policy.act(rows)
+        copied = pickle.loads(pickle.dumps(policy))
+        assert (copied.job_key, copied.description) == (policy.job_key, policy.description)
+        assert np.array_equal(copied.probabilities(rows), policy.probabilities(rows))
+        assert np.array_equal(copied.act(rows), policy.act(rows))

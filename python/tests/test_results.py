@@ -118,6 +118,29 @@ def test_a_name_that_occurs_again_gets_a_number(store, frames):
         assert list(results.query(join).columns)[-4:] == ["name", "value", "name_2", "value_2"]
 
 
+@pytest.mark.parametrize("frames", ["pandas", "polars"])
+def test_queries_take_parameters(store, frames):
+    with jitai.open(store, frames=frames) as results:
+        by_place = results.query("SELECT ? AS whole, ? AS real, ? AS text", [7, np.float64(0.1), "it's"])
+        assert list(by_place.columns) == ["whole", "real", "text"]
+        assert [by_place[name][0] for name in by_place.columns] == [7, 0.1, "it's"]
+        sql = "SELECT seed, mean_return FROM run_summary WHERE seed = :seed AND agent = :agent"
+        by_name = results.query(sql, {"agent": "dqn", "seed": np.int64(2)})
+        plain = results.query(sql.replace(":seed", "2").replace(":agent", "'dqn'"))
+        assert by_name.equals(plain) and list(by_name.dtypes) == list(plain.dtypes) and len(plain) > 0
+        none = results.query(sql, {"agent": None, "seed": True})
+        assert len(none) == 0 and list(none.dtypes) == list(plain.dtypes)
+        for error, message, sql, parameters in [
+            (ValueError, "has 1 parameter, found 0 values", "SELECT ?", []),
+            (ValueError, "has 0 parameters, found 1 value", "SELECT 1", [1]),
+            (ValueError, "no parameter :b", "SELECT :a", {"b": 1}),
+            (TypeError, "numbers, texts, bytes or None, found list", "SELECT ?", [[1]]),
+            (TypeError, "a list or a dict, found 'x'", "SELECT ?", "x"),
+        ]:
+            with pytest.raises(error, match=message):
+                results.query(sql, parameters)
+
+
 def test_conflicts_and_the_order_of_manifests_are_frames(store, tmp_path):
     path = tmp_path / "changed.sqlite"
     shutil.copy(store, path)
@@ -156,6 +179,13 @@ def test_the_spread_of_one_episode_is_missing(tmp_path):
         metrics = results.metrics()
         assert metrics[metrics.name == "sd_return"].value.isna().all()
         assert metrics[metrics.name != "sd_return"].value.notna().all()
+
+
+def test_a_store_shows_its_experiments(plain):
+    results = jitai.open(plain)
+    assert repr(results) == f"<jitai.Store '{plain}': experiments plain>"
+    results.close()
+    assert repr(results) == f"<jitai.Store '{plain}', closed>"
 
 
 def test_a_store_with_two_names_is_refused(store, tmp_path):

@@ -13,8 +13,7 @@ pub struct NetworkPolicy {
     pub network: Box<dyn ActionNetwork + Send>,
     /// The choice of actions from its outputs.
     pub choice: Choice,
-    /// Its layers; `None` for a network with a memory or of another structure, which cannot be
-    /// exported.
+    /// Its layers; `None` for a network of another structure, which cannot be exported.
     pub architecture: Option<Architecture>,
 }
 
@@ -42,7 +41,10 @@ pub struct Architecture {
 impl Architecture {
     /// Whether these weights have an array of weights and biases for every layer.
     pub fn fits(&self, weights: &Weights) -> bool {
-        let names = self.stacks.iter().flat_map(|stack| stack.hidden.iter().chain(&stack.heads));
+        let names = self.stacks.iter().flat_map(|stack| {
+            let gru = stack.gru.iter().flat_map(|gru| [&gru.input, &gru.state]);
+            stack.hidden.iter().chain(gru).chain(&stack.heads)
+        });
         let mut arrays = names.flat_map(|name| [format!("{name}.weight"), format!("{name}.bias")]);
         arrays.all(|array| weights.tensors.contains_key(&array))
     }
@@ -55,6 +57,21 @@ pub struct StackNames {
     pub hidden: Vec<String>,
     /// Linear layers on the last hidden layer.
     pub heads: Vec<String>,
+    /// The GRU between the hidden layers, if there is one.
+    pub gru: Option<GruNames>,
+}
+
+/// A gated recurrent unit. The layers have the outputs of the gates side by side: reset r, update z and new n.
+/// With a of the input and b of the state h, r = σ(a + b), z = σ(a + b), n = tanh(a + r b), and the next state is
+/// n + z (h - n).
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct GruNames {
+    /// Number of hidden layers in front of it.
+    pub before: usize,
+    /// The linear layer on its input.
+    pub input: String,
+    /// The linear layer on its state.
+    pub state: String,
 }
 
 #[cfg(test)]
@@ -99,7 +116,7 @@ mod tests {
     }
 
     #[test]
-    fn a_memory_is_no_network_of_observations_alone() {
+    fn a_memory_stands_between_hidden_layers() {
         let recurrent = Recurrent::Gru;
         let ppo = Ppo { recurrent, ..Ppo::default() };
         let dqn = DuelingDqn { recurrent, ..DuelingDqn::default() };
@@ -107,7 +124,13 @@ mod tests {
             policy(&Agent::of(&ppo), &layers::ppo(&ppo, Shape::of_four(1))),
             policy(&Agent::of(&dqn), &layers::dueling_layers(&dqn, Shape::of_four(1))),
         ] {
-            assert_eq!((policy.network.memory(), policy.architecture), (64, None));
+            assert_eq!(policy.network.memory(), 64);
+            let [stack] = &policy.architecture.unwrap().stacks[..] else { panic!("one stack") };
+            assert_eq!(stack.hidden, ["trunk.0", "trunk_after.0"]);
+            assert_eq!(
+                stack.gru.as_ref().map(|gru| (gru.before, gru.input.as_str())),
+                Some((1, "gru_input"))
+            );
         }
         let refused =
             Agent::of(&LinearThompson::default()).network(Shape::of_four(1), &Weights::default());

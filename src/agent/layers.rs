@@ -1,6 +1,6 @@
 //! Names, sizes and initial weights of the networks' layers, independent of the engine.
 
-use crate::agent::architecture::{Architecture, StackNames};
+use crate::agent::architecture::{Architecture, GruNames, StackNames};
 use crate::agent::constraint::{batch_size, network_size};
 use crate::agent::memory::{self, OutOfMemory};
 use crate::agent::weights::{Tensor, Weights};
@@ -215,9 +215,25 @@ pub(super) fn architecture(
     stacks: impl IntoIterator<Item = Stack>,
 ) -> Architecture {
     let names = |layers: Vec<Layer>| layers.into_iter().map(|layer| layer.name).collect();
-    let named =
-        |stack: Stack| StackNames { hidden: names(stack.hidden), heads: names(stack.heads) };
+    let named = |stack: Stack| StackNames {
+        hidden: names(stack.hidden),
+        heads: names(stack.heads),
+        gru: None,
+    };
     Architecture { activation, stacks: stacks.into_iter().map(named).collect() }
+}
+
+/// The names of the layers around a GRU, with these heads.
+pub(super) fn recurrent_architecture(
+    activation: Activation,
+    layers: Recurrent,
+    heads: &[&str],
+) -> Architecture {
+    let Recurrent { before, gru: [input, state], after, .. } = layers;
+    let gru = GruNames { before: before.len(), input: input.name, state: state.name };
+    let hidden = before.into_iter().chain(after).map(|layer| layer.name).collect();
+    let heads = heads.iter().map(|head| (*head).to_owned()).collect();
+    Architecture { activation, stacks: vec![StackNames { hidden, heads, gru: Some(gru) }] }
 }
 
 /// Why engines accept the weights from [`initial`].

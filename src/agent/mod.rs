@@ -49,7 +49,7 @@ mod unavailable;
 mod weights;
 
 pub use actor::{Actor, StepObserver, StudyUpdate};
-pub use architecture::{Architecture, NetworkPolicy, StackNames};
+pub use architecture::{Architecture, GruNames, NetworkPolicy, StackNames};
 pub use burn::device::{backend_name, inference as inference_device, training as training_device};
 pub use burn::{
     ActorCritic, AutodiffPolicy, BurnActorCritic, BurnDuelingDqn, BurnPpo, BurnRecurrentDqn,
@@ -87,6 +87,6 @@ pub use registry::{
 };
 pub use reinforce::{Reinforce, ReinforceEngine, ReinforceLearner, Trajectories};
 pub use replay::{Batch, Replay, TerminalTarget, Transition};
-pub use rule::{DecisionRule, DecisionRuleError, RuleParameters, RulePolicy, read_rule};
+pub use rule::{DecisionRule, DecisionRuleError, RuleParameters, RulePolicy, RuleState, read_rule};
 pub use unavailable::{UNAVAILABLE, Unavailable, certain};
 pub use weights::{Tensor as WeightTensor, Weights, WeightsError};

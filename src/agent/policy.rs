@@ -80,6 +80,22 @@ impl Choice {
     }
 }
 
+impl Choice {
+    /// Chooses an action for every row of outputs, as [`NetworkActor`] does. Samples replace the outputs by the
+    /// preferences that they were drawn from.
+    pub fn choose(self, outputs: &mut [f32], actions: &mut [Action], stream: &mut Stream) {
+        match self {
+            Choice::EpsilonGreedy { epsilon } => {
+                let count = outputs.len() / actions.len().max(1);
+                for (action, values) in actions.iter_mut().zip(outputs.chunks_exact(count.max(1))) {
+                    *action = explore(epsilon, count, stream).unwrap_or_else(|| best(values));
+                }
+            }
+            Choice::Softmax => sample(Isa::chosen(), outputs, actions, &mut Vec::new(), stream),
+        }
+    }
+}
+
 /// Acts by the outputs of a network.
 pub struct NetworkActor<N> {
     network: N,

@@ -3,8 +3,8 @@
 use crate::agent::actor::Actor;
 use crate::agent::unavailable::certain;
 use crate::env::{
-    Action, Belief, EpisodeStatus, FirstContext, OPTIONS, PhysicalActivity, Scenario, Simulated,
-    StepCount, StepCountModel, VectorEnvironment,
+    Action, Belief, ContextDraw, EpisodeStatus, FirstContext, OPTIONS, PhysicalActivity, Scenario,
+    Simulated, StepCount, StepCountModel, VectorEnvironment,
 };
 use crate::key::{KeyType, Keyed, Kind, choices, keys};
 use crate::optimum::{NoOptimum, OptimalPolicy};
@@ -55,6 +55,21 @@ choices! {
 pub struct RulePolicy {
     choice: Choice,
     belief: Belief,
+}
+
+/// What a rule knows of a lane.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct RuleState {
+    /// The context; the rule sees it as its scenario shows it.
+    pub context: ContextDraw,
+    /// Steps taken in the episode.
+    pub time: u32,
+    /// Habituation.
+    pub habituation: f64,
+    /// Disengagement risk.
+    pub disengagement: f64,
+    /// Whether the episode has ended.
+    pub status: EpisodeStatus,
 }
 
 #[derive(Clone, Debug)]
@@ -115,28 +130,34 @@ impl RulePolicy {
         Some(RulePolicy { choice, belief: Belief::Certain })
     }
 
-    /// The action in a lane. The random rule draws from the stream once.
-    fn choose(&self, lanes: &PhysicalActivity, lane: usize, stream: &mut Stream) -> Action {
-        let zero = self.belief.probability_of_zero(&lanes.context(lane));
+    /// Whether the rule acts on the state of the simulation.
+    pub fn needs_state(&self) -> bool {
+        match self.choice {
+            Choice::Always(_) | Choice::Random => false,
+            Choice::Tailored | Choice::Threshold(_) | Choice::Optimal(_) => true,
+        }
+    }
+
+    /// The action among `count` in a lane. The random rule draws from the stream once.
+    pub fn choose(&self, state: &RuleState, count: usize, stream: &mut Stream) -> Action {
+        let zero = self.belief.probability_of_zero(&state.context);
         let tailored = Action::tailored_to(u8::from(zero < 0.5));
         match &self.choice {
             Choice::Always(action) => *action,
             Choice::Tailored => tailored,
             Choice::Threshold(least) if zero.max(1.0 - zero) >= *least => tailored,
             Choice::Threshold(_) => Action::NONE,
-            Choice::Random => Action::uniform(stream.bits(), OPTIONS),
+            Choice::Random => Action::uniform(stream.bits(), count),
             // After the end of an episode, nothing remains to plan.
-            Choice::Optimal(_) if lanes.statuses()[lane] != EpisodeStatus::Running => Action::NONE,
+            Choice::Optimal(_) if state.status != EpisodeStatus::Running => Action::NONE,
             Choice::Optimal(policy) => {
-                let (habituation, disengagement) =
-                    (lanes.habituation()[lane], lanes.disengagement()[lane]);
-                policy.choose(lanes.times()[lane], zero, habituation, disengagement)
+                policy.choose(state.time, zero, state.habituation, state.disengagement)
             }
         }
     }
 
     /// Writes the probabilities of the actions, of which the rule chose `action`.
-    fn write_probabilities(&self, action: Action, probabilities: &mut [f64]) {
+    pub fn write_probabilities(&self, action: Action, probabilities: &mut [f64]) {
         match self.choice {
             Choice::Random => probabilities.fill(1.0 / probabilities.len() as f64),
             Choice::Always(_) | Choice::Tailored | Choice::Threshold(_) | Choice::Optimal(_) => {
@@ -191,7 +212,14 @@ impl Actor<PhysicalActivity> for RulePolicy {
         probabilities: Option<&mut [f64]>,
     ) {
         for (lane, action) in actions.iter_mut().enumerate() {
-            *action = self.choose(environment, lane, stream);
+            let state = RuleState {
+                context: environment.context(lane),
+                time: environment.times()[lane],
+                habituation: environment.habituation()[lane],
+                disengagement: environment.disengagement()[lane],
+                status: environment.statuses()[lane],
+            };
+            *action = self.choose(&state, OPTIONS, stream);
         }
         if let Some(probabilities) = probabilities {
             let rows = probabilities.chunks_exact_mut(OPTIONS).zip(&*actions);

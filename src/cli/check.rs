@@ -5,10 +5,10 @@ use std::path::{Path, PathBuf};
 
 use serde_json::json;
 
-use crate::cli::output::{counted, shell_word};
+use crate::cli::output::shell_word;
 use crate::cli::{Error, Exit, StoreArgument, trial};
 use crate::manifest::{self, Faults, Manifest, Overridden, Override, Published, Runs};
-use crate::plan::{self, Factors};
+use crate::plan::Factors;
 use crate::report::splits;
 
 /// Validate manifests and report every fault at once, each with line, column and remedy
@@ -101,16 +101,10 @@ pub(super) fn run(arguments: &Arguments) -> Result<Exit, Error> {
 fn show(path: &Path, read: &Overridden) -> io::Result<()> {
     let Overridden { manifest, left_out } = read;
     hint(path, left_out)?;
-    let (shown, factors) = (path.display(), Factors::of(manifest));
     let mut out = io::stdout().lock();
-    if let [all] = factors.as_slice() {
-        writeln!(out, "{shown}: ok, {all}")?;
-    } else {
-        writeln!(out, "{shown}: ok, {}", counted(plan::count(manifest), "job"))?;
-        for some in &factors {
-            writeln!(out, "  {}: {some}", some.names())?;
-        }
-    }
+    let mut lines = Factors::lines(manifest).into_iter();
+    writeln!(out, "{}: ok, {}", path.display(), lines.next().unwrap_or_default())?;
+    lines.try_for_each(|line| writeln!(out, "  {line}"))?;
     let hints: Vec<String> =
         manifest::hints(manifest).into_iter().chain(splits(manifest)).collect();
     hint(path, &hints)
@@ -177,18 +171,6 @@ pub(super) fn load_all<P: AsRef<Path>>(
     Ok(manifests)
 }
 
-/// Makes sure that no two manifests have the same name: they would be one experiment, and one would replace
-/// the other.
 fn check_names<'a>(manifests: impl IntoIterator<Item = &'a Manifest>) -> Result<(), Error> {
-    let mut seen: Vec<&Manifest> = Vec::new();
-    for manifest in manifests {
-        if let Some(other) = seen.iter().find(|other| other.name == manifest.name) {
-            return Err(Error::Usage(format!(
-                "{} and {} have the same name, {:?}; give each experiment a name of its own",
-                other.path, manifest.path, manifest.name
-            )));
-        }
-        seen.push(manifest);
-    }
-    Ok(())
+    manifest::same_name(manifests).map_or(Ok(()), |message| Err(Error::Usage(message)))
 }

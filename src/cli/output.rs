@@ -9,7 +9,7 @@ use serde_json::Value;
 
 pub(super) use crate::job::counted;
 use crate::key::printable;
-use crate::manifest::nearest;
+pub(super) use crate::report::no_experiment;
 use crate::report::{defused, rounded};
 
 /// Spaces on the left and on the right of each column of a table.
@@ -166,21 +166,6 @@ fn shown(text: &str) -> String {
             format!("{}… ({} characters)", printable(&text[..end]), text.chars().count())
         }
     }
-}
-
-/// The message about an experiment that a store does not have, with the experiment that was probably meant.
-pub(super) fn no_experiment(store: &str, name: &str, known: &[&str]) -> String {
-    const SHOWN: usize = 10;
-    let meant = nearest(name, known.iter().copied());
-    let meant =
-        meant.map_or(String::new(), |meant| format!(", did you mean `{}`?", printable(meant)));
-    let more = if known.len() > SHOWN { ", …" } else { "" };
-    let has = match known {
-        [] => "no experiments".to_owned(),
-        some => some.iter().take(SHOWN).copied().collect::<Vec<_>>().join(", "),
-    };
-    let (name, has) = (printable(name), printable(&has));
-    format!("{store} has no experiment `{name}`{meant}; it has {has}{more}")
 }
 
 /// A word for a shell, quoted if necessary.

@@ -1,20 +1,17 @@
 //! `jitai plan`: shows which jobs would run, and why.
 
-use std::collections::BTreeMap;
-use std::fmt;
 use std::io::{self, Write};
 use std::num::NonZeroUsize;
-use std::time::Duration;
 
 use crate::cli::check::ManifestArguments;
-use crate::cli::output::{Field, Format, Rows, counted};
+use crate::cli::output::{Field, Format, Rows};
 use crate::cli::workers::workers;
 use crate::cli::{Error, Exit, StoreArgument, counts};
-use crate::key::{Parameter, printable, shortened};
+use crate::key::{Parameter, shortened};
 use crate::manifest::Manifest;
-use crate::plan::{ChangedDefault, Filter, Shard, Swept};
-use crate::schedule::{self, Change, Left, Reason, Selection, Sharing, Speeds, Survey, Surveyed};
-use crate::store::{Counts, JobState, Reader, StoreError};
+use crate::plan::{Filter, Shard, Swept};
+use crate::schedule::{self, Preview, Selection, Speeds, Survey, Surveyed};
+use crate::store::{Reader, StoreError};
 
 /// Show what would run: jobs completed, pending and failed, and the estimated time
 #[derive(clap::Args)]
@@ -69,195 +66,20 @@ pub(super) fn run(arguments: &Arguments) -> Result<Exit, Error> {
         list_jobs(survey, &manifests, arguments.format)?;
     } else {
         let speeds = reader.as_ref().map_or(Ok(Speeds::default()), Speeds::of)?;
-        list_experiments(survey, &manifests, &speeds, arguments)?;
+        let workers = arguments.workers.unwrap_or_else(schedule::one_per_core);
+        list_experiments(&Preview::of(survey, &manifests, speeds, workers)?, arguments.format)?;
     }
     Ok(Exit::Done)
 }
 
-impl fmt::Display for Reason {
-    /// Formats the reason for one job.
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let (simulation, algorithm, default) = match self {
-            Reason::Interrupted => return write!(f, "was interrupted"),
-            Reason::Failed => return write!(f, "failed; runs with --retry-failed"),
-            Reason::Default(changed @ ChangedDefault { key, before, .. }) => {
-                return write!(
-                    f,
-                    "{}; with {key} = {before} it is completed",
-                    new_default(changed)
-                );
-            }
-            Reason::Outdated { simulation, algorithm, default } => (simulation, algorithm, default),
-        };
-        let simulation = simulation.map(|change| ("the simulation", change));
-        let changes = simulation.into_iter().chain(*algorithm);
-        let changes =
-            changes.map(|(what, Change { from, to })| format!("{what} changed: {from} → {to}"));
-        let changes = changes.chain(default.as_ref().map(new_default));
-        f.write_str(&changes.collect::<Vec<_>>().join(", "))
-    }
-}
-
-fn new_default(ChangedDefault { algorithm, key, now, .. }: &ChangedDefault) -> String {
-    format!("{key} = {now} is the new default of {algorithm}")
-}
-
-impl Reason {
-    /// The message for this number of jobs.
-    fn of(&self, jobs: u64) -> String {
-        let (all, one) = (counted(jobs, "job"), jobs == 1);
-        match self {
-            Reason::Interrupted if one => {
-                format!("{all} was interrupted; `jitai run` continues it")
-            }
-            Reason::Interrupted => format!("{all} were interrupted; `jitai run` continues them"),
-            Reason::Failed if one => format!("{all} failed; `--retry-failed` runs it again"),
-            Reason::Failed => format!("{all} failed; `--retry-failed` runs them again"),
-            Reason::Outdated { .. } => format!("{all} to run again: {self}"),
-            Reason::Default(ChangedDefault { algorithm, key, now, before }) => format!(
-                "{all} to run, of {algorithm} with {key} = {now}, which is the default now; with the earlier \
-                 default they are completed: to keep those results, write {key} = {before} in the agent"
-            ),
-        }
-    }
-}
-
-/// Totals over jobs.
-#[derive(Clone, Debug, Default)]
-struct Sum {
-    counts: Counts,
-    /// The remaining work. Running jobs count in full, as in `status`.
-    left: Left,
-    reasons: BTreeMap<Reason, u64>,
-    /// Completed jobs that lack declared estimates, and those of them that are trained again.
-    lacking: [u64; 2],
-}
-
-impl Sum {
-    fn add(&mut self, job: &Surveyed<'_>, reason: Option<&Reason>) {
-        self.counts.add(job.state, 1);
-        if let Some(reason) = reason {
-            *self.reasons.entry(reason.clone()).or_default() += 1;
-        }
-        match job.state {
-            JobState::Pending | JobState::Interrupted | JobState::Running => {
-                self.left.add(&job.planned.job, 1);
-            }
-            JobState::Completed | JobState::Failed => {}
-        }
-    }
-
-    fn to_run(&self) -> u64 {
-        self.counts.pending + self.counts.interrupted
-    }
-}
-
-fn list_experiments(
-    mut survey: Survey<'_>,
-    manifests: &[Manifest],
-    speeds: &Speeds,
-    arguments: &Arguments,
-) -> Result<(), Error> {
-    let workers = arguments.workers.unwrap_or_else(schedule::one_per_core);
-    let time = |sum: &Sum| speeds.time(&sum.left, workers.get());
+fn list_experiments(preview: &Preview<'_>, format: Format) -> io::Result<()> {
     let columns = counts::COLUMNS.map(str::to_owned);
-    let mut rows = Rows::new(arguments.format, &columns, io::stdout().lock())?;
-    let (mut all, mut dropped) = (Sum::default(), Vec::new());
-    for (index, manifest) in manifests.iter().enumerate() {
-        let mut experiment = Sum::default();
-        survey.walk(index, |job| {
-            let reason = job.reason()?;
-            if job.lacks_estimates(manifest)? {
-                let again = u64::from(schedule::trains_again(&job.planned.job));
-                all.lacking = [all.lacking[0] + 1, all.lacking[1] + again];
-            }
-            experiment.add(&job, reason.as_ref());
-            match job.sharing {
-                Sharing::First => all.add(&job, reason.as_ref()),
-                Sharing::Shared => {}
-            }
-            Ok::<_, StoreError>(())
-        })?;
-        let left = time(&experiment).as_secs_f64();
-        dropped.push((&manifest.name, survey.dropped(index)?));
-        rows.row(&counts::fields(&manifest.name, &experiment.counts, left))?;
+    let mut rows = Rows::new(format, &columns, io::stdout().lock())?;
+    for (name, counts, left) in preview.experiments() {
+        rows.row(&counts::fields(name, counts, left.as_secs_f64()))?;
     }
     rows.finish()?;
-    match survey.shared() {
-        0 => {}
-        1 => writeln!(io::stderr(), "1 job is shared between the manifests and runs once")?,
-        n => writeln!(io::stderr(), "{n} jobs are shared between the manifests and run once")?,
-    }
-    for (name, jobs) in dropped.into_iter().filter(|(_, jobs)| *jobs > 0) {
-        let (name, jobs) = (printable(name), counted(jobs, "job"));
-        writeln!(
-            io::stderr(),
-            "{name} has {jobs} in the store that this manifest no longer has; a run removes them \
-             from the experiment and keeps their results"
-        )?;
-    }
-    say_outside(manifests)?;
-    say_environments(manifests)?;
-    Ok(explain(&all, time(&all), workers, speeds.are_measured())?)
-}
-
-/// Lists the agents that are outside programs, for which jitai cannot guarantee determinism.
-fn say_outside(manifests: &[Manifest]) -> io::Result<()> {
-    let agents = manifests.iter().flat_map(|manifest| &manifest.agents);
-    let outside = agents.filter(|agent| agent.algorithm.is_external());
-    let names: Vec<String> = outside.map(|agent| printable(&agent.name)).collect();
-    if names.is_empty() {
-        return Ok(());
-    }
-    writeln!(
-        io::stderr(),
-        "outside programs: {}; their job keys cover command, version, parameters and budget, but \
-         jitai cannot guarantee that equal jobs give equal results",
-        names.join(", ")
-    )
-}
-
-/// Lists the experiments whose environments are outside programs.
-fn say_environments(manifests: &[Manifest]) -> io::Result<()> {
-    let outside = manifests.iter().filter(|manifest| manifest.family().is_external());
-    let names: Vec<String> = outside.map(|manifest| printable(&manifest.name)).collect();
-    if names.is_empty() {
-        return Ok(());
-    }
-    writeln!(
-        io::stderr(),
-        "environments that are outside programs: {}; their jobs start over instead of resuming in the middle; \
-         job keys cover command, version and parameters, and `jitai check --try` checks that equal seeds \
-         give equal episodes",
-        names.join(", ")
-    )
-}
-
-/// Writes reasons and the estimated time left to standard error.
-fn explain(all: &Sum, time: Duration, workers: NonZeroUsize, is_measured: bool) -> io::Result<()> {
-    let mut err = io::stderr();
-    for (reason, jobs) in &all.reasons {
-        writeln!(err, "{}", reason.of(*jobs))?;
-    }
-    let [lacking, again] = all.lacking;
-    if lacking > 0 {
-        let jobs = counted(lacking, "completed job");
-        let again = match again {
-            0 => "without training".to_owned(),
-            again => format!("{} of them by training again, without recorded decisions", again),
-        };
-        writeln!(err, "estimates of {jobs} to compute, {again}")?;
-    }
-    if all.to_run() == 0 {
-        return writeln!(err, "nothing to run");
-    }
-    let jobs = counted(all.to_run(), "job");
-    let (time, workers) = (schedule::spoken(time), counted(workers.get(), "worker"));
-    let basis = match is_measured {
-        true => "estimated from earlier runs",
-        false => "estimated from built-in speeds; no run has been timed yet",
-    };
-    writeln!(err, "{jobs} to run: about {time} with {workers}, {basis}")
+    preview.notes().iter().try_for_each(|note| writeln!(io::stderr(), "{note}"))
 }
 
 fn list_jobs(mut survey: Survey<'_>, manifests: &[Manifest], format: Format) -> Result<(), Error> {

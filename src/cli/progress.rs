@@ -1,19 +1,19 @@
 //! The progress of a sweep: bars on a terminal, lines elsewhere, JSON events for programs, or nothing.
 
-use std::collections::{HashMap, VecDeque};
+use std::collections::HashMap;
 use std::io::{self, IsTerminal, Write};
 use std::time::{Duration, Instant};
 
 use indicatif::{MultiProgress, ProgressBar, ProgressDrawTarget, ProgressStyle};
-use serde_json::{Value, json};
 
 use crate::cli::output::counted;
-use crate::job::{Failure, Outcome, Results};
-use crate::key::Parameter;
+use crate::job::{Failure, Outcome};
 use crate::key::printable;
 use crate::plan::Swept;
 use crate::report::rounded;
-use crate::schedule::{self, CheckpointNote, Event, EventSink, Found, Left, Queued, Speeds};
+use crate::schedule::{
+    self, CheckpointNote, Event, EventLog, EventSink, Found, Left, Queued, Speeds,
+};
 use crate::train::TrainingProgress;
 use crate::watch::failures::without_numbers;
 
@@ -54,49 +54,7 @@ pub(super) struct Shown {
     bars: Option<Bars>,
     waiting_reported: bool,
     swept: Swept,
-    queues: Vec<EventQueue>,
-}
-
-/// The events of one worker in the order in which programs read them. A job is stored a moment after it
-/// ends, when its worker may already have started further jobs. The events of these jobs wait until the
-/// end of the earlier job has been written.
-#[derive(Debug, Default)]
-struct EventQueue {
-    /// Whether the start of a job has been written and its end has not.
-    open: bool,
-    later: VecDeque<Value>,
-}
-
-impl EventQueue {
-    /// Returns an event of the last started job, if it can be written now.
-    fn note(&mut self, event: Value) -> Option<Value> {
-        if self.later.is_empty() {
-            return Some(event);
-        }
-        self.later.push_back(event);
-        None
-    }
-
-    /// Returns the event for the start of a job, if it can be written now.
-    fn start(&mut self, event: Value) -> Option<Value> {
-        if self.open {
-            self.later.push_back(event);
-            return None;
-        }
-        self.open = true;
-        Some(event)
-    }
-
-    /// Returns the events to write after the end of the open job: the start of the next job, and
-    /// its events so far.
-    fn end(&mut self) -> Vec<Value> {
-        let starts = |event: &Value| event["event"] == "started";
-        let next = self.later.iter().skip(1).position(starts);
-        let count = next.map_or(self.later.len(), |after_first| after_first + 1);
-        let ready: Vec<Value> = self.later.drain(..count).collect();
-        self.open = !ready.is_empty();
-        ready
-    }
+    log: EventLog,
 }
 
 struct Bars {
@@ -132,8 +90,8 @@ impl Shown {
             running: (0..workers).map(|_| None).collect(),
             bars,
             waiting_reported: false,
+            log: EventLog::new(workers, swept.clone()),
             swept,
-            queues: (0..workers).map(|_| EventQueue::default()).collect(),
         }
     }
 
@@ -165,21 +123,17 @@ impl Shown {
         }
     }
 
-    fn emit(&self, event: Value) {
+    fn emit(&mut self, event: &Event<'_>) {
         if self.style == Style::Json {
-            let _ = writeln!(io::stdout(), "{event}");
+            for line in self.log.of(event) {
+                let _ = writeln!(io::stdout(), "{line}");
+            }
         }
     }
 
     fn begin(&mut self, worker: usize, queued: &Queued) {
         self.unbegun.remove(&queued.job);
         self.running[worker] = Some((queued.clone(), Instant::now(), None));
-        let event = json!({
-            "event": "started", "worker": worker, "job": self.described(queued),
-        });
-        if let Some(event) = self.queues[worker].start(event) {
-            self.emit(event);
-        }
     }
 
     /// Shows a worker as idle, unless it has already started another job.
@@ -191,11 +145,11 @@ impl Shown {
         self.rest(worker, queued);
         let seconds = wall.as_secs_f64();
         let mut is_news = false;
-        let (status, what) = match outcome {
+        let what = match outcome {
             Outcome::Completed(results) => {
                 self.done += 1;
                 self.speeds.add(&queued.job, 1.0, wall);
-                ("completed", format!("mean return {}", rounded(mean_return(results), 1)))
+                format!("mean return {}", rounded(results.metric("mean_return"), 1))
             }
             Outcome::Failed(failure) => {
                 self.done += 1;
@@ -206,9 +160,9 @@ impl Shown {
                     .or_default();
                 *same += 1;
                 is_news = *same == 1;
-                ("failed", described(failure, *same))
+                described(failure, *same)
             }
-            Outcome::Interrupted => ("interrupted", "interrupted".to_owned()),
+            Outcome::Interrupted => "interrupted".to_owned(),
         };
         // On a terminal, the bars show completed jobs and the number of failed jobs.
         if self.style == Style::Lines || is_news {
@@ -216,32 +170,10 @@ impl Shown {
             let left = self.left().map_or_else(String::new, |time| format!(", {time} left"));
             self.say(&format!("[{done}/{jobs}] {name}: {what}, {seconds:.1} s{left}"));
         }
-        let mut event = json!({
-            "event": status, "worker": worker, "job": self.described(queued),
-            "wall_seconds": seconds,
-        });
-        match outcome {
-            Outcome::Completed(results) => event["mean_return"] = json!(mean_return(results)),
-            Outcome::Failed(failure) => {
-                event["kind"] = json!(failure.kind.name());
-                event["message"] = json!(failure.message);
-            }
-            Outcome::Interrupted => {}
-        }
-        self.emit_end(worker, event);
-    }
-
-    /// Emits the end of a worker's job, and the events that waited for it.
-    fn emit_end(&mut self, worker: usize, event: Value) {
-        self.emit(event);
-        for next in self.queues[worker].end() {
-            self.emit(next);
-        }
     }
 
     fn note(&mut self, worker: usize, queued: &Queued, note: &CheckpointNote) {
         let name = self.name(queued);
-        let mut event = json!({ "worker": worker, "job": self.described(queued) });
         match note {
             CheckpointNote::Resumed(resumed) => {
                 if let Some((_, started, _)) = &mut self.running[worker] {
@@ -255,15 +187,10 @@ impl Shown {
                     };
                     self.say(&format!("{name}: resumed {from}"));
                 }
-                event["event"] = json!("resumed");
-                event["episode"] = json!(resumed.episode);
             }
             CheckpointNote::Refused { path, reason } => {
                 let path = printable(&path.display().to_string());
                 self.warn(&format!("{name}: checkpoint {path} rejected: {reason}"));
-                event["event"] = json!("checkpoint_refused");
-                event["file"] = json!(path);
-                event["reason"] = json!(reason.to_string());
             }
             CheckpointNote::NotKept { path, reason } => {
                 let path = printable(&path.display().to_string());
@@ -271,13 +198,7 @@ impl Shown {
                     "{name}: failed to write the checkpoint {path}: {reason}; the job continues, but \
                      its progress is lost if it is killed"
                 ));
-                event["event"] = json!("checkpoint_not_kept");
-                event["file"] = json!(path);
-                event["reason"] = json!(reason.to_string());
             }
-        }
-        if let Some(event) = self.queues[worker].note(event) {
-            self.emit(event);
         }
     }
 
@@ -286,21 +207,12 @@ impl Shown {
         // The job counts as left until its outcome in the other process is known.
         self.unbegun.add(&queued.job, 1);
         self.say(&format!("{}: taken over by another process", self.name(queued)));
-        let event = json!({ "event": "lost", "worker": worker, "job": self.described(queued) });
-        self.emit_end(worker, event);
     }
 
     fn skip(&mut self, queued: &Queued, found: Found) {
         self.unbegun.remove(&queued.job);
         self.done += 1;
-        let found = match found {
-            Found::Completed => "completed",
-            Found::Failed => {
-                self.failed += 1;
-                "failed"
-            }
-        };
-        self.emit(json!({ "event": "skipped", "found": found, "job": self.described(queued) }));
+        self.failed += usize::from(found == Found::Failed);
     }
 
     fn shrink(&mut self, started: usize, reason: &io::Error) {
@@ -360,17 +272,6 @@ impl Shown {
         let key = &queued.key.to_string()[..8];
         format!("{} ({key})", self.swept.name(&queued.agent, &queued.job))
     }
-
-    fn described(&self, queued: &Queued) -> Value {
-        json!({
-            "job_key": queued.key.to_string(),
-            "agent": queued.agent,
-            "scenario": queued.job.scenario.to_string(),
-            "sigma": queued.job.number(Parameter::Environment("sigma")),
-            "seed": queued.job.seed,
-            "swept": self.swept.object(&queued.agent, &queued.job),
-        })
-    }
 }
 
 /// The line of a worker: its progress, then as much of the job's name as fits. The line is cut between
@@ -395,6 +296,7 @@ fn worker_line(progress: Option<TrainingProgress>, name: &str) -> String {
 
 impl EventSink for Shown {
     fn on_event(&mut self, event: Event<'_>) {
+        self.emit(&event);
         match event {
             Event::Started { worker, queued } => self.begin(worker, queued),
             Event::Ended { worker, queued, outcome, wall } => {
@@ -450,10 +352,6 @@ fn described(failure: &Failure, same: usize) -> String {
     }
 }
 
-fn mean_return(results: &Results) -> f64 {
-    results.metrics.iter().find(|m| m.name == "mean_return").map_or(f64::NAN, |m| m.value)
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -473,22 +371,5 @@ mod tests {
             let name = format!("dqn P-H-D sigma=0.{} seed=1", "6".repeat(digits));
             assert!(line(&name).chars().count() <= WORKER_WIDTH, "{}", line(&name));
         }
-    }
-
-    #[test]
-    fn the_end_of_a_job_is_written_before_the_next_start_of_its_worker() {
-        let mut queue = EventQueue::default();
-        let start = |job| json!({ "event": "started", "job": job });
-        let [one, two, three] = [1, 2, 3].map(start);
-        let note = json!({ "event": "resumed", "job": 2 });
-        assert_eq!(queue.start(one.clone()), Some(one));
-        assert_eq!(queue.start(two.clone()), None);
-        assert_eq!(queue.note(note.clone()), None);
-        assert_eq!(queue.start(three.clone()), None);
-        assert_eq!(queue.end(), [two, note]);
-        assert_eq!(queue.end(), vec![three.clone()]);
-        assert_eq!(queue.note(json!("now")), Some(json!("now")));
-        assert!(queue.end().is_empty());
-        assert_eq!(queue.start(three.clone()), Some(three));
     }
 }

@@ -1,14 +1,11 @@
 //! Confirmation of a manifest that would remove most jobs from the experiment of its name.
 
-use std::collections::HashSet;
 use std::io::{self, Write};
 
-use crate::cli::output::counted;
 use crate::cli::{Error, confirm};
-use crate::job::JobKey;
 use crate::key::printable;
 use crate::manifest::Manifest;
-use crate::plan::{self};
+use crate::schedule;
 use crate::store::Reader;
 
 /// The option for a manifest that would remove most jobs of its experiment.
@@ -29,38 +26,12 @@ impl Replacing {
             return Ok(true);
         }
         for manifest in manifests {
-            let (before, lost) = jobs_lost(reader, manifest)?;
-            if 2 * lost <= before {
-                continue;
-            }
-            let name = printable(&manifest.name);
-            let what = format!(
-                "remove {lost} of {} from {name} (their results stay in the store; if this \
-                 manifest is a new experiment, give it another name instead)",
-                counted(before, "job")
-            );
+            let Some(what) = schedule::removal(reader, manifest)? else { continue };
             if !confirm::asked(&what, "--replace")? {
-                writeln!(io::stderr(), "{name} was not changed")?;
+                writeln!(io::stderr(), "{} was not changed", printable(&manifest.name))?;
                 return Ok(false);
             }
         }
         Ok(true)
     }
-}
-
-/// The number of jobs of a manifest's experiment in the store, and how many of them the manifest lacks.
-fn jobs_lost(reader: &Reader, manifest: &Manifest) -> Result<(usize, usize), Error> {
-    // If the text is unchanged, only a new release can have changed the jobs.
-    if reader.manifest(&manifest.name)?.is_none_or(|text| text == manifest.source) {
-        return Ok((0, 0));
-    }
-    let mut held: HashSet<JobKey> = HashSet::new();
-    reader.jobs_of(&manifest.name, |key| {
-        held.insert(key);
-    })?;
-    let before = held.len();
-    for planned in plan::jobs(manifest) {
-        held.remove(&planned.form.key());
-    }
-    Ok((before, held.len()))
 }

@@ -1,15 +1,13 @@
 //! `jitai report`: tables, figures and a page from the store.
 
-use std::fs;
 use std::io::{self, Write};
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 use crate::cli::check::ManifestArguments;
 use crate::cli::counting::Counting;
-use crate::cli::output::{counted, no_experiment};
 use crate::cli::{Error, Exit, StoreArgument, folder};
 use crate::manifest::Published;
-use crate::report::{AssembleError, Hosts, ReportFile, ReportedExperiment, Work, assemble, report};
+use crate::report::{AssembleError, Hosts, Work, assemble, report};
 use crate::store::Reader;
 
 /// Write tables, figures and an HTML page about the results in the store
@@ -55,27 +53,16 @@ pub(super) fn run(arguments: &Arguments) -> Result<Exit, Error> {
     let store = arguments.store.store.file_name().unwrap_or_default().to_string_lossy();
     let hosts = if arguments.hosts { Hosts::Named } else { Hosts::Unnamed };
     let files = report(&experiments, &store, hosts);
-    files.iter().try_for_each(|file| write(&arguments.out, file))?;
+    for file in &files {
+        file.write(&arguments.out).map_err(|source| Error::Io {
+            what: format!("write `{}`", arguments.out.join(&file.name).display()),
+            source,
+        })?;
+    }
     let in_store = reader.manifests()?;
     let in_store: Vec<&str> = in_store.iter().map(|(name, _)| name.as_str()).collect();
-    for experiment in &experiments {
-        if let Some(note) = unfinished(experiment) {
-            writeln!(io::stderr(), "note: {note}")?;
-        }
-        if experiment.findings.is_empty() {
-            let name = &experiment.name;
-            writeln!(
-                io::stderr(),
-                "note: no figures of {name}, because it declares no [[analysis]]; the page has tables of its \
-                 arms and agents"
-            )?;
-        }
-        // Jobs of another experiment count, too, so a report without this one can be complete.
-        let is_empty = experiment.jobs.iter().all(|job| job.completed().is_none());
-        if is_empty && !in_store.contains(&experiment.name.as_str()) {
-            let note = no_experiment(&store, &experiment.name, &in_store);
-            writeln!(io::stderr(), "note: {note}")?;
-        }
+    for note in experiments.iter().flat_map(|one| one.notes(&store, &in_store)) {
+        writeln!(io::stderr(), "note: {note}")?;
     }
     let mut out = io::stdout().lock();
     writeln!(out, "{}", arguments.out.join("index.html").display())?;
@@ -84,31 +71,4 @@ pub(super) fn run(arguments: &Arguments) -> Result<Exit, Error> {
         write!(out, "\n{winners}")?;
     }
     Ok(Exit::Done)
-}
-
-/// The number of jobs without a completed run; `None` if there are none.
-fn unfinished(experiment: &ReportedExperiment) -> Option<String> {
-    let jobs = &experiment.jobs;
-    let missing = jobs.iter().filter(|job| job.completed().is_none()).count();
-    (missing > 0).then(|| {
-        format!(
-            "{missing} of {} of {} {} no completed run",
-            counted(jobs.len() as u64, "job"),
-            experiment.name,
-            if missing == 1 { "has" } else { "have" }
-        )
-    })
-}
-
-/// Writes a file of the report under a temporary name, and renames it once it is complete.
-fn write(folder: &Path, file: &ReportFile) -> Result<(), Error> {
-    let path = folder.join(&file.name);
-    let failure = |source| Error::Io { what: format!("write `{}`", path.display()), source };
-    if let Some(parent) = path.parent() {
-        fs::create_dir_all(parent).map_err(failure)?;
-    }
-    let mut partial = path.clone().into_os_string();
-    partial.push(".partial");
-    fs::write(&partial, &file.bytes).map_err(failure)?;
-    fs::rename(&partial, &path).map_err(failure)
 }

@@ -23,8 +23,8 @@ use crate::key::printable;
 use crate::manifest::Manifest;
 use crate::plan::{Filter, Shard, Swept, headlines};
 use crate::schedule::{
-    self, Estimated, Event, EventSink, OnFailure, Options, Queued, Remaining, Selection, Speeds,
-    Tally,
+    self, Cause, End, Estimated, EstimatesEnd, Event, EventSink, OnFailure, Options, Queued,
+    Remaining, Selection, Speeds,
 };
 use crate::store::{FailedJob, Reader, RetryFailed, Store, mean_returns};
 use crate::watch::failures;
@@ -151,7 +151,7 @@ fn run_jobs(
     let options = arguments.options();
     let remaining = Remaining::of(&store, &selection, options.retry_failed)?;
     let mut end = End::before(&remaining);
-    on_end.jobs(end.jobs());
+    on_end.jobs(jobs(&end));
     if !remaining.lacking.is_empty() {
         end.estimated = arguments.estimate(&mut store, &remaining.lacking, &stop)?;
     }
@@ -167,23 +167,16 @@ fn run_jobs(
         };
         let swept = schedule::run_queue(&mut store, queue, options, stop, mark_crash, &mut sink);
         drop(shown);
-        end.tally = swept?;
+        end = end.ran_to(swept?);
     }
-    if end.left() > 0 || end.estimated.lacking > 0 {
-        // A signal after the last job has no effect.
-        end.cause = match options.on_failure {
-            _ if stop.load(Ordering::Relaxed) => Cause::Signal,
-            OnFailure::Stop => Cause::Failure,
-            OnFailure::Continue => Cause::NothingLeft,
-        };
-    }
-    *cause = end.cause;
-    match end.show(arguments, &reader, &selection) {
+    end = end.because(stop.load(Ordering::Relaxed), options.on_failure);
+    *cause = end.cause();
+    match show(&end, arguments, &reader, &selection) {
         // A closed pipe is no failure; the exit code still reports the outcome of the jobs.
         Err(Error::Io { source, .. }) if source.kind() == io::ErrorKind::BrokenPipe => {}
         shown => shown?,
     }
-    Ok(end.exit())
+    Ok(exit(&end))
 }
 
 impl Arguments {
@@ -250,8 +243,7 @@ impl Arguments {
         for failure in failures.iter().take(FAILURES_SHOWN) {
             let _ = writeln!(err, "no estimates of {}", printable(failure));
         }
-        let failed = differing + failures.len();
-        Ok(EstimatesEnd { failed, lacking: lacking.len() - read - trained - failed })
+        Ok(EstimatesEnd::of(&estimated, lacking.len()))
     }
 
     fn shown(&self, reader: &Reader, queue: &[Queued], swept: Swept) -> Result<Shown, Error> {
@@ -284,162 +276,63 @@ pub(super) fn register_experiment(
     let Some(registered) = registered else {
         return Ok(ControlFlow::Break(()));
     };
-    if registered.dropped > 0 {
-        let _ = writeln!(
-            io::stderr(),
-            "{name} no longer has {} that it had before; their results stay in the store; if this \
-             manifest is a new experiment, give it another name",
-            counted(registered.dropped, "job"),
-            name = printable(&manifest.name),
-        );
+    if let Some(note) = schedule::dropped_note(manifest, &registered) {
+        let _ = writeln!(io::stderr(), "{note}");
     }
     Ok(ControlFlow::Continue(()))
 }
 
-/// Why a sweep ended.
-#[derive(Clone, Copy, PartialEq, Eq)]
-enum Cause {
-    /// Every job has ended.
-    NothingLeft,
-    /// A signal arrived.
-    Signal,
-    /// A job failed, and `--fail-fast` was given.
-    Failure,
+fn jobs(end: &End) -> Jobs {
+    Jobs { completed: end.completed(), failed: end.failed(), left: end.left() }
 }
 
-impl Cause {
-    /// The name of the last event.
-    fn name(self) -> &'static str {
-        match self {
-            Cause::NothingLeft => "done",
-            Cause::Signal => "stopped",
-            Cause::Failure => "halted",
-        }
+fn exit(end: &End) -> Exit {
+    match end.cause() {
+        Cause::Stopped => Exit::Interrupted,
+        Cause::Failure => Exit::JobsFailed,
+        Cause::NothingLeft if end.failed() + end.estimated.failed > 0 => Exit::JobsFailed,
+        Cause::NothingLeft => Exit::Done,
     }
 }
 
-/// How the estimates of completed jobs ended.
-#[derive(Clone, Copy, Default)]
-struct EstimatesEnd {
-    /// Jobs whose estimates could not be added.
-    failed: usize,
-    /// Jobs whose estimates remain to be added, after a stop.
-    lacking: usize,
+/// Reports how the sweep ended and, in text format, its results.
+fn show(
+    end: &End,
+    arguments: &Arguments,
+    reader: &Reader,
+    selection: &Selection<'_>,
+) -> Result<(), Error> {
+    let manifests = selection.manifests();
+    report(end, arguments)?;
+    // After a signal, there is no time to summarise a large experiment.
+    if arguments.format == Format::Json || end.cause() == Cause::Stopped {
+        return Ok(());
+    }
+    if arguments.quiet {
+        return Ok(());
+    }
+    let example = summary::print(reader, selection)?;
+    if end.failed() > 0 {
+        list_failures(&reader.failed_jobs()?, manifests)?;
+    }
+    Ok(suggest_next(arguments, manifests, example)?)
 }
 
-/// How a sweep ended.
-struct End {
-    estimated: EstimatesEnd,
-    /// Number of jobs to run.
-    queued: usize,
-    /// Number of jobs that had completed before the sweep.
-    completed_before: usize,
-    /// Number of jobs that had failed before the sweep and were not run again.
-    failed_before: usize,
-    tally: Tally,
-    cause: Cause,
-}
-
-impl End {
-    /// The end of a sweep that has not begun.
-    fn before(remaining: &Remaining) -> End {
-        End {
-            estimated: EstimatesEnd::default(),
-            queued: remaining.queue.len(),
-            completed_before: remaining.completed,
-            failed_before: remaining.failed,
-            tally: Tally::default(),
-            cause: Cause::NothingLeft,
-        }
+fn report(end: &End, arguments: &Arguments) -> Result<(), Error> {
+    if arguments.format == Format::Json {
+        let event = serde_json::json!({
+            "event": end.cause().name(),
+            "ran": end.ran(), "completed": end.completed(),
+            "failed": end.failed(), "left": end.left(),
+        });
+        writeln!(io::stdout(), "{event}")?;
+        return Ok(());
     }
-
-    fn completed(&self) -> usize {
-        self.completed_before + self.tally.already_completed + self.tally.completed
-    }
-
-    fn failed(&self) -> usize {
-        self.failed_before + self.tally.already_failed + self.tally.failed
-    }
-
-    fn left(&self) -> usize {
-        self.completed_before + self.failed_before + self.queued - self.completed() - self.failed()
-    }
-
-    fn jobs(&self) -> Jobs {
-        Jobs { completed: self.completed(), failed: self.failed(), left: self.left() }
-    }
-
-    fn exit(&self) -> Exit {
-        match self.cause {
-            Cause::Signal => Exit::Interrupted,
-            Cause::Failure => Exit::JobsFailed,
-            Cause::NothingLeft if self.failed() + self.estimated.failed > 0 => Exit::JobsFailed,
-            Cause::NothingLeft => Exit::Done,
-        }
-    }
-
-    /// Reports how the sweep ended and, in text format, its results.
-    fn show(
-        &self,
-        arguments: &Arguments,
-        reader: &Reader,
-        selection: &Selection<'_>,
-    ) -> Result<(), Error> {
-        let manifests = selection.manifests();
-        self.report(arguments)?;
-        // After a signal, there is no time to summarise a large experiment.
-        if arguments.format == Format::Json || self.cause == Cause::Signal {
-            return Ok(());
-        }
-        if arguments.quiet {
-            return Ok(());
-        }
-        let example = summary::print(reader, selection)?;
-        if self.failed() > 0 {
-            list_failures(&reader.failed_jobs()?, manifests)?;
-        }
-        Ok(suggest_next(arguments, manifests, example)?)
-    }
-
-    fn report(&self, arguments: &Arguments) -> Result<(), Error> {
-        if arguments.format == Format::Json {
-            let event = serde_json::json!({
-                "event": self.cause.name(),
-                "ran": self.ran(), "completed": self.completed(),
-                "failed": self.failed(), "left": self.left(),
-            });
-            writeln!(io::stdout(), "{event}")?;
-            return Ok(());
-        }
-        if arguments.quiet {
-            return Ok(());
-        }
-        let (completed, failed, left) = (self.completed(), self.failed(), self.left());
-        let ran = counted(self.ran(), "job");
-        let ran = format!("{ran} run, {completed} completed in all, {failed} failed");
-        let line = match self.cause {
-            Cause::Signal => {
-                let completed = counted(completed, "job");
-                format!("stopped: {completed} completed, {left} left; {RESUME}")
-            }
-            Cause::Failure => {
-                format!("{ran}; halted after the first failure; {} left", counted(left, "job"))
-            }
-            Cause::NothingLeft if self.queued == 0 && failed == 0 => match completed {
-                0 => "nothing to run: this shard has no jobs".to_owned(),
-                1 => "nothing to run: the job is completed".to_owned(),
-                _ => format!("nothing to run: all {completed} jobs are completed"),
-            },
-            Cause::NothingLeft => ran,
-        };
+    if !arguments.quiet {
         // The work is done, so a closed standard error is not a failure.
-        let _ = writeln!(io::stderr(), "{line}");
-        Ok(())
+        let _ = writeln!(io::stderr(), "{}", end.line(RESUME));
     }
-
-    fn ran(&self) -> usize {
-        self.tally.completed + self.tally.failed
-    }
+    Ok(())
 }
 
 /// Lists the first different failures of the manifests' experiments.

@@ -5,9 +5,9 @@ use std::path::PathBuf;
 use clap::Args;
 
 use crate::cli::output::shell_word;
-use crate::portable::bandit_posterior;
+use crate::portable::posterior_in;
 use crate::schedule;
-use crate::store::{Command, Reader, Store, StoreError};
+use crate::store::{Command, Store, StoreError};
 
 const DEFAULT_STORE: &str = "jitai.sqlite";
 
@@ -27,9 +27,7 @@ impl StoreArgument {
 
     /// The description of the policy of a completed bandit in the store, for keys that take a posterior.
     pub(super) fn posterior(&self, key: &str) -> Result<String, String> {
-        let reader = Reader::open(&self.store).map_err(|error| error.to_string())?;
-        let stored = reader.weights(key).map_err(|error| error.to_string())?;
-        bandit_posterior(&stored).map_err(|error| error.to_string())
+        posterior_in(&self.store, key)
     }
 
     /// The option `--store` for a suggested command; empty if the command would use this store by
@@ -47,13 +45,5 @@ impl StoreArgument {
 pub(super) fn this_command() -> Command {
     let words = std::env::args_os().skip(1).map(|word| shell_word(&word.to_string_lossy()));
     let words = std::iter::once("jitai".to_owned()).chain(words).collect::<Vec<_>>().join(" ");
-    let folder = std::env::current_dir().unwrap_or_default().display().to_string();
-    let made_by = schedule::of_this_process();
-    Command {
-        words,
-        folder,
-        host: made_by.host,
-        code_version: made_by.code_version,
-        git_revision: made_by.git_revision,
-    }
+    schedule::command(words)
 }

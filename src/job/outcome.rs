@@ -130,6 +130,13 @@ pub struct Results {
     pub estimates: Vec<Estimates>,
 }
 
+impl Results {
+    /// The value of a summary metric; NaN without it.
+    pub fn metric(&self, name: &str) -> f64 {
+        self.metrics.iter().find(|metric| metric.name == name).map_or(f64::NAN, |m| m.value)
+    }
+}
+
 /// A part of the results of runs.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum DataPart {

@@ -169,3 +169,18 @@ impl Manifest {
         sections.into_iter().flat_map(swept).collect()
     }
 }
+
+/// Two manifests of the same name, as a message: they would be one experiment, and one would replace the other.
+pub fn same_name<'a>(manifests: impl IntoIterator<Item = &'a Manifest>) -> Option<String> {
+    let mut seen: Vec<&Manifest> = Vec::new();
+    for manifest in manifests {
+        if let Some(other) = seen.iter().find(|other| other.name == manifest.name) {
+            return Some(format!(
+                "{} and {} have the same name, {:?}; give each experiment a name of its own",
+                other.path, manifest.path, manifest.name
+            ));
+        }
+        seen.push(manifest);
+    }
+    None
+}

@@ -63,7 +63,7 @@ pub use analysis_kind::{
 };
 pub use axis::{CurveAxis, ERROR_AXIS};
 pub use companions::{companions, self_contained};
-pub use declared::{DeclaredAgent, Exclusion, Manifest, Zip};
+pub use declared::{DeclaredAgent, Exclusion, Manifest, Zip, same_name};
 pub(crate) use document::{Document, document};
 pub use estimate::DeclaredEstimate;
 pub(crate) use fault::FaultList;
@@ -77,7 +77,7 @@ pub use parameter::{Parameters, free_parameters, parameter, parameters};
 pub use published::{Published, PublishedRow};
 pub use schema::schema;
 pub use section::Section;
-pub use set::{Overridden, Override, OverrideForm, load_with};
+pub use set::{Overridden, Override, OverrideForm, load_with, parse_with};
 pub use sides::Sides;
 pub use source::Position;
 pub(crate) use source::{Source, Span};

@@ -84,7 +84,27 @@ pub struct Overridden {
 /// Every fault of the file; or the first override whose key the manifest cannot have; or every fault of the
 /// manifest with its overrides.
 pub fn load_with(path: &Path, overrides: &[Override], runs: Runs) -> Result<Overridden, Faults> {
-    let manifest = load_from(path, runs)?;
+    overridden(load_from(path, runs)?, overrides, runs)
+}
+
+/// [`load_with`] of a text; messages call it `label`, and files are relative to the working directory.
+///
+/// # Errors
+/// As [`load_with`].
+pub fn parse_with(
+    label: &str,
+    text: &str,
+    overrides: &[Override],
+    runs: Runs,
+) -> Result<Overridden, Faults> {
+    overridden(parse_from(label, text.as_bytes(), runs)?, overrides, runs)
+}
+
+fn overridden(
+    manifest: Manifest,
+    overrides: &[Override],
+    runs: Runs,
+) -> Result<Overridden, Faults> {
     if overrides.is_empty() {
         return Ok(Overridden { manifest, left_out: Vec::new() });
     }

@@ -2,6 +2,8 @@
 
 use std::fmt;
 
+use super::expand::count;
+use crate::job::counted;
 use crate::key::Parameter;
 use crate::key::printable;
 use crate::manifest::{Grid, Manifest};
@@ -41,6 +43,18 @@ impl Factors {
             }
         }
         all
+    }
+
+    /// The number of a manifest's jobs as a product, or in all and as a product for each group of agents.
+    pub fn lines(manifest: &Manifest) -> Vec<String> {
+        match Factors::of(manifest).as_slice() {
+            [all] => vec![all.to_string()],
+            groups => {
+                let total = counted(count(manifest), "job");
+                let each = groups.iter().map(|some| format!("{}: {some}", some.names()));
+                std::iter::once(total).chain(each).collect()
+            }
+        }
     }
 
     /// The agents' names as readable text.

@@ -4,7 +4,9 @@ use data_encoding::HEXLOWER;
 use serde_json::{Value as Json, json};
 use sha2::{Digest, Sha256};
 
-use crate::agent::{Activation, Architecture, BanditAllocation, Choice, LinearThompson, Weights};
+use crate::agent::{
+    Activation, Architecture, BanditAllocation, Choice, GruNames, LinearThompson, Weights,
+};
 use crate::env::{Meaning, ObservationSpec};
 use crate::job::Job;
 use crate::store::StoredWeights;
@@ -52,8 +54,13 @@ pub fn digest(bytes: &[u8]) -> String {
     HEXLOWER.encode(&Sha256::digest(bytes))
 }
 
+/// The description of the job of a policy: all that a rule has.
+pub fn describe_job(stored: &StoredWeights) -> Json {
+    describe_job_with(stored, json!({}))
+}
+
 /// The description of the job of a policy, followed by these entries.
-fn describe_job(stored: &StoredWeights, others: Json) -> Json {
+fn describe_job_with(stored: &StoredWeights, others: Json) -> Json {
     let job = &stored.job;
     let versions = job.versions();
     let mut described = json!({
@@ -98,7 +105,7 @@ pub(super) fn describe_bandit(stored: &StoredWeights, weights: &Weights, deviate
     choice["bias"] = json!(bias);
     choice["pi_min"] = json!(of.pi_min);
     choice["deviates"] = json!(deviates.chunks_exact(actions).collect::<Vec<_>>());
-    describe_job(
+    describe_job_with(
         stored,
         json!({
             "posterior": {
@@ -122,7 +129,13 @@ pub(super) fn describe(
     let stacks: Vec<Json> = architecture
         .stacks
         .iter()
-        .map(|stack| json!({ "hidden": stack.hidden, "heads": stack.heads }))
+        .map(|stack| {
+            let mut named = json!({ "hidden": stack.hidden, "heads": stack.heads });
+            if let Some(GruNames { before, input, state }) = &stack.gru {
+                named["gru"] = json!({ "before": before, "input": input, "state": state });
+            }
+            named
+        })
         .collect();
     let activation = match architecture.activation {
         Activation::Relu => "relu",
@@ -134,7 +147,7 @@ pub(super) fn describe(
         }
         Choice::Softmax => ("logits", json!({ "rule": "softmax" })),
     };
-    describe_job(
+    describe_job_with(
         stored,
         json!({
             "network": { "activation": activation, "stacks": stacks, "output": output },

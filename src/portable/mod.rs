@@ -7,11 +7,13 @@ mod description;
 mod onnx;
 mod protobuf;
 
+use std::path::Path;
+
 use serde_json::Value as Json;
 
 use crate::agent::{BanditPolicy, LinearThompson, NetworkPolicy, Weights, WeightsError};
 use crate::job::NoWeights;
-use crate::store::StoredWeights;
+use crate::store::{Reader, StoredWeights};
 pub use description::digest;
 
 /// A policy as files.
@@ -65,16 +67,6 @@ pub enum PortableError {
         /// The job.
         key: String,
     },
-    /// The network has a recurrent memory.
-    #[error(
-        "the policy of job {key} has a memory of the episode (`recurrent = \"gru\"`), and the \
-         exported files cannot hold its state: they describe networks of one observation; \
-         simulate it with `jitai simulate --policy run:{key}`, or export an agent with `history` instead"
-    )]
-    HasMemory {
-        /// The job.
-        key: String,
-    },
     /// The network does not consist of the layers that the files can hold.
     #[error(
         "the network of job {key} cannot be exported: agents of the algorithm `{algorithm}` do not \
@@ -112,7 +104,7 @@ pub fn weights_of(stored: &StoredWeights) -> Result<Weights, PortableError> {
 
 /// The network of a completed job with its weights.
 ///
-/// **Errors**: the job has no weights or no network, or the network has a memory, or the weights do not fit.
+/// **Errors**: the job has no weights or no network, or the weights do not fit.
 pub fn network_of(stored: &StoredWeights) -> Result<(Weights, NetworkPolicy), PortableError> {
     let key = || stored.job_key.to_string();
     let refused = |error| match error {
@@ -123,9 +115,6 @@ pub fn network_of(stored: &StoredWeights) -> Result<(Weights, NetworkPolicy), Po
     };
     let weights = weights_of(stored)?;
     let policy = stored.job.agent.network(stored.job.task().shape(), &weights).map_err(refused)?;
-    if policy.network.memory() > 0 {
-        return Err(PortableError::HasMemory { key: key() });
-    }
     Ok((weights, policy))
 }
 
@@ -154,10 +143,18 @@ pub fn bandit_posterior(stored: &StoredWeights) -> Result<String, PortableError>
     Ok(description::describe_bandit(stored, &weights, &[]).to_string())
 }
 
+/// [`bandit_posterior`] of the only completed job in a store whose key begins with `key`; the error says why there
+/// is none.
+pub fn posterior_in(store: &Path, key: &str) -> Result<String, String> {
+    let reader = Reader::open(store).map_err(|error| error.to_string())?;
+    let stored = reader.weights(key).map_err(|error| error.to_string())?;
+    bandit_posterior(&stored).map_err(|error| error.to_string())
+}
+
 /// The policy of a completed job as files.
 ///
-/// **Errors**: the job has no weights, or neither a network nor a posterior, or the network has a memory or does not state its
-/// layers, or the weights do not fit.
+/// **Errors**: the job has no weights, or neither a network nor a posterior, or the network does not state its layers,
+/// or the weights do not fit.
 pub fn portable(stored: &StoredWeights) -> Result<PortablePolicy, PortableError> {
     if stored.job.agent.parameters::<LinearThompson>().is_some() {
         let (weights, policy) = bandit_of(stored)?;
@@ -178,4 +175,4 @@ pub fn portable(stored: &StoredWeights) -> Result<PortablePolicy, PortableError>
     Ok(PortablePolicy { description, files })
 }
 
-pub use description::describe_observations;
+pub use description::{describe_job, describe_observations};

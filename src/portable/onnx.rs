@@ -2,11 +2,12 @@
 //!
 //! Input: `observations`, \[rows, inputs\]. Outputs: `values`, the network's output for each action,
 //! \[rows, actions\]; `probabilities`, the probability of each action, \[rows, actions\]; and `best`, the
-//! action with the highest value, \[rows\].
+//! action with the highest value, \[rows\]. With a GRU, each row is an episode: the further input `state`,
+//! \[rows, units\], is 0 at its first observation, and the further output `next_state` is the state of the next.
 //!
 //! **Source**: `onnx.proto3` of ONNX 1.10 (IR version 8), operators of opset 13.
 
-use crate::agent::{Activation, Architecture, Choice, Shape, WeightTensor, Weights};
+use crate::agent::{Activation, Architecture, Choice, GruNames, Shape, WeightTensor, Weights};
 
 use super::protobuf::Message;
 
@@ -23,6 +24,8 @@ const OBSERVATIONS: &str = "observations";
 const VALUES: &str = "values";
 const PROBABILITIES: &str = "probabilities";
 const BEST: &str = "best";
+const STATE: &str = "state";
+const NEXT_STATE: &str = "next_state";
 
 /// A graph under construction.
 #[derive(Default)]
@@ -55,9 +58,21 @@ impl Attribute {
 impl Graph {
     /// Adds an operation.
     fn node(&mut self, operator: &str, inputs: &[&str], output: &str, attributes: &[Attribute]) {
+        self.node_with_outputs(operator, inputs, &[output], attributes);
+    }
+
+    /// Adds an operation, which is called after its first output.
+    fn node_with_outputs(
+        &mut self,
+        operator: &str,
+        inputs: &[&str],
+        outputs: &[&str],
+        attributes: &[Attribute],
+    ) {
         let message = Message::default();
         let message = inputs.iter().fold(message, |all, input| all.bytes(1, input));
-        let message = message.bytes(2, output).bytes(3, output).bytes(4, operator);
+        let message = outputs.iter().fold(message, |all, output| all.bytes(2, output));
+        let message = message.bytes(3, outputs[0]).bytes(4, operator);
         let attributes: Vec<_> = attributes.iter().map(Attribute::message).collect();
         self.nodes.push(message.messages(5, &attributes));
     }
@@ -85,6 +100,29 @@ impl Graph {
         }
         self.node("Gemm", &[input, &weight, &bias], &output, &[]);
         output
+    }
+
+    /// Adds a gated recurrent unit on an input; its output is the next state.
+    fn gru(&mut self, GruNames { input, state, .. }: &GruNames, from: &str, weights: &Weights) {
+        let of_input = self.layer(input, from, weights);
+        let of_state = self.layer(state, STATE, weights);
+        let along_units = [Attribute::Int("axis", 1)];
+        self.node_with_outputs("Split", &[&of_input], &["a.r", "a.z", "a.n"], &along_units);
+        self.node_with_outputs("Split", &[&of_state], &["b.r", "b.z", "b.n"], &along_units);
+        for (operator, inputs, output) in [
+            ("Add", &["a.r", "b.r"][..], "sum.r"),
+            ("Sigmoid", &["sum.r"], "r"),
+            ("Add", &["a.z", "b.z"], "sum.z"),
+            ("Sigmoid", &["sum.z"], "z"),
+            ("Mul", &["r", "b.n"], "reset.n"),
+            ("Add", &["a.n", "reset.n"], "sum.n"),
+            ("Tanh", &["sum.n"], "n"),
+            ("Sub", &[STATE, "n"], "h.less.n"),
+            ("Mul", &["z", "h.less.n"], "kept"),
+            ("Add", &["n", "kept"], NEXT_STATE),
+        ] {
+            self.node(operator, inputs, output, &[]);
+        }
     }
 
     /// Adds the probabilities of epsilon-greedy choices; the best actions must have been added.
@@ -122,7 +160,12 @@ pub(super) fn model(
     let mut heads: Vec<String> = Vec::new();
     for stack in &architecture.stacks {
         let mut last = OBSERVATIONS.to_owned();
-        for name in &stack.hidden {
+        for place in 0..=stack.hidden.len() {
+            if let Some(gru) = stack.gru.as_ref().filter(|gru| gru.before == place) {
+                graph.gru(gru, &last, weights);
+                last = NEXT_STATE.to_owned();
+            }
+            let Some(name) = stack.hidden.get(place) else { break };
             let output = graph.layer(name, &last, weights);
             last = format!("{name}.active");
             graph.node(activation, &[&output], &last, &[]);
@@ -148,16 +191,23 @@ pub(super) fn model(
             graph.node("Softmax", &[VALUES], PROBABILITIES, &[along_actions()]);
         }
     }
-    let outputs = [
+    let mut inputs = vec![tensor(OBSERVATIONS, FLOAT, Some(shape.inputs))];
+    let mut outputs = vec![
         tensor(VALUES, FLOAT, Some(shape.actions)),
         tensor(PROBABILITIES, FLOAT, Some(shape.actions)),
         tensor(BEST, INT64, None),
     ];
+    for gru in architecture.stacks.iter().filter_map(|stack| stack.gru.as_ref()) {
+        let state = weights.tensors.get(&format!("{}.weight", gru.state));
+        let units = state.map(|weight| weight.shape[0]);
+        inputs.push(tensor(STATE, FLOAT, units));
+        outputs.push(tensor(NEXT_STATE, FLOAT, units));
+    }
     let graph = Message::default()
         .messages(1, &graph.nodes)
         .bytes(2, "policy")
         .messages(5, &graph.initializers)
-        .message(11, &tensor(OBSERVATIONS, FLOAT, Some(shape.inputs)))
+        .messages(11, &inputs)
         .messages(12, &outputs);
     let opset = Message::default().bytes(1, "").number(2, OPSET);
     Message::default()

@@ -3,6 +3,9 @@
 //! In: experiments with their jobs and findings. Out: files to write. The files depend only on the
 //! input, so two reports of one store are byte-identical.
 
+use std::path::Path;
+use std::{fs, io};
+
 use super::arm_tables;
 use super::data_table::DataTable;
 use super::escape::{unused, unused_stem};
@@ -26,8 +29,75 @@ pub struct ReportFile {
     pub bytes: Vec<u8>,
 }
 
+impl ReportFile {
+    /// Writes the file into a folder under a temporary name, and renames it once it is complete.
+    ///
+    /// **Errors**: the system refuses.
+    pub fn write(&self, folder: &Path) -> io::Result<()> {
+        let path = folder.join(&self.name);
+        if let Some(parent) = path.parent() {
+            fs::create_dir_all(parent)?;
+        }
+        let mut partial = path.clone().into_os_string();
+        partial.push(".partial");
+        fs::write(&partial, &self.bytes)?;
+        fs::rename(&partial, &path)
+    }
+}
+
 /// All files of the report of these experiments. `store` is the displayed name of the store.
 pub fn report(experiments: &[ReportedExperiment], store: &str, hosts: Hosts) -> Vec<ReportFile> {
+    let mut files = Vec::new();
+    let sections = sections(experiments);
+    for section in &sections {
+        section.shown.iter().for_each(|one| write_finding(one, &mut files));
+        for (stem, table) in [&section.tables.arms, &section.tables.agents] {
+            write_table(&format!("tables/{stem}"), table, &mut files);
+        }
+    }
+    let reproduction = merged(experiments);
+    if !reproduction.comparisons.is_empty() {
+        let table = tables::reproduction(&reproduction);
+        write_table("reproduction", &table, &mut files);
+    }
+    let page = page::index(&sections, &reproduction, store, hosts);
+    files.push(ReportFile { name: "index.html".to_owned(), bytes: page.into_bytes() });
+    files
+}
+
+/// A figure of the report.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct ReportFigure {
+    /// The experiment.
+    pub experiment: String,
+    /// The analysis.
+    pub analysis: String,
+    /// The name of its file in the report, without extension.
+    pub name: String,
+    /// The image as SVG.
+    pub svg: String,
+    /// What it shows.
+    pub caption: String,
+}
+
+/// The figures of the report of these experiments, in the order of the page.
+pub fn figures(experiments: &[ReportedExperiment]) -> Vec<ReportFigure> {
+    let of = |section: &Section<'_>, one: &Shown<'_>| {
+        let figure = |(name, scene): &(String, Scene)| ReportFigure {
+            experiment: section.experiment.name.clone(),
+            analysis: one.finding.name.clone(),
+            name: name.clone(),
+            svg: svg(scene),
+            caption: one.caption.clone(),
+        };
+        one.scenes.iter().map(figure).collect::<Vec<_>>()
+    };
+    let sections = sections(experiments);
+    sections.iter().flat_map(|one| one.shown.iter().flat_map(|shown| of(one, shown))).collect()
+}
+
+/// The experiments in displayed form.
+fn sections(experiments: &[ReportedExperiment]) -> Vec<Section<'_>> {
     let of = |one: &ReportedExperiment| Names::of(&one.jobs, &one.styles, &one.labels);
     let names: Vec<Names> = experiments.iter().map(of).collect();
     let arms = experiments.iter().zip(&names).flat_map(|(experiment, names)| {
@@ -37,7 +107,6 @@ pub fn report(experiments: &[ReportedExperiment], store: &str, hosts: Hosts) -> 
     let looks = Looks::of(&arms.collect::<Vec<_>>());
     let stems = Stems::of(experiments);
     let mut figures = stems.taken.clone();
-    let mut files = Vec::new();
     let mut sections = Vec::new();
     for ((experiment, names), named) in experiments.iter().zip(&names).zip(stems.named) {
         let mut shown = Vec::new();
@@ -47,9 +116,7 @@ pub fn report(experiments: &[ReportedExperiment], store: &str, hosts: Hosts) -> 
             let sheet =
                 Sheet { stem: &stem, metric: finding.metric, names, looks: &looks, style: &style };
             let (scenes, wholes) = figures_of(finding, &sheet, &mut figures);
-            let one = self::shown((experiment, at), names, (stem, scenes, wholes));
-            write_finding(&one, &mut files);
-            shown.push(one);
+            shown.push(self::shown((experiment, at), names, (stem, scenes, wholes)));
         }
         let summaries = summarise_agents(&experiment.arms);
         let arms = arm_tables::arms(
@@ -60,20 +127,10 @@ pub fn report(experiments: &[ReportedExperiment], store: &str, hosts: Hosts) -> 
         );
         let agents = arm_tables::agents(&summaries, names, &experiment.words);
         let tables = ArmTables { arms: (named.arms, arms), agents: (named.agents, agents) };
-        for (stem, table) in [&tables.arms, &tables.agents] {
-            write_table(&format!("tables/{stem}"), table, &mut files);
-        }
         let legend = Legend::of(shown.iter().flat_map(|one| &one.scenes), &looks);
         sections.push(Section { experiment, anchor: named.anchor, shown, tables, legend });
     }
-    let reproduction = merged(experiments);
-    if !reproduction.comparisons.is_empty() {
-        let table = tables::reproduction(&reproduction);
-        write_table("reproduction", &table, &mut files);
-    }
-    let page = page::index(&sections, &reproduction, store, hosts);
-    files.push(ReportFile { name: "index.html".to_owned(), bytes: page.into_bytes() });
-    files
+    sections
 }
 
 /// The stems of files and the anchors of the page. All of them are distinct, in lower case, so that no file

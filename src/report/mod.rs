@@ -1,5 +1,5 @@
 //! Reports: figures, tables and a page from the findings of experiments. `assemble` reads the
-//! store; the rest are pure functions. The module writes no file.
+//! store; the rest are pure functions. The module chooses no folder.
 
 mod arm_tables;
 mod assemble;
@@ -26,10 +26,10 @@ mod words;
 
 pub use assemble::{AssembleError, Work, assemble};
 pub use data_table::rounded;
-pub use document::{ReportFile, report};
+pub use document::{ReportFigure, ReportFile, figures, report};
 pub use environment_words::Words;
 pub use escape::{defused, unused_stem};
 pub use page::Hosts;
-pub use section::ReportedExperiment;
+pub use section::{ReportedExperiment, no_experiment};
 pub use split::splits;
 pub use table::{Line, summary_table};

@@ -4,7 +4,9 @@ use super::data_table::DataTable;
 use super::legend::Legend;
 use super::scene::Scene;
 use crate::analyse::declared::{ArmSummary, Finding, JobCounts, Reproduction};
-use crate::manifest::FigureKeys;
+use crate::job::counted;
+use crate::key::printable;
+use crate::manifest::{FigureKeys, nearest};
 use crate::record::JobRecord;
 use crate::report::environment_words::Words;
 
@@ -37,6 +39,49 @@ pub struct ReportedExperiment {
     pub unknown_optima: Vec<String>,
     /// The words of its environment.
     pub words: Words,
+}
+
+impl ReportedExperiment {
+    /// What a reader of the report should know: jobs without results, no figures, or another name in the store.
+    /// `in_store` has the experiments of the store, which is displayed as `store`.
+    pub fn notes(&self, store: &str, in_store: &[&str]) -> Vec<String> {
+        let mut notes = Vec::new();
+        let missing = self.jobs.iter().filter(|job| job.completed().is_none()).count();
+        if missing > 0 {
+            notes.push(format!(
+                "{missing} of {} of {} {} no completed run",
+                counted(self.jobs.len(), "job"),
+                self.name,
+                if missing == 1 { "has" } else { "have" }
+            ));
+        }
+        if self.findings.is_empty() {
+            notes.push(format!(
+                "no figures of {}, because it declares no [[analysis]]; the page has tables of its arms and agents",
+                self.name
+            ));
+        }
+        // Jobs of another experiment count, too, so a report without this one can be complete.
+        if missing == self.jobs.len() && !in_store.contains(&self.name.as_str()) {
+            notes.push(no_experiment(store, &self.name, in_store));
+        }
+        notes
+    }
+}
+
+/// The message about an experiment that a store lacks, with the experiments that it has.
+pub fn no_experiment(store: &str, name: &str, known: &[&str]) -> String {
+    const SHOWN: usize = 10;
+    let meant = nearest(name, known.iter().copied());
+    let meant =
+        meant.map_or(String::new(), |meant| format!(", did you mean `{}`?", printable(meant)));
+    let more = if known.len() > SHOWN { ", …" } else { "" };
+    let has = match known {
+        [] => "no experiments".to_owned(),
+        some => some.iter().take(SHOWN).copied().collect::<Vec<_>>().join(", "),
+    };
+    let (name, has) = (printable(name), printable(&has));
+    format!("{store} has no experiment `{name}`{meant}; it has {has}{more}")
 }
 
 /// A finding in displayed form.

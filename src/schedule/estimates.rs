@@ -93,6 +93,12 @@ pub fn add_estimates(
 }
 
 impl Estimated {
+    /// Why the first job without estimates has none.
+    pub fn reason(&self) -> &str {
+        let differing = "training again gave other results than the store has";
+        self.failures.first().map_or(differing, String::as_str)
+    }
+
     /// Stores what was computed of some jobs.
     fn store(
         &mut self,

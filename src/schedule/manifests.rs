@@ -10,10 +10,11 @@ use super::queued::Queued;
 use super::selection::Selection;
 use super::survey::Remaining;
 use super::sweep::{Context, Options, SweepError, Tally};
-use crate::job::JobKey;
+use crate::job::{JobKey, counted};
+use crate::key::printable;
 use crate::manifest::Manifest;
 use crate::plan;
-use crate::store::{Experiment, Registered, Store, StoreError};
+use crate::store::{Experiment, Reader, Registered, Store, StoreError};
 use crate::train;
 
 /// Registers a manifest with its jobs, or only with its jobs in `part`. Returns `None` if `stop` was set
@@ -37,6 +38,46 @@ pub fn register_experiment(
         None => store.register_until(stop, &experiment, jobs),
         Some(part) => store.register_part_until(stop, &experiment, jobs, part),
     }
+}
+
+/// The warning that a registration dropped jobs of the experiment; `None` if it dropped no job.
+pub fn dropped_note(manifest: &Manifest, registered: &Registered) -> Option<String> {
+    (registered.dropped > 0).then(|| {
+        format!(
+            "{name} no longer has {} that it had before; their results stay in the store; if this \
+             manifest is a new experiment, give it another name",
+            counted(registered.dropped, "job"),
+            name = printable(&manifest.name),
+        )
+    })
+}
+
+/// What the registration of a manifest would remove: `None` unless it would remove more than half of the jobs
+/// of the experiment of its name.
+///
+/// **Errors**: the store fails.
+pub fn removal(reader: &Reader, manifest: &Manifest) -> Result<Option<String>, StoreError> {
+    // If the text is unchanged, only a new release can have changed the jobs.
+    if reader.manifest(&manifest.name)?.is_none_or(|text| text == manifest.source) {
+        return Ok(None);
+    }
+    let mut held: HashSet<JobKey> = HashSet::new();
+    reader.jobs_of(&manifest.name, |key| {
+        held.insert(key);
+    })?;
+    let before = held.len();
+    for planned in plan::jobs(manifest) {
+        held.remove(&planned.form.key());
+    }
+    let lost = held.len();
+    Ok((2 * lost > before).then(|| {
+        format!(
+            "remove {lost} of {} from {} (their results stay in the store; if this manifest is a new \
+             experiment, give it another name instead)",
+            counted(before, "job"),
+            printable(&manifest.name),
+        )
+    }))
 }
 
 /// Runs a queue in its own session until all jobs have ended or `stop` is set. `mark_crash` receives the file

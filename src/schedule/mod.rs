@@ -18,11 +18,14 @@
 
 mod checkpoint;
 mod curve;
+mod ending;
 mod estimate;
 mod estimates;
 mod event;
+mod event_log;
 mod manifests;
 mod panic;
+mod preview;
 mod provenance;
 mod queued;
 mod selection;
@@ -32,11 +35,14 @@ mod worker;
 
 pub use checkpoint::{CheckpointFolder, CheckpointNote};
 pub use curve::RunningCurve;
+pub use ending::{Cause, End, EstimatesEnd};
 pub use estimate::{Left, Speeds, spoken};
 pub use estimates::{Estimated, add_estimates, trains_again};
 pub use event::{Event, EventSink, Found};
-pub use manifests::{register_experiment, run_manifests, run_queue};
-pub use provenance::of_this_process;
+pub use event_log::EventLog;
+pub use manifests::{dropped_note, register_experiment, removal, run_manifests, run_queue};
+pub use preview::Preview;
+pub use provenance::{command, of_this_process};
 pub use queued::Queued;
 pub use selection::Selection;
 pub use survey::{Change, Reason, Remaining, Sharing, Survey, Surveyed};

@@ -4,7 +4,7 @@ use std::fs;
 
 use crate::agent;
 use crate::job::Provenance;
-use crate::store;
+use crate::store::{self, Command};
 
 /// The provenance of runs made by this process.
 pub fn of_this_process() -> Provenance {
@@ -15,6 +15,13 @@ pub fn of_this_process() -> Provenance {
         host: store::host_name(),
         processor: processor().unwrap_or_else(|| std::env::consts::ARCH.to_owned()),
     }
+}
+
+/// The command of this process with these words, for the list of commands that changed a store.
+pub fn command(words: String) -> Command {
+    let folder = std::env::current_dir().unwrap_or_default().display().to_string();
+    let Provenance { host, code_version, git_revision, .. } = of_this_process();
+    Command { words, folder, host, code_version, git_revision }
 }
 
 fn processor() -> Option<String> {

@@ -2,12 +2,13 @@
 
 use std::ops::ControlFlow;
 
-use rusqlite::types::ValueRef;
+use rusqlite::types::{ToSqlOutput, ValueRef};
 use rusqlite::{Error, ErrorCode, InterruptHandle, Row, Statement};
 
 use super::declared::distinct;
 use super::error::is_damage;
 use super::read::Reader;
+use crate::job::counted;
 
 /// The public views, which `docs/store.md` describes.
 pub const VIEWS: [&str; 12] = [
@@ -66,6 +67,9 @@ pub enum QueryError {
         /// Existing names to use instead, if known; each line follows a line break.
         help: String,
     },
+    /// The values do not fit the parameters of the SQL.
+    #[error("{0}")]
+    Parameters(String),
     /// [`Interrupter::interrupt`] was called.
     #[error("the query was interrupted")]
     Interrupted,
@@ -127,10 +131,21 @@ impl Reader {
     pub fn query(
         &self,
         sql: &str,
+        on_part: impl FnMut(Answer<'_>) -> ControlFlow<()>,
+    ) -> Result<(), QueryError> {
+        self.query_with(sql, &[], on_part)
+    }
+
+    /// [`Reader::query`] of SQL with parameters. Each has a value, with its name unless parameters are `?`.
+    ///
+    /// **Errors**: also values that do not fit the parameters.
+    pub fn query_with(
+        &self,
+        sql: &str,
+        values: &[(Option<&str>, Value<'_>)],
         mut on_part: impl FnMut(Answer<'_>) -> ControlFlow<()>,
     ) -> Result<(), QueryError> {
-        let mut statement =
-            self.connection.prepare(sql).map_err(|error| self.explain(error, sql))?;
+        let mut statement = self.bound(sql, values)?;
         let columns = statement.column_count();
         if columns == 0 {
             // A statement without columns is either empty or has an effect other than a result.
@@ -148,14 +163,56 @@ impl Reader {
         if on_part(Answer::Columns(&names)).is_break() {
             return Ok(());
         }
-        let mut rows = statement.query([]).map_err(|error| self.explain(error, sql))?;
+        let mut rows = statement.raw_query();
         while let Some(row) = rows.next().map_err(|error| self.explain(error, sql))? {
-            let values = values(row, columns).map_err(|error| self.explain(error, sql))?;
+            let values = self::values(row, columns).map_err(|error| self.explain(error, sql))?;
             if on_part(Answer::Row(&values)).is_break() {
                 break;
             }
         }
         Ok(())
+    }
+
+    /// The SQL with literals instead of parameters, for [`Reader::column_types`]: literals round numbers.
+    pub fn written_out(&self, sql: &str, values: &[(Option<&str>, Value<'_>)]) -> String {
+        let bound = self.bound(sql, values).ok().and_then(|bound| bound.expanded_sql());
+        bound.unwrap_or_else(|| sql.to_owned())
+    }
+
+    /// The prepared query with the values of its parameters.
+    fn bound(
+        &self,
+        sql: &str,
+        values: &[(Option<&str>, Value<'_>)],
+    ) -> Result<Statement<'_>, QueryError> {
+        let failed = |error| self.explain(error, sql);
+        let mut statement = self.connection.prepare(sql).map_err(failed)?;
+        let count = statement.parameter_count();
+        if values.len() != count {
+            let (expected, found) = (counted(count, "parameter"), counted(values.len(), "value"));
+            let message = format!("the query has {expected}, found {found}");
+            return Err(QueryError::Parameters(message));
+        }
+        for (place, (name, value)) in values.iter().enumerate() {
+            let index = match name {
+                None => place + 1,
+                Some(name) => [":", "@", "$"]
+                    .iter()
+                    .find_map(|sign| statement.parameter_index(&format!("{sign}{name}")).ok()?)
+                    .ok_or_else(|| {
+                        QueryError::Parameters(format!("the query has no parameter :{name}"))
+                    })?,
+            };
+            let value = match *value {
+                Value::Null => ValueRef::Null,
+                Value::Integer(whole) => ValueRef::Integer(whole),
+                Value::Real(real) => ValueRef::Real(real),
+                Value::Text(text) => ValueRef::Text(text.as_bytes()),
+                Value::Blob(bytes) => ValueRef::Blob(bytes),
+            };
+            statement.raw_bind_parameter(index, ToSqlOutput::Borrowed(value)).map_err(failed)?;
+        }
+        Ok(statement)
     }
 
     /// A handle that interrupts queries of this reader.

@@ -38,6 +38,7 @@ const DOCUMENTS: [&str; 35] = [
     "docs/fidelity.md",
     "docs/index.md",
     "docs/manifest.md",
+    "docs/notebooks.md",
     "docs/optimum.md",
     "docs/oralytics.md",
     "docs/trials.md",

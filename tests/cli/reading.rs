@@ -318,7 +318,7 @@ fn an_export_again_is_the_same_to_the_byte() {
 }
 
 #[test]
-fn the_actor_of_ppo_is_exported_and_a_memory_is_refused_with_what_the_files_lack() {
+fn the_actor_of_ppo_is_exported_and_so_is_a_memory() {
     let folder = Folder::completed(
         "format = 1\nname = \"two\"\nscenarios = [\"P-H-D\"]\nseeds = 1\n\
          environment.sigma = 0.6\nenvironment.horizon = 5\nevaluation.test_episodes = 20\n\
@@ -343,14 +343,15 @@ fn the_actor_of_ppo_is_exported_and_a_memory_is_refused_with_what_the_files_lack
     );
     assert_eq!(about["choice"], json!({ "rule": "softmax" }));
     assert!(!fs::read(folder.path("plain/policy.onnx")).unwrap().is_empty());
-    for agent in ["ppo-gru", "dqn-gru"] {
+    for (agent, output) in [("ppo-gru", "logits"), ("dqn-gru", "dueling")] {
         let key = key(agent);
-        let refused = folder.jitai(["export", "--policy", &key, "--out", agent]).ended(2);
-        refused
-            .says("has a memory of the episode (`recurrent = \"gru\"`)")
-            .says("cannot hold its state");
-        assert!(!folder.path(agent).exists());
-        // The command that the message suggests works.
+        folder.jitai(["export", "--policy", &key, "--out", agent]).succeeded();
+        let about = folder.read(&format!("{agent}/policy.json"));
+        let about: serde_json::Value = serde_json::from_str(&about).unwrap();
+        let network = &about["network"];
+        assert_eq!(network["output"], output);
+        let gru = json!({ "before": 1, "input": "gru_input", "state": "gru_hidden" });
+        assert_eq!(network["stacks"][0]["gru"], gru);
         let policy = format!("run:{key}");
         folder.jitai(["simulate", "--policy", &policy, "--episodes", "2"]).succeeded();
     }

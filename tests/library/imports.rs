@@ -94,6 +94,7 @@ const OF_STEP_COUNT: &[&str] = &[
     "job/metric.rs",
     "record/job.rs",
     "report/environment_words.rs",
+    "schedule/event_log.rs",
     "store/copy/results.rs",
     "store/data_query.rs",
     "store/decision.rs",

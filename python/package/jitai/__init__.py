@@ -12,6 +12,8 @@ from jitai._registration import ENVIRONMENT_ID, register
 if TYPE_CHECKING:
     from jitai._jitai import VERSION as __version__
     from jitai._environment import Env, StepCountEnv
+    from jitai._experiment import Checked, ManifestError, Plan, Report, Run, check, plan, report, run
+    from jitai._figures import Figure, Figures
     from jitai._policy import Policy
     from jitai._registration import make, make_vec
     from jitai._store import Store, open
@@ -19,22 +21,39 @@ if TYPE_CHECKING:
 
 __all__ = [
     "ENVIRONMENT_ID",
+    "Checked",
     "Env",
+    "Figure",
+    "Figures",
+    "ManifestError",
+    "Plan",
     "Policy",
+    "Report",
+    "Run",
     "StepCountEnv",
     "StepCountVectorEnv",
     "Store",
     "VectorEnv",
     "__version__",
+    "check",
     "make",
     "make_vec",
     "open",
+    "plan",
+    "report",
+    "run",
 ]
 
 #: Names of the compiled module, which programs without simulations of ours do not load.
 _NATIVE = {"__version__": "VERSION"}
 _LAZY = {
     "__version__": "jitai._jitai",
+    **dict.fromkeys(
+        ("Checked", "ManifestError", "Plan", "Report", "Run", "check", "plan", "report", "run"),
+        "jitai._experiment",
+    ),
+    "Figure": "jitai._figures",
+    "Figures": "jitai._figures",
     "Policy": "jitai._policy",
     "Store": "jitai._store",
     "open": "jitai._store",

@@ -33,6 +33,8 @@ class Env(gymnasium.Env[npt.NDArray[np.float32], np.int64]):
     """
 
     metadata: dict[str, Any] = {"render_modes": ["ansi", "human"], "render_fps": 10}
+    action_space: spaces.Discrete
+    observation_space: spaces.Box  # type: ignore[assignment]
     _spec: EnvSpec | None = None
 
     def __init__(
@@ -48,7 +50,7 @@ class Env(gymnasium.Env[npt.NDArray[np.float32], np.int64]):
     ) -> None:
         #: The declaration of the environment: scenario, keys and entries of an observation.
         self.declaration: Declaration = declare(scenario, extends, manifest, environment, keys)
-        self.observation_space = observation_space(self.declaration)  # type: ignore[assignment]
+        self.observation_space = observation_space(self.declaration)
         self.action_space = spaces.Discrete(len(self.declaration.actions))
         self.render_mode = known_render_mode(render_mode, self.metadata["render_modes"])
         self._lane = Lane(self.declaration, bool(state_in_info))

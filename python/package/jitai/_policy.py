@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -13,11 +14,13 @@ from jitai._jitai import TrainedPolicy
 
 
 class Policy:
-    """The network or the bandit that a completed job trained, for observations of its scenario.
+    """The agent of a completed job, for observations of its scenario.
 
     ``act`` takes the same actions as the program, to the bit: by default as the policy was trained,
     including exploration, or the best actions if ``greedy``. A bandit draws its coefficients for
-    each decision, and does not learn.
+    each decision, and does not learn. A network with a GRU remembers the observations that ``act`` saw
+    since ``begin``: rows are the next observations of as many episodes. A rule that acts on the true
+    state takes it from ``info``. Policies can be pickled.
     """
 
     def __init__(self, policy: TrainedPolicy) -> None:
@@ -37,7 +40,7 @@ class Policy:
 
     @property
     def description(self) -> dict[str, Any]:
-        """``policy.json``: observations and actions, and the architecture or the posterior."""
+        """``policy.json``: observations and actions, and the architecture or the posterior; of a rule, its job."""
         return self._policy.describe()
 
     @property
@@ -55,15 +58,29 @@ class Policy:
         return self._policy.numbers
 
     def reset(self, seed: int | None = None) -> None:
-        """Restarts the random stream of the actions, with a new seed or with the job's seed."""
+        """Restarts the random stream of the actions, with a new seed or with the job's seed.
+
+        New episodes begin.
+        """
         self._policy.reset(None if seed is None else checked_seed(seed))
 
+    def begin(self, mask: npt.ArrayLike | None = None) -> None:
+        """Begins new episodes: where ``mask`` is true, or in all rows, whose number may change.
+
+        This concerns networks with a GRU, which forget their episodes; the random stream continues.
+        """
+        self._policy.begin(None if mask is None else np.asarray(mask, np.bool_).ravel().tolist())
+
     def act(
-        self, observations: npt.ArrayLike, *, greedy: bool = False
+        self,
+        observations: npt.ArrayLike,
+        *,
+        greedy: bool = False,
+        info: Mapping[str, Any] | None = None,
     ) -> npt.NDArray[np.int64] | int:
         """An action for each row of observations, or for a single one."""
         rows, is_single = _rows(observations)
-        actions = self._policy.act(rows, greedy)
+        actions = self._policy.act(rows, greedy, self._states(rows, info))
         return int(actions[0]) if is_single else actions
 
     def values(self, observations: npt.ArrayLike) -> npt.NDArray[np.float32]:
@@ -76,14 +93,30 @@ class Policy:
         values = self._policy.values(rows)
         return values[0] if is_single else values
 
-    def probabilities(self, observations: npt.ArrayLike) -> npt.NDArray[np.float64]:
-        """The probabilities of the actions, including exploration."""
+    def probabilities(
+        self, observations: npt.ArrayLike, *, info: Mapping[str, Any] | None = None
+    ) -> npt.NDArray[np.float64]:
+        """The probabilities of the actions, including exploration; a GRU does not remember these observations."""
         rows, is_single = _rows(observations)
-        probabilities = self._policy.probabilities(rows)
+        probabilities = self._policy.probabilities(rows, self._states(rows, info))
         return probabilities[0] if is_single else probabilities
 
+    def _states(
+        self, rows: npt.NDArray[np.float64], info: Mapping[str, Any] | None
+    ) -> npt.NDArray[np.float64] | None:
+        """The true states of the rows that a rule acts on."""
+        names = self._policy.state_names
+        if not names or info is None:
+            return None
+        missing = [name for name in names if name not in info]
+        if missing:
+            raise ValueError(f"info: {', '.join(missing)} missing; make the environment with state_in_info=True")
+        columns = [np.broadcast_to(np.asarray(info[name], np.float64), len(rows)) for name in names]
+        return np.ascontiguousarray(np.stack(columns, axis=1))
+
     def __repr__(self) -> str:
-        return f"<jitai.Policy of job {self.job_key}>"
+        names = ", ".join(feature["name"] for feature in self.description["features"])
+        return f"<jitai.Policy of job {self.job_key}: {self._policy.algorithm} of {names}>"
 
 
 def _rows(observations: npt.ArrayLike) -> tuple[npt.NDArray[np.float64], bool]:

@@ -2,11 +2,17 @@
 
 from __future__ import annotations
 
+import inspect
+from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 import gymnasium
 
+from jitai._keywords import Keywords, VectorKeywords, signature
+
 if TYPE_CHECKING:
+    from typing_extensions import Unpack
+
     from jitai._environment import Env
     from jitai._vector import VectorEnv
 
@@ -55,26 +61,31 @@ def vector(max_episode_steps: int | None = None, **keywords: Any) -> VectorEnv:
     return envs
 
 
-def _declared(keywords: dict[str, Any]) -> dict[str, Any]:
+def _declared(keywords: Mapping[str, Any]) -> dict[str, Any]:
     """The keywords; with a sigma if none of them declares an environment."""
     without_effect = ("family", "render_mode", "num_envs", "autoreset_mode", "state_in_info")
     is_bare = all(name in without_effect for name in keywords)
     is_bare &= _id(keywords) == ENVIRONMENT_ID
-    return {"sigma": SIGMA, **keywords} if is_bare else keywords
+    return {"sigma": SIGMA, **keywords} if is_bare else dict(keywords)
 
 
-def _id(keywords: dict[str, Any]) -> str:
+def _id(keywords: Mapping[str, Any]) -> str:
     """The id of the family that the keywords name."""
     return IDS.get(str(keywords.get("family")), ENVIRONMENT_ID)
 
 
-def make(**keywords: Any) -> Env:
+def make(**keywords: Unpack[Keywords]) -> Env:
     """A single environment, as ``gymnasium.make`` makes it from the id of its ``family``."""
     return gymnasium.make(_id(keywords), **keywords)  # type: ignore[return-value]
 
 
-def make_vec(num_envs: int = 1, **keywords: Any) -> VectorEnv:
+def make_vec(num_envs: int = 1, **keywords: Unpack[VectorKeywords]) -> VectorEnv:
     """A vector environment, as ``gymnasium.make_vec`` makes it from the id of its ``family``."""
     return gymnasium.make_vec(  # type: ignore[return-value]
         _id(keywords), num_envs=num_envs, vectorization_mode="vector_entry_point", **keywords
     )
+
+
+_LANES = inspect.Parameter("num_envs", inspect.Parameter.POSITIONAL_OR_KEYWORD, default=1)
+make.__signature__ = signature(Keywords)  # type: ignore[attr-defined]
+make_vec.__signature__ = signature(VectorKeywords, _LANES)  # type: ignore[attr-defined]

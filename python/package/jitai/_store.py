@@ -5,13 +5,18 @@ from __future__ import annotations
 import difflib
 import importlib.util
 import os
+from collections.abc import Mapping, Sequence
 from types import TracebackType
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
 from jitai._jitai import StoreReader
+
+if TYPE_CHECKING:
+    from jitai._figures import Figures
+    from jitai._policy import Policy
 
 #: Columns with instants, which the store holds as text in UTC.
 _INSTANTS = ("started_at", "ended_at", "used_from", "used_until", "found_at")
@@ -50,7 +55,7 @@ class Store:
     """
 
     def __init__(self, path: str | os.PathLike[str], *, frames: str | None = None) -> None:
-        self._frames = _library(frames)
+        self._frames = library(frames)
         self.path = os.fspath(path)
         self._reader = StoreReader(self.path)
 
@@ -117,12 +122,51 @@ class Store:
             columns.append(_of_values(name, [job.get(name) for job in jobs.values()]))
         return self._frame(columns)
 
-    def query(self, sql: str) -> Any:
+    def query(
+        self, sql: str, parameters: Sequence[Any] | Mapping[str, Any] = ()
+    ) -> Any:
         """The result of a read-only query; ``docs/store.md`` describes the views.
 
-        A name that the query gives to several columns is numbered: ``value``, ``value_2``.
+        ``parameters`` are the values of ``?`` in order, or of ``:name`` by name. A name that the query gives
+        to several columns is numbered: ``value``, ``value_2``.
         """
-        return self._frame([_Column(*column) for column in self._reader.columns(sql)])
+        if isinstance(parameters, Mapping):
+            values: list[tuple[str | None, Any]] = list(parameters.items())
+        elif isinstance(parameters, (str, bytes)) or not isinstance(parameters, Sequence):
+            raise TypeError(f"parameters: expected a list or a dict, found {parameters!r}")
+        else:
+            values = [(None, value) for value in parameters]
+        return self._frame([_Column(*column) for column in self._reader.columns(sql, values)])
+
+    def policy(self, key: str) -> Policy:
+        """The policy of the only completed job whose key begins with ``key``."""
+        from jitai._policy import Policy
+
+        return Policy.from_store(self.path, key)
+
+    def plot(
+        self,
+        experiment: str | None = None,
+        analysis: str | None = None,
+        *,
+        manifest: str | os.PathLike[str] | Mapping[str, Any] | None = None,
+    ) -> Figures:
+        """The figures of an experiment's report, or of one analysis, which notebooks show.
+
+        The analyses are those of the manifest that the store has; ``manifest`` has others.
+        """
+        from jitai._figures import figures
+
+        if manifest is None:
+            if experiment is None:
+                known = self._reader.experiments()
+                if len(known) != 1:
+                    raise ValueError(f"experiment: choose one of {', '.join(known) or 'none'}")
+                [experiment] = known
+            self._require(experiment)
+            text = self._reader.manifest(experiment) or ""
+            return figures(self.path, text.encode(), analysis)
+        return figures(self.path, manifest, analysis)
 
     def close(self) -> None:
         """Closes the file."""
@@ -140,8 +184,10 @@ class Store:
         self.close()
 
     def __repr__(self) -> str:
-        closed = ", closed" if self._reader.is_closed else ""
-        return f"jitai.open({self.path!r}{closed})"
+        if self._reader.is_closed:
+            return f"<jitai.Store {self.path!r}, closed>"
+        names = self._reader.experiments()
+        return f"<jitai.Store {self.path!r}: experiments {', '.join(names) or 'none'}>"
 
     def _columns(self, view: str, experiment: str | None) -> list[_Column]:
         if not self._reader.has_view(view):
@@ -166,21 +212,32 @@ class Store:
         return self._frame(self._columns(view, experiment))
 
     def _frame(self, columns: list[_Column]) -> Any:
-        instants = [one.name for one in columns if one.name in _INSTANTS and one.kind in ("text", "null")]
-        if self._frames == "pandas":
-            import pandas
+        return _frame(columns, self._frames)
 
-            frame = pandas.DataFrame({column.name: _of_pandas(column) for column in columns})
-            # The unit of instants depends on the version of pandas, and on the values if there are none.
-            unit = pandas.to_datetime(pandas.Series(["2026-01-31T12:00:00.000Z"]), utc=True).dtype
-            for name in instants:
-                frame[name] = pandas.to_datetime(frame[name], utc=True).astype(unit)
-            return frame
-        import polars
 
-        frame = polars.DataFrame([_of_polars(column) for column in columns])
-        texts = (polars.col(name).cast(polars.String) for name in instants)
-        return frame.with_columns(text.str.to_datetime(time_zone="UTC") for text in texts)
+def _frame(columns: list[_Column], frames: str) -> Any:
+    """The columns as a frame of a library."""
+    instants = [one.name for one in columns if one.name in _INSTANTS and one.kind in ("text", "null")]
+    if frames == "pandas":
+        import pandas
+
+        frame = pandas.DataFrame({column.name: _of_pandas(column) for column in columns})
+        # The unit of instants depends on the version of pandas, and on the values if there are none.
+        unit = pandas.to_datetime(pandas.Series(["2026-01-31T12:00:00.000Z"]), utc=True).dtype
+        for name in instants:
+            frame[name] = pandas.to_datetime(frame[name], utc=True).astype(unit)
+        return frame
+    import polars
+
+    frame = polars.DataFrame([_of_polars(column) for column in columns])
+    texts = (polars.col(name).cast(polars.String) for name in instants)
+    return frame.with_columns(text.str.to_datetime(time_zone="UTC") for text in texts)
+
+
+def of_rows(rows: list[dict[str, Any]], frames: str) -> Any:
+    """Rows as a frame of a library; a column has the type of its values."""
+    names = dict.fromkeys(name for row in rows for name in row)
+    return _frame([_of_values(name, [row.get(name) for row in rows]) for name in names], frames)
 
 
 def _of_pandas(column: _Column) -> Any:
@@ -217,7 +274,7 @@ def _written(value: Any) -> str:
     return f"x'{value.hex()}'" if isinstance(value, bytes) else str(value)
 
 
-def _library(frames: str | None) -> str:
+def library(frames: str | None) -> str:
     """The name of the data-frame library."""
     if frames not in (None, "pandas", "polars"):
         raise ValueError(f"frames: expected pandas or polars, found {frames!r}")

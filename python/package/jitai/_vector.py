@@ -40,6 +40,8 @@ class VectorEnv(gymnasium.vector.VectorEnv[Observations, Any, npt.NDArray[Any]])
         "render_modes": [],
         "autoreset_mode": AutoresetMode.NEXT_STEP,
     }
+    single_action_space: spaces.Discrete
+    single_observation_space: spaces.Box
     _spec: EnvSpec | None = None
     # Gymnasium also closes environments whose construction failed.
     _lanes: Lanes = None  # type: ignore[assignment]

@@ -190,7 +190,11 @@ impl AlgorithmParameters for DuelingDqn {
             Recurrent::None => {
                 Some(layers::architecture(self.activation, layers::dueling(self, shape)))
             }
-            Recurrent::Gru => None,
+            Recurrent::Gru => {
+                let layers = layers::Recurrent::dueling(self, shape);
+                let heads = ["value", "advantage"];
+                Some(layers::recurrent_architecture(self.activation, layers, &heads))
+            }
         };
         Ok(NetworkPolicy { network, choice, architecture })
     }

@@ -112,7 +112,10 @@ impl AlgorithmParameters for Ppo {
                 let [policy, _] = layers::actor_critic(self, shape);
                 Some(layers::architecture(self.activation, [policy]))
             }
-            Recurrent::Gru => None,
+            Recurrent::Gru => {
+                let layers = layers::Recurrent::actor_critic(self, shape);
+                Some(layers::recurrent_architecture(self.activation, layers, &["logits"]))
+            }
         };
         Ok(NetworkPolicy { network, choice: Choice::Softmax, architecture })
     }

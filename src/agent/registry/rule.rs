@@ -157,17 +157,23 @@ impl AlgorithmParameters for RuleParameters {
     }
 
     fn start(&self, task: &Task) -> Result<Start, StartError> {
+        Ok(Start::Actor(Box::new(self.policy(task)?)))
+    }
+}
+
+impl RuleParameters {
+    /// The rule of a task.
+    ///
+    /// **Errors**: the rule does not exist in the task's environment.
+    pub fn policy(&self, task: &Task) -> Result<RulePolicy, StartError> {
         let Some(model) = task.step_count() else {
-            return match RulePolicy::anywhere(self.rule) {
-                Some(policy) => Ok(Start::Actor(Box::new(policy))),
-                None => Err(StartError::Family { rule: self.rule.word() }),
-            };
+            let policy = RulePolicy::anywhere(self.rule);
+            return policy.ok_or(StartError::Family { rule: self.rule.word() });
         };
         if self.rule == DecisionRule::Optimal {
             check_people(&model.population)?;
         }
         let policy = RulePolicy::new(self, &model.parameters, task.scenario)?;
-        let widest = model.widest();
-        Ok(Start::Actor(Box::new(policy.among(&widest, task.scenario))))
+        Ok(policy.among(&model.widest(), task.scenario))
     }
 }

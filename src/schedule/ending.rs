@@ -1,0 +1,136 @@
+//! How a sweep of manifests ended.
+
+use super::estimates::Estimated;
+use super::survey::Remaining;
+use super::sweep::{OnFailure, Tally};
+use crate::job::counted;
+
+/// Why a sweep ended.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Cause {
+    /// Every job has ended.
+    NothingLeft,
+    /// The sweep was stopped from outside.
+    Stopped,
+    /// A job failed, and failures stop the sweep.
+    Failure,
+}
+
+impl Cause {
+    /// The name of the last event.
+    pub fn name(self) -> &'static str {
+        match self {
+            Cause::NothingLeft => "done",
+            Cause::Stopped => "stopped",
+            Cause::Failure => "halted",
+        }
+    }
+}
+
+/// How the estimates of completed jobs ended.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct EstimatesEnd {
+    /// Jobs whose estimates could not be added.
+    pub failed: usize,
+    /// Jobs whose estimates remain to be added, after a stop.
+    pub lacking: usize,
+}
+
+impl EstimatesEnd {
+    /// The end of the estimates of this number of jobs.
+    pub fn of(Estimated { read, trained, differing, failures }: &Estimated, jobs: usize) -> Self {
+        let failed = differing + failures.len();
+        EstimatesEnd { failed, lacking: jobs - read - trained - failed }
+    }
+}
+
+/// How a sweep ended.
+pub struct End {
+    /// The estimates that completed jobs lacked.
+    pub estimated: EstimatesEnd,
+    /// Number of jobs to run.
+    queued: usize,
+    /// Number of jobs that had completed before the sweep.
+    completed_before: usize,
+    /// Number of jobs that had failed before the sweep and were not run again.
+    failed_before: usize,
+    tally: Tally,
+    cause: Cause,
+}
+
+impl End {
+    /// The end of a sweep that has not begun.
+    pub fn before(remaining: &Remaining) -> End {
+        End {
+            estimated: EstimatesEnd::default(),
+            queued: remaining.queue.len(),
+            completed_before: remaining.completed,
+            failed_before: remaining.failed,
+            tally: Tally::default(),
+            cause: Cause::NothingLeft,
+        }
+    }
+
+    /// The end of the sweep with this tally.
+    pub fn ran_to(self, tally: Tally) -> End {
+        End { tally, ..self }
+    }
+
+    /// The end with its cause. A stop after the last job has no effect.
+    pub fn because(self, is_stopped: bool, on_failure: OnFailure) -> End {
+        let cause = match on_failure {
+            _ if self.left() == 0 && self.estimated.lacking == 0 => Cause::NothingLeft,
+            _ if is_stopped => Cause::Stopped,
+            OnFailure::Stop => Cause::Failure,
+            OnFailure::Continue => Cause::NothingLeft,
+        };
+        End { cause, ..self }
+    }
+
+    /// Why it ended.
+    pub fn cause(&self) -> Cause {
+        self.cause
+    }
+
+    /// Number of jobs that the sweep ran to their end.
+    pub fn ran(&self) -> usize {
+        self.tally.completed + self.tally.failed
+    }
+
+    /// Number of completed jobs, whenever they ran.
+    pub fn completed(&self) -> usize {
+        self.completed_before + self.tally.already_completed + self.tally.completed
+    }
+
+    /// Number of failed jobs, whenever they ran.
+    pub fn failed(&self) -> usize {
+        self.failed_before + self.tally.already_failed + self.tally.failed
+    }
+
+    /// Number of jobs that have not ended.
+    pub fn left(&self) -> usize {
+        self.completed_before + self.failed_before + self.queued - self.completed() - self.failed()
+    }
+
+    /// The end in one line; `resume` says how to resume after a stop.
+    pub fn line(&self, resume: &str) -> String {
+        let (completed, failed, left) = (self.completed(), self.failed(), self.left());
+        let ran = counted(self.ran(), "job");
+        let ran = format!("{ran} run, {completed} completed in all, {failed} failed");
+        match self.cause {
+            Cause::Stopped => {
+                let completed = counted(completed, "job");
+                format!("stopped: {completed} completed, {left} left; {resume}")
+            }
+            Cause::Failure => {
+                format!("{ran}; halted after the first failure; {} left", counted(left, "job"))
+            }
+            Cause::NothingLeft if self.queued == 0 && failed == 0 => match completed {
+                0 => "nothing to run: this shard has no jobs".to_owned(),
+                1 => "nothing to run: the job is completed".to_owned(),
+                _ => format!("nothing to run: all {completed} jobs are completed"),
+            },
+            Cause::NothingLeft => ran,
+        }
+    }
+}
