@@ -149,6 +149,22 @@ fn a_signal_ends_the_screen_and_restores_the_terminal() {
     screen.left(130);
 }
 
+#[test]
+#[cfg(target_os = "linux")]
+fn a_closed_terminal_ends_the_screen() {
+    if !has_terminals() {
+        return;
+    }
+    let folder = Folder::completed(&manifest("sweep", "0.6", "1", Effort::Trivial));
+    let screen = Terminal::start(&folder, "watch");
+    until("the screen is drawn", || screen.run.stdout().contains("quit"));
+    let state = format!("/proc/{}/stat", folder.read("pid").trim());
+    assert!(fs::read_to_string(&state).is_ok());
+    screen.run.kill();
+    // A process that nobody has waited for yet is a zombie.
+    until("it ends", || fs::read_to_string(&state).map_or(true, |text| text.contains(") Z ")));
+}
+
 /// The summary that the command of `--on-end` got; the command is called once.
 #[track_caller]
 fn summary(folder: &Folder) -> Value {
