@@ -72,6 +72,19 @@ pub struct RuleState {
     pub status: EpisodeStatus,
 }
 
+impl RuleState {
+    /// The state of a lane.
+    fn of(lanes: &PhysicalActivity, lane: usize) -> RuleState {
+        RuleState {
+            context: lanes.context(lane),
+            time: lanes.times()[lane],
+            habituation: lanes.habituation()[lane],
+            disengagement: lanes.disengagement()[lane],
+            status: lanes.statuses()[lane],
+        }
+    }
+}
+
 #[derive(Clone, Debug)]
 enum Choice {
     Always(Action),
@@ -212,14 +225,7 @@ impl Actor<PhysicalActivity> for RulePolicy {
         probabilities: Option<&mut [f64]>,
     ) {
         for (lane, action) in actions.iter_mut().enumerate() {
-            let state = RuleState {
-                context: environment.context(lane),
-                time: environment.times()[lane],
-                habituation: environment.habituation()[lane],
-                disengagement: environment.disengagement()[lane],
-                status: environment.statuses()[lane],
-            };
-            *action = self.choose(&state, OPTIONS, stream);
+            *action = self.choose(&RuleState::of(environment, lane), OPTIONS, stream);
         }
         if let Some(probabilities) = probabilities {
             let rows = probabilities.chunks_exact_mut(OPTIONS).zip(&*actions);
@@ -297,7 +303,7 @@ pub fn read_rule(text: &str) -> Result<RuleParameters, DecisionRuleError> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::env::{ContextDraw, LaneSet, LaneStreams};
+    use crate::env::{LaneSet, LaneStreams};
     use crate::rng::Purpose;
 
     #[test]
@@ -310,7 +316,7 @@ mod tests {
             lanes.reset(LaneSet::All, &mut LaneStreams::Shared(stream.clone()));
             lanes.set_context(0, ContextDraw::new(0, p));
             let policy = RulePolicy::new(&rule, &environment, &scenario).unwrap();
-            policy.choose(&lanes, 0, &mut stream).index()
+            policy.choose(&RuleState::of(&lanes, 0), OPTIONS, &mut stream).index()
         };
         assert_eq!([choose("never", "P", 0.2), choose("untailored", "P", 0.2)], [0, 1]);
         assert_eq!([choose("tailored", "P", 0.2), choose("tailored", "L-T", 0.8)], [3, 2]);
