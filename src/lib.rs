@@ -129,10 +129,10 @@ pub mod experiment {
         Factors, Filter, FilterError, Shard, ShardError, Swept, count, expand, jobs,
     };
     pub use crate::schedule::{
-        Cause, CheckpointNote, End, EstimatesEnd, Event, EventLog, EventSink, Found, MOST_WORKERS, OnFailure,
-        Options, Preview, Queued, Remaining, Selection, Speeds, Survey, Surveyed, SweepError,
-        Tally, add_estimates, command, dropped_note, register_experiment, removal, run_manifests as run,
-        run_queue,
+        Cause, CheckpointNote, End, EstimatesEnd, Event, EventLog, EventSink, Found, MOST_WORKERS,
+        OnFailure, Options, Preview, Queued, Remaining, Selection, Speeds, Survey, Surveyed,
+        SweepError, Tally, add_estimates, command, dropped_note, register_experiment, removal,
+        run_manifests as run, run_queue,
     };
     pub use crate::store::{
         Command, Conflict, Counts, Damage, MergeProgress, Merged, Origin, OtherManifest,

@@ -277,7 +277,7 @@ impl Estimation {
                 low: value - half,
                 high: value + half,
                 p_value: two_sided_p(value / standard_error, df),
-                decisions: self.sums.rows,
+                decisions: self.sums.rows(),
                 residual_sd: fit.residual_sd,
                 truth: None,
             }
@@ -359,6 +359,6 @@ fn checked(effect: Effect) -> Result<Effect, String> {
     }
 }
 
-resumable!([] Sums { grown numbers; parts weights, squares, rows });
+resumable!([] Sums { grown numbers });
 
 resumable!([] Estimation { parts certain, first_certain, unknown, sums; grown last });

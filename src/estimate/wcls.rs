@@ -2,17 +2,14 @@
 
 use super::symmetric::{inverse, packed, solve, times};
 
-/// The sums of a weighted regression by person: X'WX as a packed triangle, X'Wy, and the number of rows.
+/// The sums of a weighted regression by person: X'WX as a packed triangle, X'Wy, the number of rows, the sum of weights, and
+/// y'Wy.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Sums {
     /// The number of columns of X.
     pub(crate) columns: usize,
     /// \[people, [`Sums::stride`]\].
     pub(crate) numbers: Vec<f64>,
-    /// The sums of the weights, and of the weighted squares of outcomes, over all rows; and their number.
-    pub(crate) weights: f64,
-    pub(crate) squares: f64,
-    pub(crate) rows: u64,
 }
 
 /// The coefficients with their covariance matrix, \[columns, columns\].
@@ -49,7 +46,7 @@ pub(crate) enum Correction {
 
 impl Sums {
     fn stride(&self) -> usize {
-        packed(self.columns) + self.columns + 1
+        packed(self.columns) + self.columns + 3
     }
 
     /// Adds a row of a person, numbered from 0.
@@ -70,10 +67,23 @@ impl Sums {
         for (sum, value) in own[place..].iter_mut().zip(row) {
             *sum += weight * value * outcome;
         }
-        own[stride - 1] += 1.0;
-        self.weights += weight;
-        self.squares += weight * outcome * outcome;
-        self.rows += 1;
+        for (sum, value) in
+            own[stride - 3..].iter_mut().zip([1.0, weight, weight * outcome * outcome])
+        {
+            *sum += value;
+        }
+    }
+
+    /// The sums over people of the number of rows, the weights, and y'Wy.
+    fn totals(&self) -> [f64; 3] {
+        let stride = self.stride();
+        let own = |place: usize| self.numbers.iter().skip(stride - 3 + place).step_by(stride).sum();
+        [0, 1, 2].map(own)
+    }
+
+    /// The number of rows.
+    pub(crate) fn rows(&self) -> u64 {
+        self.totals()[0] as u64
     }
 
     /// The coefficients alone, for which one person suffices.
@@ -114,7 +124,8 @@ impl Sums {
         let product = |vector: &[f64]| product(&bread, vector);
         // The residuals are orthogonal to X.
         let explained: f64 = right.iter().zip(&coefficients).map(|(sum, one)| sum * one).sum();
-        let residual_sd = ((self.squares - explained).max(0.0) / self.weights).sqrt();
+        let [_, weights, squares] = self.totals();
+        let residual_sd = ((squares - explained).max(0.0) / weights).sqrt();
         let mut meat = vec![0.0; size * size];
         let mut matrix = vec![0.0; size * size];
         for (person, (gram, own)) in people().enumerate() {

@@ -86,7 +86,7 @@ pub fn truth(job: &Job, declaration: &EstimateDeclaration, trials: u32) -> Resul
     let columns = 1 + declaration.moderators.len();
     let actions = job.task().interface().actions;
     let treatments = declaration.treatment.count(actions);
-    let mut sums = vec![Sums { columns, ..Sums::default() }; treatments];
+    let mut sums = vec![Sums { columns, numbers: Vec::new() }; treatments];
     let mut seeds = Stream::new(job.seed, Purpose::Truth);
     for trial in 0..trials as usize {
         paired.job.seed = seeds.bits();
@@ -118,12 +118,12 @@ fn own_truth(job: &Job, declaration: &EstimateDeclaration) -> Result<Vec<f64>, N
     let paired = Paired::new(job, declaration)?;
     let columns = 1 + declaration.moderators.len();
     let treatments = declaration.treatment.count(job.task().interface().actions);
-    let mut sums = vec![Sums { columns, ..Sums::default() }; treatments];
+    let mut sums = vec![Sums { columns, numbers: Vec::new() }; treatments];
     paired.simulate(&mut |row, effects| {
         let each = sums.iter_mut().zip(effects);
         each.for_each(|(sums, effect)| sums.add(0, row, 1.0, *effect));
     })?;
-    if sums.iter().any(|sums| sums.rows == 0) {
+    if sums.iter().any(|sums| sums.rows() == 0) {
         return Err(NoTruth::Never);
     }
     let each = sums.iter().map(Sums::coefficients).collect::<Result<Vec<_>, usize>>();

@@ -194,7 +194,7 @@ seeds = 3
 environment = { sigma = 0.4, horizon = 1000 }
 evaluation = { on = "trial", record_episodes = "none" }
 [trial]
-people = 40
+people = 200
 days = 200
 decisions_per_day = 5
 entry = { every_days = 1 }

@@ -227,7 +227,11 @@ fn the_search_for_hyper_parameters_uses_no_seed_that_is_reported() {
     let seeds =
         |path: &str| -> Vec<u64> { manifest::load(Path::new(path)).unwrap().seeds().collect() };
     let searched = seeds("experiments/paper/hyperparameters.toml");
-    for (path, _) in shipped().iter().filter(|(path, _)| !path.contains("hyperparameters")) {
+    // None of the searched agents can act in a trial.
+    let has_trial = |path: &str| std::fs::read_to_string(path).unwrap().contains("\n[trial]\n");
+    let others = shipped();
+    let others = others.iter().filter(|(path, _)| !path.contains("hyperparameters"));
+    for (path, _) in others.filter(|(path, _)| !has_trial(path)) {
         assert!(seeds(path).iter().all(|seed| !searched.contains(seed)), "{path}");
     }
 }
