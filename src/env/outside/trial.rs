@@ -20,7 +20,7 @@ const PATIENCE: Duration = Duration::from_secs(60);
 
 /// The numbers of lanes that are timed, and the time for each.
 const TIMED: [usize; 2] = [1, 64];
-const TIME: Duration = Duration::from_millis(500);
+const TIME: Duration = Duration::from_millis(200);
 
 /// The result of a trial.
 #[derive(Clone, Debug, Serialize)]
