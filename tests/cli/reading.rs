@@ -181,7 +181,8 @@ fn export_writes_every_view_with_its_columns_and_rows() {
         "evaluation.record_decisions = \"all\"\npopulation.delta_d = { uniform = [0.05, 0.15] }\n\
          [[agent]]\nname = \"dqn\"",
     );
-    folder.write("recorded.toml", recorded);
+    let estimate = "[[estimate]]\nname = \"effect\"\nagents = \"reinforce\"\n";
+    folder.write("recorded.toml", recorded + estimate);
     folder.jitai(["run", "recorded.toml", "--quiet"]).succeeded();
     // The results of another machine, which a merge found.
     let conflict = "INSERT INTO recorded_conflict
