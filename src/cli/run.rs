@@ -153,7 +153,7 @@ fn run_jobs(
     let mut end = End::before(&remaining);
     on_end.jobs(jobs(&end));
     if !remaining.lacking.is_empty() {
-        end.estimated = arguments.estimate(&mut store, &remaining.lacking, &stop)?;
+        end.estimated = arguments.estimate(&mut store, &remaining.lacking, stop)?;
     }
     let reader = store.reader()?;
     if !remaining.queue.is_empty() {

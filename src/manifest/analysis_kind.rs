@@ -388,7 +388,7 @@ impl Field for Find {
     fn read(table: &mut AnalysisTable<'_, '_>, key: &str, _: Option<Kind>) -> Option<Find> {
         let node = table.node(key)?;
         let power = node.get_ref().as_table().filter(|keys| keys.len() == 1);
-        let power = power.and_then(|keys| keys.get("power")).and_then(|node| number(node));
+        let power = power.and_then(|keys| keys.get("power")).and_then(number);
         let power = power.filter(|power| *power > 0.0 && *power < 1.0);
         if power.is_none() {
             table.reader.expected(key, "{ power = 0.8 } or another number between 0 and 1", node);

@@ -51,11 +51,11 @@ impl<'m> Preview<'m> {
         workers: NonZeroUsize,
     ) -> Result<Preview<'m>, StoreError> {
         let (mut all, mut experiments) = (Sum::default(), Vec::new());
-        for index in 0..manifests.len() {
+        for (index, manifest) in manifests.iter().enumerate() {
             let mut experiment = Sum::default();
             survey.walk(index, |job| {
                 let reason = job.reason()?;
-                if job.lacks_estimates(&manifests[index])? {
+                if job.lacks_estimates(manifest)? {
                     let again = u64::from(trains_again(&job.planned.job));
                     all.lacking = [all.lacking[0] + 1, all.lacking[1] + again];
                 }
