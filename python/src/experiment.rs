@@ -9,9 +9,9 @@ use std::time::{Duration, Instant};
 
 use jitai::algorithm::Parameter;
 use jitai::experiment::{
-    self, Cause, End, Event, EventLog, Factors, Faults, Filter, MOST_WORKERS, Manifest, OnFailure,
-    Options, Overridden, Override, Preview, Published, RetryFailed, Runs, Selection, Shard, Speeds,
-    Store, Survey, SweepError, Swept,
+    self, End, EstimatesEnd, Event, EventLog, Factors, Faults, Filter, MOST_WORKERS, Manifest,
+    OnFailure, Options, Overridden, Override, Preview, Published, RetryFailed, Runs, Selection,
+    Shard, Speeds, Store, Survey, SweepError, Swept,
 };
 use jitai::policy::posterior_in;
 use jitai::results::{self, AssembleError, Hosts, Interrupter, Reader, ReportedExperiment};
