@@ -283,7 +283,7 @@ def test_the_plain_program_needs_no_packages():
 def test_the_module_needs_neither_the_simulation_nor_its_environments():
     check = "import sys, jitai.environment; print([name for name in sys.modules if name.startswith('jitai._')])"
     ran = subprocess.run([sys.executable, "-c", check], capture_output=True, text=True, check=True)
-    assert ran.stdout.strip() == "['jitai._registration']"
+    assert ran.stdout.strip() == "['jitai._keywords', 'jitai._registration']"
 
 
 def test_a_program_that_jitai_did_not_start_says_what_to_do():
