@@ -59,8 +59,10 @@ class Keywords(TypedDict, total=False):
     cost_of_good_brushing: float
     cost_scale: Literal["raw", "normalised"]
     days: int
+    effect_factor: float
     effect_size: Literal["small", "smaller"]
     habituation_factor: float
+    no_effect_at: Sequence[float]
     people: str | os.PathLike[str]
     rounding: Literal["nearest", "down"]
     stale_state: bool
