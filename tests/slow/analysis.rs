@@ -385,6 +385,6 @@ fn pandas_reads_the_same_from_parquet_as_from_csv() {
     let output = output.unwrap();
     assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
     let said = String::from_utf8_lossy(&output.stdout);
-    assert_eq!(said.lines().count(), 11, "{said}");
+    assert_eq!(said.lines().count(), 12, "{said}");
     print!("pandas read from Parquet what it reads from CSV:\n{said}");
 }
