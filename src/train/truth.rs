@@ -1,9 +1,9 @@
 //! The truth of an excursion effect: what an estimator of a trial's effects estimates, by paired simulation.
 //!
 //! In: a job with a trial, and the declaration of an estimate. Out: the marginal excursion effect under the trial's own
-//! policy, with its standard error.
+//! policy: in the job's own trial, or over trials with seeds of their own, with its standard error.
 //!
-//! Trials with seeds of their own are simulated. At every decision at which a message can be sent, copies of all people
+//! At every decision at which a message can be sent, copies of all people
 //! take the treatment and no message, with the same chance; the trial itself goes on with the agent's choice. The effect
 //! is the difference of both outcomes.
 //!
@@ -12,7 +12,7 @@
 //! the effects on f(S) with the weights of the estimand: one weight for every decision at which a message can be sent, as
 //! the probability of the numerator is a constant there.
 
-use crate::agent::{External, StartError};
+use crate::agent::StartError;
 use crate::estimate::{Correction, Layout, NoFit, Sums};
 use crate::job::{
     Decision, EstimateDeclaration, Estimates, Failure, Job, Messages, ROWS, RecordedDecisions,
@@ -83,18 +83,13 @@ struct Paired<'d> {
 /// **Errors**: see [`NoTruth`].
 pub fn truth(job: &Job, declaration: &EstimateDeclaration, trials: u32) -> Result<Truth, NoTruth> {
     let mut paired = Paired::new(job, declaration)?;
-    let columns = 1 + declaration.moderators.len();
-    let actions = job.task().interface().actions;
-    let treatments = declaration.treatment.count(actions);
-    let mut sums = vec![Sums { columns, numbers: Vec::new() }; treatments];
+    let mut sums = paired.sums();
     let mut seeds = Stream::new(job.seed, Purpose::Truth);
     for trial in 0..trials as usize {
         paired.job.seed = seeds.bits();
-        paired.simulate(&mut |row, effects| {
-            let each = sums.iter_mut().zip(effects);
-            each.for_each(|(sums, effect)| sums.add(trial, row, 1.0, *effect));
-        })?;
+        paired.add_to(&mut sums, trial)?;
     }
+    let columns = 1 + declaration.moderators.len();
     let mut truth = Truth { coefficients: Vec::new(), errors: Vec::new() };
     for sums in &sums {
         let fit = sums.fit(Correction::ManclDeRouen).map_err(|why| match why {
@@ -116,13 +111,8 @@ pub fn truth(job: &Job, declaration: &EstimateDeclaration, trials: u32) -> Resul
 /// **Errors**: see [`NoTruth`].
 fn own_truth(job: &Job, declaration: &EstimateDeclaration) -> Result<Vec<f64>, NoTruth> {
     let paired = Paired::new(job, declaration)?;
-    let columns = 1 + declaration.moderators.len();
-    let treatments = declaration.treatment.count(job.task().interface().actions);
-    let mut sums = vec![Sums { columns, numbers: Vec::new() }; treatments];
-    paired.simulate(&mut |row, effects| {
-        let each = sums.iter_mut().zip(effects);
-        each.for_each(|(sums, effect)| sums.add(0, row, 1.0, *effect));
-    })?;
+    let mut sums = paired.sums();
+    paired.add_to(&mut sums, 0)?;
     if sums.iter().any(|sums| sums.rows() == 0) {
         return Err(NoTruth::Never);
     }
@@ -150,8 +140,7 @@ impl<'d> Paired<'d> {
     fn new(job: &Job, declaration: &'d EstimateDeclaration) -> Result<Self, NoTruth> {
         let mut job = job.clone();
         let mut trial = job.trial.clone().ok_or(NoTruth::NoTrial)?;
-        let is_outside = job.agent.parameters::<External>().is_some();
-        if is_outside || job.environment.family().is_external() {
+        if job.is_outside() {
             return Err(NoTruth::Outside);
         }
         if let Some(rows) = trial.rows(job.seed).map_err(NoTruth::Unsuitable)? {
@@ -172,6 +161,21 @@ impl<'d> Paired<'d> {
             return Err(NoTruth::Unsuitable(says));
         }
         Ok(Paired { job, declaration, layout })
+    }
+
+    /// Empty sums, one for each treatment.
+    fn sums(&self) -> Vec<Sums> {
+        let columns = 1 + self.declaration.moderators.len();
+        let treatments = self.declaration.treatment.count(self.job.task().interface().actions);
+        vec![Sums { columns, numbers: Vec::new() }; treatments]
+    }
+
+    /// Simulates the trial and adds its decisions, as those of one person of the sums.
+    fn add_to(&self, sums: &mut [Sums], person: usize) -> Result<(), NoTruth> {
+        self.simulate(&mut |row, effects| {
+            let each = sums.iter_mut().zip(effects);
+            each.for_each(|(sums, effect)| sums.add(person, row, 1.0, *effect));
+        })
     }
 
     /// Simulates the trial. Calls `add` with 1 and the moderators of each decision at which the treatment is possible, and
@@ -224,7 +228,7 @@ impl<'d> Paired<'d> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::agent::{Agent, DecisionRule, LinearThompson, RuleParameters, StudyPlan};
+    use crate::agent::{Agent, DecisionRule, External, LinearThompson, RuleParameters, StudyPlan};
     use crate::env::oralytics::{Oralytics, OralyticsModel, PEOPLE};
     use crate::env::{
         Action, Environment, EpisodeStatus, Reported, Scenario, Simulated, StateNoise, StepCount,

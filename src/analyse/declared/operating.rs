@@ -1,11 +1,15 @@
 //! Operating characteristics: how estimates behave over the trials of an arm, and how many people a trial needs.
 
+use std::collections::HashSet;
+
 use super::arm::{Arm, ArmId, arms, by_value, decided_by};
-use crate::analyse::{Formula, Operating, SampleSize, Simulated, TrialEstimate, sample_size};
+use crate::analyse::{
+    Formula, Interval, Operating, SampleSize, Simulated, TrialEstimate, sample_size,
+};
 use crate::job::{CONSTANT, Effect, Estimate};
 use crate::key::Parameter;
 use crate::manifest::OperatingCharacteristics;
-use crate::record::{JobRecord, JobStatus};
+use crate::record::JobRecord;
 
 /// The number of people of a trial.
 const PEOPLE: Parameter = Parameter::Trial("people");
@@ -41,10 +45,10 @@ pub struct OperatingRow {
     pub term: Term,
     /// Its operating characteristics.
     pub operating: Operating,
-    /// Completed trials without an estimate, and why the first of them has none.
+    /// Completed trials whose estimate failed, and why that of the first did.
     pub failed: (usize, Option<String>),
-    /// Trials that are not completed.
-    pub missing: usize,
+    /// Completed trials whose estimate is not computed yet.
+    pub lacking: usize,
     /// The mean number of decisions per person that the estimate uses, the mean residual standard deviation, the
     /// probability of the numerator, and the number of coefficients of the control model; `None` without an estimate
     /// or for several coefficients.
@@ -126,21 +130,17 @@ fn terms(jobs: &[&JobRecord], chosen: &[String]) -> Vec<Term> {
 }
 
 fn row(arm: &Arm<'_>, x: Option<f64>, jobs: &[&JobRecord], term: &Term) -> OperatingRow {
-    let mut seen = std::collections::HashSet::new();
-    let (mut effects, mut failures, mut missing) = (Vec::<Effect>::new(), Vec::new(), 0);
+    let mut seen = HashSet::new();
+    let (mut effects, mut failures, mut lacking) = (Vec::<Effect>::new(), Vec::new(), 0);
     let mut design = None;
     for job in jobs.iter().filter(|job| seen.insert(job.seed)) {
-        let JobStatus::Completed(run) = &job.status else {
-            missing += 1;
-            continue;
-        };
+        let Some(run) = job.completed() else { continue };
         let of = run.estimates.iter().find(|one| one.declaration.name == term.estimate);
         let found = of.and_then(|of| of.terms.iter().find(|one| one.term == term.term));
         match found.map(|found| &found.effect) {
             Some(Ok(effect)) => effects.push(*effect),
             Some(Err(reason)) => failures.push(reason.clone()),
-            // The estimate is not computed yet.
-            None => missing += 1,
+            None => lacking += 1,
         }
         design = design.or_else(|| {
             let of = of.filter(|of| of.terms.len() == 1 && term.term == CONSTANT)?;
@@ -160,7 +160,7 @@ fn row(arm: &Arm<'_>, x: Option<f64>, jobs: &[&JobRecord], term: &Term) -> Opera
         term: term.clone(),
         operating: Operating::of(&trials),
         failed: (failures.len(), failures.first().cloned()),
-        missing,
+        lacking,
         design,
     }
 }
@@ -169,7 +169,7 @@ fn trial(effect: &Effect) -> TrialEstimate {
     TrialEstimate {
         value: effect.value,
         standard_error: effect.standard_error,
-        interval: crate::analyse::Interval { low: effect.low, high: effect.high },
+        interval: Interval { low: effect.low, high: effect.high },
         truth: effect.truth,
     }
 }

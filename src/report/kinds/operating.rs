@@ -143,11 +143,17 @@ impl Drawn for OperatingFigure {
 
     fn lacks(&self) -> Option<String> {
         if self.rows.is_empty() {
-            return Some("no completed job has an estimate".to_owned());
+            return Some("no completed job has an estimate; `jitai run` computes them".to_owned());
         }
         let failed: usize = self.rows.iter().map(|row| row.failed.0).sum();
-        let reason = self.rows.iter().find_map(|row| row.failed.1.as_ref())?;
-        Some(format!("{}, the first because {reason}", counted(failed, "estimate")))
+        let reason = self.rows.iter().find_map(|row| row.failed.1.as_ref());
+        let failed = reason
+            .map(|reason| format!("{}, the first because {reason}", counted(failed, "estimate")));
+        let lacking: usize = self.rows.iter().map(|row| row.lacking).sum();
+        let lacking = (lacking > 0)
+            .then(|| format!("{} that `jitai run` computes", counted(lacking, "estimate")));
+        let all: Vec<String> = failed.into_iter().chain(lacking).collect();
+        (!all.is_empty()).then(|| all.join("; "))
     }
 
     fn split(&self) -> Option<Panels> {
