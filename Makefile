@@ -53,7 +53,7 @@ bench-readers: ## what eight readers that ask every second cost a sweep (minutes
 
 # Tests use the build of `make run`, so that Burn is compiled once. Many tests wait for processes, so more tests
 # run at once than there are cores. A test includes the programs of examples/: they are not linked once more.
-test: export RUST_TEST_THREADS ?= 4
+test: export RUST_TEST_THREADS ?= 8
 test: ## unit, integration and documentation tests
 	$(CARGO) test --release --quiet --tests
 	$(CARGO) test --release --quiet --doc
