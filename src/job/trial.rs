@@ -81,7 +81,7 @@ pub static STAYS: ContentForm = ContentForm {
     what: "a CSV file with the columns start_day and end_day",
     parse: |text| Ok(Arc::new(columns(text, &["start_day", "end_day"])?)),
     canonical: None,
-    help: None,
+    help: Some("one row per person; for Oralytics, experiments/oralytics/people.py makes v4.csv"),
 };
 
 /// The form of a file of rows.
