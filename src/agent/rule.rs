@@ -76,7 +76,7 @@ impl RuleState {
     /// The state of a lane.
     fn of(lanes: &PhysicalActivity, lane: usize) -> RuleState {
         RuleState {
-            context: lanes.context(lane),
+            context: lanes.filtered_context(lane),
             time: lanes.times()[lane],
             habituation: lanes.habituation()[lane],
             disengagement: lanes.disengagement()[lane],

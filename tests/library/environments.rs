@@ -216,7 +216,7 @@ fn the_simulation_of_the_paper_keeps_the_contract() {
         },
     ];
     for environment in &environments {
-        for scenario in ["P-H-D", "C-L-T-P", "T"] {
+        for scenario in ["P-H-D", "C-L-T-P", "T", "E-P-F-R"] {
             let scenario = scenario.parse().unwrap();
             for history in [1, 2, 5] {
                 let make = |lanes| {
@@ -279,7 +279,7 @@ fn beyond_the_paper() -> Vec<StepCount> {
 #[test]
 fn the_simulation_beyond_the_paper_keeps_the_contract() {
     for environment in &beyond_the_paper() {
-        for scenario in ["P-H-D", "C-M-S", "A-B-M-L-T-S-P"] {
+        for scenario in ["P-H-D", "C-M-S", "A-B-M-L-T-S-P", "F", "F-E-R", "R-S"] {
             let scenario = scenario.parse().unwrap();
             let make = |lanes| PhysicalActivity::new(environment, &scenario, lanes);
             check(make, STEPS).unwrap_or_else(|fault| panic!("{environment:?}: {fault}"));
@@ -313,7 +313,7 @@ fn people_who_differ_keep_the_contract() {
     environments.push(StepCount { horizon: 9, ..StepCount::paper(0.6) });
     for environment in &environments {
         for population in [&of_states, &of_contexts, &of_sigma] {
-            for scenario in ["P-H-D", "A-B-M-L-T-S-P"] {
+            for scenario in ["P-H-D", "A-B-M-L-T-S-P", "F-E-R-S"] {
                 let scenario = scenario.parse().unwrap();
                 let make = |lanes| {
                     PhysicalActivity::new(environment, &scenario, lanes).with_population(population)
