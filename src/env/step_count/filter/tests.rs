@@ -136,6 +136,7 @@ fn exact() -> Vec<(StepCount, &'static str)> {
         step_noise: StepNoise::Gamma,
         sigma_s: 30.0,
         rho_3: 90.0,
+        mu: [30.0, 40.0],
         ..persistent.clone()
     };
     let other = StepCount {
@@ -251,25 +252,25 @@ impl Residuals {
     }
 }
 
-/// Environments with every kind of filter, and at least as many episodes as make 10^5 steps.
+/// Environments with every kind of filter without noise, and numbers of episodes that make 10^5 steps together.
 fn calibrated() -> Vec<(StepCount, &'static str, usize)> {
     let sampled = StepCount { first_context: FirstContext::Sampled, ..StepCount::paper(0.6) };
     let persistent =
         StepCount { context_persistence: 0.8, context_probability: 0.4, ..sampled.clone() };
     vec![
-        (sampled.clone(), "F-E-R", 6000),
-        (persistent.clone(), "F-E-R", 6000),
-        (persistent.clone(), "F-E-R-S", 4000),
-        (persistent, "F-S", 4000),
-        (StepCount { sigma: 1.0, ..sampled }, "F-E-R", 8000),
+        (sampled.clone(), "F-E-R", 1600),
+        (persistent.clone(), "F-E-R", 1600),
+        (persistent.clone(), "F-E-R-S", 1600),
+        (persistent, "F-S", 1600),
+        (StepCount { sigma: 1.0, ..sampled }, "F-E-R", 1600),
     ]
 }
 
 #[test]
 fn filtered_probabilities_come_true_as_often_as_they_say() {
+    let mut steps = 0;
     for (e, scenario, episodes) in calibrated() {
         let mut residuals = [Residuals::new(episodes), Residuals::new(episodes)];
-        let mut steps = 0;
         play(&e, scenario, episodes, |lane, lanes, filters| {
             let Beliefs { zero, near, .. } = filters.beliefs();
             let is_zero = lanes.context(lane).context == 0;
@@ -282,14 +283,14 @@ fn filtered_probabilities_come_true_as_often_as_they_say() {
             }
             steps += 1;
         });
-        assert!(steps > 100_000, "{scenario}: {steps}");
         let [zero, near] = residuals.map(|residuals| residuals.largest());
         assert!(zero < 4.0, "{scenario} {}: {zero}", e.sigma);
         assert!(near < 4.0 || !scenario.contains('R'), "{scenario} {}: {near}", e.sigma);
     }
+    assert!(steps > 100_000, "{steps}");
 }
 
-/// The share of a distribution below a value, with a random share of an atom at the value, is uniform if the value has
+/// The share of a distribution below the cell of a value, with a random share of the cell, is uniform if the value has
 /// this distribution.
 #[test]
 fn the_true_risk_is_a_draw_from_its_belief() {
@@ -302,12 +303,15 @@ fn the_true_risk_is_a_draw_from_its_belief() {
         let mut means = Residuals::new(episodes);
         play(&e, scenario, episodes, |lane, lanes, filters| {
             let truth = lanes.disengagement()[lane];
+            // Cells as wide as those of merged atoms.
+            let cell =
+                |risk: f64| ((risk - e.disengagement_threshold + e.epsilon_d) * 61.0).floor();
             let share = |of: &dyn Fn(f64) -> bool| {
                 let atoms = filters.mixtures[lane].atoms().iter();
-                atoms.filter(|atom| of(atom.risk)).map(|atom| atom.weight()).sum::<f64>()
+                atoms.filter(|atom| of(cell(atom.risk))).map(|atom| atom.weight()).sum::<f64>()
             };
-            let at = share(&|risk| (risk - truth).abs() < 1e-9);
-            let below = share(&|risk| risk <= truth - 1e-9);
+            let at = share(&|other| other == cell(truth));
+            let below = share(&|other| other < cell(truth));
             let position = below + at * parts.unit();
             let place = ((position * 10.0) as usize).min(9);
             (0..10).for_each(|bin| {
@@ -354,7 +358,7 @@ fn equal_observations_give_equal_beliefs_whatever_is_true() {
     }
 }
 
-/// The errors that merged atoms make, over 10^5 steps of the setting with the most atoms: messages that are tailored
+/// The errors that merged atoms make, over 20,000 steps of the setting with the most atoms: messages that are tailored
 /// at nearly every step with much noise.
 #[test]
 fn merged_atoms_are_close_to_a_hundred_times_as_many() {
@@ -368,7 +372,7 @@ fn merged_atoms_are_close_to_a_hundred_times_as_many() {
     let mut draws = Stream::new(7, Purpose::TestEnvironment);
     let (mut sums, mut most, mut steps) = ([0.0; 4], [0.0_f64; 4], 0);
     let mut fullest = 0;
-    while steps < 100_000 {
+    while steps < 20_000 {
         let mut both = [ATOMS, 100 * ATOMS].map(Mixture::new);
         both.iter_mut().for_each(|mixture| mixture.begin(0.1, 0.5));
         let (mut context, mut risk) = (u8::from(draws.unit() < 0.5), 0.1);
@@ -412,8 +416,9 @@ fn merged_atoms_are_close_to_a_hundred_times_as_many() {
     let means = sums.map(|sum| sum / f64::from(steps));
     eprintln!("{fullest} {means:?} {most:?}");
     assert!(fullest > 10 * ATOMS);
-    assert!(means.iter().all(|error| *error < 1e-3), "{means:?}");
-    assert!(most.iter().all(|error| *error < 0.05), "{most:?}");
+    // The numbers in docs/environment.md.
+    assert!(means.iter().all(|error| *error < 1e-4), "{means:?}");
+    assert!(most.iter().all(|error| *error < 0.25), "{most:?}");
 }
 
 /// Environments whose beliefs are particles.
