@@ -411,9 +411,6 @@ impl PhysicalActivity {
         self.set_context(lane, of.context(lane));
         self.set_state(lane, of.habituation[lane], of.disengagement[lane]);
         (self.times[lane], self.statuses[lane]) = (of.times[lane], of.statuses[lane]);
-        if let (Some(filters), Some(of)) = (&mut self.filters, &of.filters) {
-            filters.show(lane, of);
-        }
     }
 
     /// Ends the episode of a lane before its horizon.
@@ -439,15 +436,6 @@ impl PhysicalActivity {
     #[cfg(test)]
     pub(super) fn filters(&self) -> Option<&Filters> {
         self.filters.as_deref()
-    }
-
-    /// The context of a lane, with its filtered probability if the scenario shows that.
-    pub fn filtered_context(&self, lane: usize) -> ContextDraw {
-        let draw = self.context(lane);
-        match self.filters.as_ref().and_then(|filters| filters.shown_zero(lane)) {
-            Some(zero) => ContextDraw { probability_of_zero: zero, ..draw },
-            None => draw,
-        }
     }
 
     /// The parameters of the simulation.

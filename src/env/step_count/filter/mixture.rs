@@ -10,8 +10,8 @@
 
 use std::hint::select_unpredictable;
 
-use super::Evidence;
 use super::contexts::Feature;
+use super::evidence::Evidence;
 use super::moments::{Moments, Sums, is_near};
 use crate::env::step_count::dynamics::Dynamics;
 use crate::env::vector::Action;

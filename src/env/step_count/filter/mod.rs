@@ -10,6 +10,7 @@
 //! ([`mixture`]). With noise, particles stand for all three ([`particles`]).
 
 mod contexts;
+mod evidence;
 mod mixture;
 mod moments;
 mod particles;
@@ -20,6 +21,7 @@ mod tests;
 use pulp::{Simd, WithSimd};
 
 use self::contexts::Feature as Seen;
+pub(super) use self::evidence::Evidence;
 use self::mixture::{ATOMS, Mixture, Successors};
 use self::moments::{Moments, is_near};
 use self::particles::{Draws, PARTICLES, Particles};
@@ -30,28 +32,6 @@ use crate::env::step_count::scenario::Feature;
 use crate::env::vector::{Action, LaneSet, LaneStreams};
 use crate::rng::Companion;
 use crate::state::resumable;
-
-/// What a phone learns from a step.
-#[derive(Clone, Copy, Debug)]
-pub(super) struct Evidence {
-    /// The action that was taken.
-    pub(super) action: Action,
-    /// The steps walked; `None` if the scenario does not show them, or if the step was not paid.
-    pub(super) steps: Option<f64>,
-    /// Whether the step reached the threshold of disengagement; `None` if beliefs leave this out.
-    pub(super) disengaged: Option<bool>,
-    /// The probability of context 0 that is inferred from the feature after the step alone.
-    pub(super) probability: f64,
-}
-
-impl Evidence {
-    /// Whether the evidence allows this disengagement risk after the step.
-    #[inline(always)]
-    fn agrees(&self, dynamics: &Dynamics, risk: f64) -> bool {
-        let reaches = risk >= dynamics.disengagement_threshold;
-        self.disengaged.is_none_or(|disengaged| disengaged == reaches)
-    }
-}
 
 /// What the letters of beliefs show; every array is \[lanes\].
 #[derive(Clone, Copy, Debug)]
@@ -75,8 +55,6 @@ impl Beliefs<'_> {
 /// What a scenario shows of what matters to beliefs.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Shows {
-    /// The filtered probability.
-    zero: bool,
     /// The steps walked, where the filter has their density.
     pub(super) steps: bool,
     /// The estimated risk. Beliefs then take into account whether the episode runs.
@@ -157,7 +135,6 @@ impl Filters {
         Some(Filters {
             method,
             shows: Shows {
-                zero: shows(Feature::Filtered),
                 steps: shows(Feature::PreviousSteps) && !is_undefined(widest, scenario),
                 risk: shows(Feature::EstimatedRisk),
             },
@@ -189,16 +166,6 @@ impl Filters {
     /// What the scenario shows.
     pub(super) fn shows(&self) -> Shows {
         self.shows
-    }
-
-    /// The probability of context 0 in a lane, if the scenario shows it.
-    pub(super) fn shown_zero(&self, lane: usize) -> Option<f64> {
-        self.shows.zero.then(|| self.zero[lane])
-    }
-
-    /// Makes the probability of context 0 in a lane that of other filters.
-    pub(super) fn show(&mut self, lane: usize, of: &Filters) {
-        self.zero[lane] = of.zero[lane];
     }
 
     /// Begins an episode in a lane, where `probability` is inferred from the first feature.

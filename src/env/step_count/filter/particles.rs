@@ -8,8 +8,8 @@
 //! **Source**: Gordon, Salmond and Smith, "Novel approach to nonlinear/non-Gaussian Bayesian state estimation", 1993;
 //! Doucet and Johansen, "A tutorial on particle filtering and smoothing", 2009, section 4.
 
-use super::Evidence;
 use super::contexts::Feature;
+use super::evidence::Evidence;
 use super::moments::{Moments, Sums};
 use super::steps::{expected, ln_density, relative};
 use crate::env::step_count::dynamics::Dynamics;

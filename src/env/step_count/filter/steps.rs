@@ -1,6 +1,6 @@
 //! What the steps walked tell of the context in which they were walked.
 
-use super::Evidence;
+use super::evidence::Evidence;
 use crate::env::step_count::dynamics::Dynamics;
 use crate::env::step_count::noise::FLOOR;
 use crate::env::step_count::parameters::{StepCount, StepNoise};
