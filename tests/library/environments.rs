@@ -216,7 +216,7 @@ fn the_simulation_of_the_paper_keeps_the_contract() {
         },
     ];
     for environment in &environments {
-        for scenario in ["P-H-D", "C-L-T-P", "T", "E-P-F-R"] {
+        for scenario in ["P-H-D", "C-L-T-P", "T"] {
             let scenario = scenario.parse().unwrap();
             for history in [1, 2, 5] {
                 let make = |lanes| {
@@ -279,7 +279,7 @@ fn beyond_the_paper() -> Vec<StepCount> {
 #[test]
 fn the_simulation_beyond_the_paper_keeps_the_contract() {
     for environment in &beyond_the_paper() {
-        for scenario in ["P-H-D", "C-M-S", "A-B-M-L-T-S-P", "F", "F-E-R", "R-S"] {
+        for scenario in ["P-H-D", "C-M-S", "A-B-M-L-T-S-P"] {
             let scenario = scenario.parse().unwrap();
             let make = |lanes| PhysicalActivity::new(environment, &scenario, lanes);
             check(make, STEPS).unwrap_or_else(|fault| panic!("{environment:?}: {fault}"));
@@ -313,7 +313,7 @@ fn people_who_differ_keep_the_contract() {
     environments.push(StepCount { horizon: 9, ..StepCount::paper(0.6) });
     for environment in &environments {
         for population in [&of_states, &of_contexts, &of_sigma] {
-            for scenario in ["P-H-D", "A-B-M-L-T-S-P", "F-E-R-S"] {
+            for scenario in ["P-H-D", "A-B-M-L-T-S-P"] {
                 let scenario = scenario.parse().unwrap();
                 let make = |lanes| {
                     PhysicalActivity::new(environment, &scenario, lanes).with_population(population)
@@ -321,6 +321,46 @@ fn people_who_differ_keep_the_contract() {
                 let checked = check(make, STEPS);
                 checked.unwrap_or_else(|fault| panic!("{environment:?} {population:?}: {fault}"));
             }
+        }
+    }
+}
+
+/// Particles take a thousand times as long as a step, so these walks are short.
+#[test]
+fn beliefs_keep_the_contract() {
+    let people = Population {
+        delta_d: Distribution::Uniform([0.0, 0.3]),
+        context_persistence: Distribution::Uniform([0.0, 1.0]),
+        ..Population::default()
+    };
+    let persistent = StepCount {
+        context_persistence: 0.7,
+        first_context: FirstContext::Sampled,
+        horizon: 9,
+        ..StepCount::paper(0.6)
+    };
+    let noisy = StepCount {
+        state_noise: StateNoise::Uniform,
+        state_spread: 0.6,
+        step_noise: StepNoise::Gamma,
+        sigma_s: 10.0,
+        horizon: 6,
+        ..persistent.clone()
+    };
+    let limited = StepCount { availability: 0.6, message_budget: 4, ..persistent.clone() };
+    let cases = [
+        (&persistent, "F-E-R", STEPS),
+        (&persistent, "R-F-S", STEPS),
+        (&limited, "F-E-R-A", STEPS),
+        (&noisy, "F-E-R-S", 20),
+    ];
+    for (environment, scenario, steps) in cases {
+        let scenario = scenario.parse().unwrap();
+        for population in [&Population::default(), &people] {
+            let make = |lanes| {
+                PhysicalActivity::new(environment, &scenario, lanes).with_population(population)
+            };
+            check(make, steps).unwrap_or_else(|fault| panic!("{environment:?}: {fault}"));
         }
     }
 }
