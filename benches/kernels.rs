@@ -114,7 +114,7 @@ fn simulation_step(bencher: Bencher<'_, '_>, lanes: usize) {
 /// A step of the simulation in whole episodes with messages tailored to the likelier context, with ended lanes reset;
 /// counted in lanes. The scenario without letters of beliefs is what the others are compared with.
 #[divan::bench(args = [
-    "P", "F", "F-E", "P-S", "F-E-S", "F-E-R", "F-E-R-S", "uniform P", "uniform F-E-R", "beta P", "beta F-E-R",
+    "P", "F", "F-E", "P-S", "F-E-S", "F-E-R", "F-E-R-S", "uniform P", "uniform F-E-R",
     "beta, gamma P-S", "beta, gamma F-E-R-S",
 ])]
 fn belief_step(bencher: Bencher<'_, '_>, case: &str) {
