@@ -1,12 +1,14 @@
 //! The belief about disengagement risk without noise: a finite mixture.
 //!
 //! A tailored message lowers the risk in one context and raises it in the other, so that every risk that a phone holds
-//! possible has two successors. While an episode runs, risks that would have ended it are dropped. Up to [`ATOMS`]
-//! atoms, the mixture is exact.
+//! possible has two successors. Equal risks are one atom. While an episode runs, risks that would have ended it are
+//! dropped. Up to [`ATOMS`] atoms, the mixture is exact.
 //!
 //! More atoms are merged within cells about 1/[`ATOMS`] wide, none of which reaches across the risk from which a wrong
 //! message ends the episode. Merging keeps the probability and the mean of a cell. A test compares the result with a
 //! mixture of a hundred times as many atoms.
+
+use std::hint::select_unpredictable;
 
 use super::contexts::Feature;
 use super::evidence::Evidence;
@@ -16,7 +18,7 @@ use crate::env::vector::Action;
 use crate::state::resumable;
 
 /// The largest number of atoms.
-pub(super) const ATOMS: usize = 48;
+pub(super) const ATOMS: usize = 64;
 /// Less probable atoms are dropped: their sum is far below the rounding of the others.
 const LEAST: f64 = 1e-60;
 
@@ -29,9 +31,19 @@ pub(super) struct Atom {
 }
 
 impl Atom {
+    /// Stands behind the last atom.
+    const END: Atom = Atom { risk: f64::INFINITY, weights: [0.0; 2] };
+
     #[inline(always)]
     pub(super) fn weight(&self) -> f64 {
         self.weights[0] + self.weights[1]
+    }
+
+    /// Adds another atom: the sum of the weights, at the mean risk.
+    fn join(&mut self, other: &Atom) {
+        let weight = other.weight();
+        self.risk += (other.risk - self.risk) * weight / (self.weight() + weight);
+        self.weights = [0, 1].map(|context| self.weights[context] + other.weights[context]);
     }
 }
 
@@ -42,17 +54,18 @@ resumable!([] Atom { parts risk, weights });
 pub(super) struct Mixture {
     /// The largest number of atoms.
     most: usize,
-    /// At least one atom, in any order. The sum of all weights is 1.
+    /// At least one atom: different risks in ascending order. The sum of all weights is 1.
     atoms: Vec<Atom>,
 }
 
-/// Room for a step of one mixture.
+/// Room for the successors of a mixture.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Successors {
-    /// The successors of all atoms.
-    atoms: Vec<Atom>,
-    /// The sums of the weights of a cell, and of the risks times their weight.
-    cells: Vec<Atom>,
+    /// Those whose risk falls or stays, and those whose risk rises; each in ascending order.
+    calm: Vec<Atom>,
+    annoyed: Vec<Atom>,
+    /// Both in ascending order, behind an atom without meaning.
+    all: Vec<Atom>,
 }
 
 impl Mixture {
@@ -92,85 +105,55 @@ impl Mixture {
         let is_wrong = [0, 1].map(|context| is_tailored && action != Action::tailored_to(context));
         let share =
             |context: usize, of: bool| if is_wrong[context] == of { steps[context] } else { 0.0 };
+        let agrees = |risk: f64| evidence.agrees(dynamics, risk);
+        let succeed =
+            |share: [f64; 2], change: &mut dyn FnMut(f64) -> f64, into: &mut Vec<Atom>| {
+                into.clear();
+                if share != [0.0; 2] {
+                    for Atom { risk, weights: [zero, one] } in &self.atoms {
+                        let risk = change(*risk);
+                        let weights = seen.after([zero * share[0], one * share[1]]);
+                        let atom = Atom { risk, weights };
+                        if agrees(risk) && atom.weight() > LEAST {
+                            into.push(atom);
+                        }
+                    }
+                }
+            };
         let calmed = |risk: f64| if action == Action::NONE { risk } else { dynamics.calmed(risk) };
-        let mut sums = Sums::from(0.0, calmed(self.atoms[0].risk));
-        room.atoms.clear();
-        let shares = [share(0, false), share(1, false)];
-        self.succeed(shares, seen, calmed, (dynamics, evidence), &mut room.atoms, &mut sums);
-        let (shares, annoyed) = ([share(0, true), share(1, true)], |risk| dynamics.annoyed(risk));
-        self.succeed(shares, seen, annoyed, (dynamics, evidence), &mut room.atoms, &mut sums);
+        succeed([share(0, false), share(1, false)], &mut { calmed }, &mut room.calm);
+        succeed(
+            [share(0, true), share(1, true)],
+            &mut |risk| dynamics.annoyed(risk),
+            &mut room.annoyed,
+        );
+        let sums = room.merge(dynamics);
         let moments = sums.moments()?;
-        room.scale(1.0 / sums.weight);
-        if room.atoms.len() > self.most {
-            room.merge(self.most, dynamics);
-        }
-        self.atoms.clear();
-        self.atoms.extend_from_slice(&room.atoms);
+        self.take(&room.all[1..], 1.0 / sums.weight, dynamics);
         Some(moments)
     }
 
-    /// Adds the successors whose risk changes in one way, with `shares` of the weights of both contexts.
+    /// Replaces the atoms by others, whose weights are multiplied by `scale`.
     #[inline(always)]
-    fn succeed(
-        &self,
-        shares: [f64; 2],
-        seen: &Feature,
-        change: impl Fn(f64) -> f64,
-        (dynamics, evidence): (&Dynamics, &Evidence),
-        successors: &mut Vec<Atom>,
-        sums: &mut Sums,
-    ) {
-        if shares == [0.0; 2] {
+    fn take(&mut self, others: &[Atom], scale: f64, dynamics: &Dynamics) {
+        self.atoms.clear();
+        let scaled = |atom: &Atom| Atom { weights: atom.weights.map(|x| x * scale), ..*atom };
+        if others.len() <= self.most {
+            self.atoms.extend(others.iter().map(scaled));
             return;
         }
-        // What a weight of each context adds to the weights of the next contexts.
-        let of_zero = seen.after([shares[0], 0.0]);
-        let of_one = seen.after([0.0, shares[1]]);
-        let next =
-            |context: usize, [zero, one]: [f64; 2]| of_zero[context] * zero + of_one[context] * one;
-        for Atom { risk, weights } in &self.atoms {
-            let risk = change(*risk);
-            let weights = [next(0, *weights), next(1, *weights)];
-            if evidence.agrees(dynamics, risk) && weights[0] + weights[1] > LEAST {
-                sums.add_risk(dynamics, weights, risk);
-                successors.push(Atom { risk, weights });
-            }
-        }
-    }
-}
-
-impl Successors {
-    /// Multiplies all weights.
-    #[inline(always)]
-    fn scale(&mut self, by: f64) {
-        self.atoms
-            .iter_mut()
-            .for_each(|atom| atom.weights = atom.weights.map(|weight| weight * by));
-    }
-
-    /// Replaces the atoms of every cell by one, of which there are at most `most`.
-    #[inline(always)]
-    fn merge(&mut self, most: usize, dynamics: &Dynamics) {
-        let per_risk = (most - 3) as f64;
         let cut = dynamics.disengagement_threshold - dynamics.epsilon_d;
-        let first = (-cut * per_risk).floor();
-        let cell = |risk: f64| ((risk - cut) * per_risk - first) as usize;
-        // The cell that begins at the cut; rounding must not take an atom across.
-        let at = if first < 0.0 { -first as usize } else { 0 };
-        self.cells.clear();
-        self.cells.resize(most, Atom::default());
-        for Atom { risk, weights } in &self.atoms {
-            let place = match is_near(dynamics, *risk) {
-                true => cell(*risk).max(at),
-                false => cell(*risk).min(at.saturating_sub(1)),
-            };
-            let cell = &mut self.cells[place];
-            cell.risk += risk * (weights[0] + weights[1]);
-            cell.weights = [cell.weights[0] + weights[0], cell.weights[1] + weights[1]];
+        let cells = (self.most - 3) as f64;
+        let cell = |risk: f64| (((risk - cut) * cells).floor(), is_near(dynamics, risk));
+        let mut last = None;
+        for atom in others {
+            let of = Some(cell(atom.risk));
+            match self.atoms.last_mut() {
+                Some(joined) if of == last => joined.join(&scaled(atom)),
+                _ => self.atoms.push(scaled(atom)),
+            }
+            last = of;
         }
-        self.atoms.clear();
-        let filled = self.cells.iter().filter(|cell| cell.weight() > 0.0);
-        self.atoms.extend(filled.map(|cell| Atom { risk: cell.risk / cell.weight(), ..*cell }));
     }
 }
 
@@ -180,5 +163,37 @@ impl Mixture {
     /// Whether the number of atoms is possible.
     fn fits(&self) -> bool {
         (1..=self.most).contains(&self.atoms.len())
+    }
+}
+
+impl Successors {
+    /// Merges both lists into `all`, where equal risks become one atom, and sums over them.
+    ///
+    /// Which list comes next is unpredictable, so the loop has no branches.
+    #[inline(always)]
+    fn merge(&mut self, dynamics: &Dynamics) -> Sums {
+        let count = self.calm.len() + self.annoyed.len();
+        self.calm.push(Atom::END);
+        self.annoyed.push(Atom::END);
+        self.all.resize(count + 1, Atom::default());
+        let origin = if count == 0 { 0.0 } else { self.calm[0].risk.min(self.annoyed[0].risk) };
+        let mut sums = Sums::from(0.0, origin);
+        let mut last = Atom { risk: f64::NEG_INFINITY, weights: [0.0; 2] };
+        let (mut calm, mut place) = (0, 0);
+        for taken in 0..count {
+            let (low, high) = (self.calm[calm], self.annoyed[taken - calm]);
+            let takes_calm = low.risk <= high.risk;
+            let next = select_unpredictable(takes_calm, low, high);
+            calm += usize::from(takes_calm);
+            sums.add(dynamics, next.weights, 0.0, next.risk);
+            let is_new = next.risk > last.risk;
+            let before = |context: usize| select_unpredictable(is_new, 0.0, last.weights[context]);
+            let weights = [before(0) + next.weights[0], before(1) + next.weights[1]];
+            last = Atom { risk: next.risk, weights };
+            place += usize::from(is_new);
+            self.all[place] = last;
+        }
+        self.all.truncate(place + 1);
+        sums
     }
 }

@@ -51,17 +51,11 @@ impl Sums {
         habituation: f64,
         risk: f64,
     ) {
-        self.habituation.add(weights[0] + weights[1], habituation);
-        self.add_risk(dynamics, weights, risk);
-    }
-
-    /// Adds a state of which only the risk counts.
-    #[inline(always)]
-    pub(super) fn add_risk(&mut self, dynamics: &Dynamics, weights: [f64; 2], risk: f64) {
         let weight = weights[0] + weights[1];
         self.weight += weight;
         self.zero += weights[0];
         self.near += if is_near(dynamics, risk) { weight } else { 0.0 };
+        self.habituation.add(weight, habituation);
         self.risk.add(weight, risk);
     }
 

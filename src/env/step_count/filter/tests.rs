@@ -163,7 +163,7 @@ fn exact() -> Vec<(StepCount, &'static str)> {
     ]
 }
 
-/// Five of the twelve messages are tailored, so that no more than 32 risks are possible.
+/// Six of the twelve messages are tailored, so that no more than 64 risks are possible.
 #[test]
 fn beliefs_are_those_of_all_sequences_of_contexts() {
     let mut choices = Stream::new(1, Purpose::Exploration);
@@ -178,7 +178,7 @@ fn beliefs_are_those_of_all_sequences_of_contexts() {
             for _ in 0..12 {
                 let mut chosen = choices.below(4) as usize;
                 tailored += usize::from(chosen > 1);
-                chosen = if tailored > 5 { chosen % 2 } else { chosen };
+                chosen = if tailored > 6 { chosen % 2 } else { chosen };
                 lane.step(&[action(chosen)], &mut [0.0], &mut streams);
                 if lane.statuses()[0] != EpisodeStatus::Running {
                     break;
@@ -304,9 +304,8 @@ fn the_true_risk_is_a_draw_from_its_belief() {
         play(&e, scenario, episodes, |lane, lanes, filters| {
             let truth = lanes.disengagement()[lane];
             // Cells as wide as those of merged atoms.
-            let cell = |risk: f64| {
-                ((risk - e.disengagement_threshold + e.epsilon_d) * (ATOMS - 3) as f64).floor()
-            };
+            let cell =
+                |risk: f64| ((risk - e.disengagement_threshold + e.epsilon_d) * 61.0).floor();
             let share = |of: &dyn Fn(f64) -> bool| {
                 let atoms = filters.mixtures[lane].atoms().iter();
                 atoms.filter(|atom| of(cell(atom.risk))).map(|atom| atom.weight()).sum::<f64>()
