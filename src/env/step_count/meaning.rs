@@ -61,9 +61,7 @@ fn meaning(environment: &StepCount, feature: Feature, at: usize) -> Meaning {
             (format!("{} of habituation as estimated", MOMENTS[at]), "0 to 1", 1.0)
         }
         Feature::EstimatedRisk => match MOMENTS.get(at) {
-            Some(moment) => {
-                (format!("{moment} of disengagement risk as estimated"), "0 to 1", 1.0)
-            }
+            Some(moment) => (format!("{moment} of disengagement risk as estimated"), "0 to 1", 1.0),
             None => {
                 let near = "probability that a wrong message would end the episode";
                 (near.to_owned(), "probability", 1.0)
