@@ -111,6 +111,34 @@ fn simulation_step(bencher: Bencher<'_, '_>, lanes: usize) {
     });
 }
 
+/// A step of the simulation in whole episodes with messages tailored to the likelier context, with ended lanes reset;
+/// counted in lanes. The scenario without letters of beliefs is what the others are compared with.
+#[divan::bench(args = [
+    "P", "F", "F-E", "P-S", "F-E-S", "F-E-R", "F-E-R-S", "uniform P", "uniform F-E-R",
+    "beta, gamma P-S", "beta, gamma F-E-R-S",
+])]
+fn belief_step(bencher: Bencher<'_, '_>, case: &str) {
+    const LANES: usize = 256;
+    let (noise, scenario) = case.rsplit_once(' ').unwrap_or(("none", case));
+    let environment = StepCount { context_persistence: 0.8, ..version(noise) };
+    let mut streams = LaneStreams::Shared(Stream::new(1, Purpose::Environment));
+    let mut simulation = PhysicalActivity::new(&environment, &scenario.parse().unwrap(), LANES);
+    simulation.reset(LaneSet::All, &mut streams);
+    let (mut rewards, mut ended) = (vec![0.0; LANES], vec![false; LANES]);
+    let mut actions = vec![Action::NONE; LANES];
+    bencher.counter(ItemsCount::new(LANES)).bench_local(|| {
+        for (lane, action) in actions.iter_mut().enumerate() {
+            let is_one = simulation.context(lane).probability_of_zero < 0.5;
+            *action = Action::tailored_to(u8::from(is_one));
+        }
+        simulation.step(&actions, &mut rewards, &mut streams);
+        for (ended, status) in ended.iter_mut().zip(simulation.statuses()) {
+            *ended = *status != EpisodeStatus::Running;
+        }
+        simulation.reset(LaneSet::Masked(&ended), &mut streams);
+    });
+}
+
 /// Versions of the dynamics.
 fn version(name: &str) -> StepCount {
     let paper = StepCount::paper(0.6);

@@ -63,6 +63,8 @@ pub enum Companion {
     StepNoise = 4,
     /// Noise of the parameters of the state.
     ParameterNoise = 5,
+    /// Particles that stand for the belief about the state. Number 6 is of the participants.
+    Belief = 7,
 }
 
 /// The companion for participants. Its position does not follow from the position in the stream, because the
@@ -76,7 +78,10 @@ impl Companion {
     /// The number of words for each word of the stream.
     pub const fn width(self) -> usize {
         match self {
-            Companion::Context | Companion::Availability | Companion::StepNoise => 1,
+            Companion::Context
+            | Companion::Availability
+            | Companion::StepNoise
+            | Companion::Belief => 1,
             Companion::StateNoise => 2,
             Companion::ParameterNoise => 4,
         }
@@ -252,6 +257,7 @@ mod tests {
             Companion::StateNoise,
             Companion::StepNoise,
             Companion::ParameterNoise,
+            Companion::Belief,
         ];
         let mut firsts = vec![STREAM_1_ENVIRONMENT];
         for companion in all {

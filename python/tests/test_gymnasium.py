@@ -33,6 +33,8 @@ KEYWORDS = [
     {"sigma": 0.6, "scenario": "L-T", "time_one_hot": True},
     {"sigma": 0.4, "extends": "step_count_jitai", "scenario": "C-H-D"},
     NOISY,
+    {"sigma": 0.6, "scenario": "F-E-R", "context_persistence": 0.7},
+    NOISY | {"scenario": "F-E-R-M-S"},
     {"sigma": 0.6, "population": {"epsilon_d": {"uniform": [0.2, 0.6]}, "rho_1": {"uniform": [30, 60]}}},
 ]
 ORALYTICS = {"family": "oralytics", "people": PEOPLE / "synthetic_v2.csv", "days": 10}

@@ -327,6 +327,7 @@ mod tests {
         // The most likely context is right with probability Phi(1 / 2) = 0.69.
         assert_eq!([choose("threshold:0.7", "L", 0.1), choose("threshold:0.69", "L", 0.1)], [0, 3]);
         assert_eq!(choose("threshold:1", "C", 0.1), 2);
+        assert_eq!([choose("tailored", "F", 0.2), choose("threshold:0.75", "F-E-R", 0.7)], [3, 0]);
         let seen: std::collections::HashSet<usize> =
             (0..100).map(|_| choose("random", "P", 0.5)).collect();
         assert_eq!(seen.len(), 4);

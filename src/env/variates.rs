@@ -169,11 +169,42 @@ fn ln_factorial(n: f64) -> f64 {
         let product: f64 = (2..=n as u32).map(f64::from).product();
         return math::ln(product);
     }
-    // Stirling's series.
-    let x = n + 1.0;
+    stirling(n + 1.0)
+}
+
+/// ln Gamma(x) for x >= 8 by Stirling's series, with an error below 1e-9.
+#[inline(always)]
+fn stirling(x: f64) -> f64 {
     let square = 1.0 / (x * x);
     let series = (1.0 / 12.0 - square * (1.0 / 360.0 - square * (1.0 / 1260.0))) / x;
     (x - 0.5) * math::ln(x) - x + 0.918_938_533_204_672_8 + series
+}
+
+/// ln Gamma(x) for x > 0, with an error below 1e-9.
+#[inline(always)]
+fn ln_gamma(x: f64) -> f64 {
+    if x >= 8.0 {
+        return stirling(x);
+    }
+    // Gamma(x + 8) = x (x + 1) ... (x + 7) Gamma(x).
+    let product: f64 = (0..8).map(|i| x + f64::from(i)).product();
+    stirling(x + 8.0) - math::ln(product)
+}
+
+/// The logarithm of the density of [`gamma`] at `x` >= 0. At 0, it is the logarithm of the probability that the variate
+/// underflows.
+#[inline(always)]
+pub(super) fn ln_gamma_density(mean: f64, deviation: f64, x: f64) -> f64 {
+    let ratio = mean / deviation;
+    let shape = ratio * ratio;
+    if x <= 0.0 {
+        // Only variates of a shape below 1 have the factor U^(1/shape).
+        return if shape < 1.0 { LEAST_EXPONENT * shape } else { f64::MIN };
+    }
+    let scale = deviation * deviation / mean;
+    let x = if x > f64::MIN_POSITIVE { x } else { f64::MIN_POSITIVE };
+    let scaled = x / scale;
+    (shape - 1.0) * math::ln(x) - scaled - ln_gamma(shape) - shape * math::ln(scale)
 }
 
 #[cfg(test)]

@@ -1,7 +1,7 @@
 //! The environments and scenarios for which an optimum can be computed.
 
 use crate::env::{
-    DisengagementReward, Feature, Population, Scenario, StateNoise, StepCount, StepNoise,
+    Belief, DisengagementReward, Feature, Population, Scenario, StateNoise, StepCount, StepNoise,
     fewest_steps,
 };
 use crate::key::Keyed;
@@ -67,7 +67,8 @@ pub fn check(environment: &StepCount, scenario: &Scenario) -> Result<(), NoOptim
         let shown = format!("{scenario}{lacking}");
         return Err(NoOptimum::StateHidden { scenario: scenario.clone(), shown });
     }
-    if let Some(key) = unsolved(environment) {
+    let knows_context = Belief::new(environment, scenario) == Belief::Certain;
+    if let Some(key) = unsolved(environment, knows_context) {
         let value = environment.to_json()[key].to_string();
         return Err(NoOptimum::NotKnown { key, value });
     }
@@ -89,10 +90,12 @@ const LEAST_MEAN: f64 = 1e-5;
 /// A key with a value that the recursion does not support, if there is one.
 ///
 /// Gamma-distributed steps have the same mean as noise-free steps, and nothing else depends on them. An unpaid last
-/// step does not affect the mean return, and a policy sends nothing in it.
-fn unsolved(e: &StepCount) -> Option<&'static str> {
+/// step does not affect the mean return, and a policy sends nothing in it. Where the context is known and the baseline
+/// is the same in both, a right message is worth the same in both, whichever contexts follow.
+fn unsolved(e: &StepCount, knows_context: bool) -> Option<&'static str> {
     let least = fewest_steps(e);
     let ends_at_once = e.initial_disengagement >= e.disengagement_threshold;
+    let are_alike = knows_context && e.mu[0] == e.mu[1];
     let zero = e.disengagement_reward == DisengagementReward::Zero;
     let unsolved = [
         ("state_noise", e.state_noise != StateNoise::None),
@@ -101,8 +104,8 @@ fn unsolved(e: &StepCount) -> Option<&'static str> {
         // If the baselines differ, the lost baseline depends on the context.
         ("disengagement_reward", zero && (e.mu[0] != e.mu[1] || ends_at_once)),
         ("steps_cut_at_zero", e.steps_cut_at_zero && least < 0.0),
-        ("context_probability", e.context_probability != 0.5),
-        ("context_persistence", e.context_persistence > 0.0),
+        ("context_probability", e.context_probability != 0.5 && !are_alike),
+        ("context_persistence", e.context_persistence > 0.0 && !are_alike),
         ("availability", e.availability < 1.0),
         ("message_budget", e.message_budget < e.horizon),
     ];

@@ -25,7 +25,7 @@
 //! c is `message_cost`. With `disengagement_reward = "zero"`, F is minus the baseline and c if d + epsilon_d ends
 //! the episode.
 //! Gamma-distributed steps have the noise-free mean and change nothing. The recursion does not cover noise of
-//! the state, persistent or unequal contexts, availability and budgets, so [`check`] rejects them.
+//! the state, persistent or unequal contexts that are not known, availability and budgets, so [`check`] rejects them.
 //!
 //! The mean over p has a closed form (`expectation.rs`). The policy takes the action that attains the
 //! maximum. It knows the first context if `first_context` is fixed.

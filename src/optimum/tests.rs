@@ -276,9 +276,28 @@ fn scenarios_that_hide_the_state_and_long_horizons_have_no_optimum() {
 }
 
 #[test]
+fn contexts_that_persist_do_not_matter_to_who_knows_them() {
+    let paper = StepCount::paper(0.6);
+    let persistent =
+        StepCount { context_persistence: 0.8, context_probability: 0.3, ..paper.clone() };
+    assert_eq!(value(&persistent, "C-H-D"), value(&paper, "C-H-D"));
+    let exact = StepCount { sigma: 0.0, ..persistent.clone() };
+    assert_eq!(value(&exact, "F-H-D"), value(&paper, "C-H-D"));
+    let refused = |e: &StepCount, scenario: &str| {
+        optimum(e, &scenario.parse().unwrap()).unwrap_err().to_string()
+    };
+    let not_known = "no optimum can be computed with `context_probability` = 0.3";
+    assert_eq!(refused(&persistent, "P-H-D"), not_known);
+    let unequal = StepCount { mu: [0.1, 0.2], ..persistent };
+    assert_eq!(refused(&unequal, "C-H-D"), not_known);
+}
+
+#[test]
 fn what_a_scenario_shows_besides_makes_no_difference() {
     let environment = StepCount { observed_probability: 1, ..StepCount::paper(0.6) };
     assert_eq!(value(&environment, "T-H-P-L-D"), value(&StepCount::paper(0.6), "P-H-D"));
+    // What can be known of the state is known where the state is shown.
+    assert_eq!(value(&environment, "F-E-R-H-D"), value(&environment, "P-H-D"));
     let exact = StepCount { sigma: 0.0, ..environment };
     assert_eq!(inference_error(0.0), 0.0);
     assert_eq!(value(&exact, "L-H-D"), value(&exact, "C-H-D"));

@@ -26,6 +26,7 @@ const DOCUMENTS: [&str; 36] = [
     "docs/analysis.md",
     "docs/architecture.md",
     "docs/bandits.md",
+    "docs/beliefs.md",
     "docs/browse.md",
     "docs/cluster.md",
     "docs/commands.md",

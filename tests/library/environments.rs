@@ -325,6 +325,46 @@ fn people_who_differ_keep_the_contract() {
     }
 }
 
+/// Particles take a thousand times as long as a step, so these walks are short.
+#[test]
+fn beliefs_keep_the_contract() {
+    let people = Population {
+        delta_d: Distribution::Uniform([0.0, 0.3]),
+        context_persistence: Distribution::Uniform([0.0, 1.0]),
+        ..Population::default()
+    };
+    let persistent = StepCount {
+        context_persistence: 0.7,
+        first_context: FirstContext::Sampled,
+        horizon: 9,
+        ..StepCount::paper(0.6)
+    };
+    let noisy = StepCount {
+        state_noise: StateNoise::Uniform,
+        state_spread: 0.6,
+        step_noise: StepNoise::Gamma,
+        sigma_s: 10.0,
+        horizon: 6,
+        ..persistent.clone()
+    };
+    let limited = StepCount { availability: 0.6, message_budget: 4, ..persistent.clone() };
+    let cases = [
+        (&persistent, "F-E-R", STEPS),
+        (&persistent, "R-F-S", STEPS),
+        (&limited, "F-E-R-A", STEPS),
+        (&noisy, "F-E-R-S", 20),
+    ];
+    for (environment, scenario, steps) in cases {
+        let scenario = scenario.parse().unwrap();
+        for population in [&Population::default(), &people] {
+            let make = |lanes| {
+                PhysicalActivity::new(environment, &scenario, lanes).with_population(population)
+            };
+            check(make, steps).unwrap_or_else(|fault| panic!("{environment:?}: {fault}"));
+        }
+    }
+}
+
 #[test]
 fn an_environment_from_outside_keeps_the_contract() {
     check(Line::new, STEPS).unwrap();

@@ -74,6 +74,20 @@ fn the_optimal_policy_reaches_the_optimum_of_another_environment() {
 }
 
 #[test]
+fn the_optimal_policy_reaches_the_optimum_where_known_contexts_persist() {
+    let environment = StepCount {
+        context_persistence: 0.9,
+        context_probability: 0.3,
+        first_context: FirstContext::Sampled,
+        ..StepCount::paper(0.8)
+    };
+    let scenario: Scenario = "C-H-D".parse().unwrap();
+    let best = optimum(&environment, &scenario).unwrap().mean_return;
+    let [mean, error] = simulated(DecisionRule::Optimal, &environment, &scenario, 200);
+    assert!((mean - best).abs() < 4.0 * error + 0.1, "{mean} ± {error}, {best}");
+}
+
+#[test]
 fn no_rule_is_better_than_the_optimal_one() {
     let environment = StepCount::paper(0.8);
     let scenario: Scenario = "P-H-D".parse().unwrap();

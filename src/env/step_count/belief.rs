@@ -8,7 +8,7 @@ use crate::env::{Feature, Scenario, StepCount};
 pub enum Belief {
     /// `C`: the context itself.
     Certain,
-    /// `P`: its inferred probability.
+    /// `P` or `F`: its inferred probability.
     Inferred {
         /// Feature noise, above 0.
         sigma: f64,
@@ -29,7 +29,8 @@ impl Belief {
     /// The belief that a policy can hold in an environment from what the scenario shows.
     pub fn new(environment: &StepCount, scenario: &Scenario) -> Belief {
         let shows = |feature| scenario.features().contains(&feature);
-        let (probability, likely) = (shows(Feature::Probability), shows(Feature::Likely));
+        let probability = shows(Feature::Probability) || shows(Feature::Filtered);
+        let likely = shows(Feature::Likely);
         let certain = errors_by_context(environment) == [0.0; 2];
         let zero = 1.0 - environment.context_probability;
         if shows(Feature::Context) || ((probability || likely) && certain) {
@@ -88,5 +89,6 @@ mod tests {
         // Phi(1 / 2), from a table of the normal distribution.
         assert!((belief(1.0, "L-H-D") - 0.691_462_461_274_013).abs() < 1e-14);
         assert_eq!([belief(0.0, "P"), belief(0.0, "L")], [0.0, 0.0]);
+        assert_eq!([belief(1.0, "F-E-R"), belief(0.0, "F")], [0.7, 0.0]);
     }
 }

@@ -1,9 +1,11 @@
 //! Constraints between the keys of the environment and of its population: the size of a noise requires the
 //! matching kind of noise, and a parameter of participants is given once.
 
-use super::parameters::{StateNoise, StepNoise};
+use super::filter;
+use super::parameters::{StateNoise, StepCount, StepNoise};
 use super::population::Population;
-use crate::key::{Assignment, Constraint, Keyed, Parameter, Violation};
+use crate::env::scenario::Scenario;
+use crate::key::{Assignment, Constraint, Keyed, Parameter, Value, Violation};
 
 const STATE_NOISE: Parameter = Parameter::Environment("state_noise");
 const STATE_SPREAD: Parameter = Parameter::Environment("state_spread");
@@ -11,6 +13,8 @@ const KAPPA_H: Parameter = Parameter::Environment("kappa_h");
 const KAPPA_D: Parameter = Parameter::Environment("kappa_d");
 const STEP_NOISE: Parameter = Parameter::Environment("step_noise");
 const SIGMA_S: Parameter = Parameter::Environment("sigma_s");
+const PARAMETER_SPREAD: Parameter = Parameter::Environment("parameter_spread");
+const CONTEXT_PERSISTENCE: Parameter = Parameter::Environment("context_persistence");
 
 /// Constraints on every environment beyond the ranges of single keys.
 pub const CONSTRAINTS: &[Constraint] = &[
@@ -111,8 +115,58 @@ const KEYS_AND_NOISE: [Parameter; KEYS.len() + 2] = {
     all
 };
 
+/// The keys of the population, and what decides whether beliefs can be computed.
+const KEYS_OF_BELIEFS: [Parameter; KEYS.len() + 5] = {
+    let mut all = [Parameter::SCENARIO; KEYS.len() + 5];
+    let mut place = 0;
+    while place < KEYS.len() {
+        all[place] = KEYS[place];
+        place += 1;
+    }
+    all[KEYS.len() + 1] = STATE_NOISE;
+    all[KEYS.len() + 2] = STEP_NOISE;
+    all[KEYS.len() + 3] = PARAMETER_SPREAD;
+    all[KEYS.len() + 4] = CONTEXT_PERSISTENCE;
+    all
+};
+
+/// The environment of a cell with the parameters that decide whether beliefs can be computed.
+fn environment_of_beliefs(assignment: &Assignment) -> Option<StepCount> {
+    let word = |key| match assignment.value(key) {
+        Some(Value::Choice(word)) => Some(*word),
+        _ => None,
+    };
+    let environment = StepCount {
+        state_noise: StateNoise::named(word(STATE_NOISE)?)?,
+        step_noise: StepNoise::named(word(STEP_NOISE)?)?,
+        parameter_spread: assignment.real(PARAMETER_SPREAD),
+        context_persistence: assignment.real(CONTEXT_PERSISTENCE),
+        ..StepCount::paper(0.0)
+    };
+    Some(population(assignment)?.widest(&environment))
+}
+
 /// Constraints on every population beyond the ranges of single keys.
 pub const PEOPLE_CONSTRAINTS: &[Constraint] = &[
+    Constraint {
+        parameters: &KEYS_OF_BELIEFS,
+        violation: |assignment| {
+            let scenario: Scenario = assignment.text(Parameter::SCENARIO).parse().ok()?;
+            let environment = environment_of_beliefs(assignment)?;
+            filter::is_undefined(&environment, &scenario).then(|| Violation::Impossible {
+                says: format!(
+                    "no estimates are computed for {scenario}, whose letter S shows steps without noise of a state \
+                     with noise"
+                ),
+                help: format!(
+                    "write {} = \"{}\" with {}, or leave S out of the scenario",
+                    STEP_NOISE.key(),
+                    StepNoise::Gamma.word(),
+                    SIGMA_S.key()
+                ),
+            })
+        },
+    },
     Constraint {
         parameters: &KEYS,
         violation: |assignment| {

@@ -95,14 +95,25 @@ impl Dynamics {
         let habit = if habit < 1.0 { habit } else { 1.0 };
         let habituation = if sends { habit } else { rest };
 
-        let (calm, annoyed) =
-            ((1.0 - self.delta_d) * disengagement, disengagement + self.epsilon_d);
-        let annoyed = if annoyed < 1.0 { annoyed } else { 1.0 };
+        let (calm, annoyed) = (self.calmed(disengagement), self.annoyed(disengagement));
         let unwelcome = if sends { annoyed } else { disengagement };
         let disengagement = if untailored | suits { calm } else { unwelcome };
 
         let reward = self.reward(context, action, habituation);
         Effect { habituation, disengagement, reward }
+    }
+
+    /// Disengagement risk after an untailored or a right message.
+    #[inline(always)]
+    pub(super) fn calmed(&self, disengagement: f64) -> f64 {
+        (1.0 - self.delta_d) * disengagement
+    }
+
+    /// Disengagement risk after a wrong message.
+    #[inline(always)]
+    pub(super) fn annoyed(&self, disengagement: f64) -> f64 {
+        let annoyed = disengagement + self.epsilon_d;
+        if annoyed < 1.0 { annoyed } else { 1.0 }
     }
 
     /// The steps walked after an action, given the habituation after it.

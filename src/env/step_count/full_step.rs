@@ -166,8 +166,9 @@ impl<P: LaneDynamics, N: Noise> WithSimd for FullStep<'_, P, N> {
     }
 }
 
+/// `x`, or the nearest number from `low` to `high`.
 #[inline(always)]
-fn cut(x: f64, low: f64, high: f64) -> f64 {
+pub(super) fn cut(x: f64, low: f64, high: f64) -> f64 {
     let x = if x > low { x } else { low };
     if x < high { x } else { high }
 }

@@ -13,6 +13,9 @@ pub(super) const ACTIONS: [&str; 4] = [
     "a message tailored to context 1",
 ];
 
+/// What letters of estimates show, entry by entry.
+const MOMENTS: [&str; 2] = ["mean", "standard deviation"];
+
 /// What the clock shows.
 pub(super) fn clock(environment: &StepCount) -> String {
     format!("clock ({})", environment.time_indicator.word())
@@ -50,6 +53,20 @@ fn meaning(environment: &StepCount, feature: Feature, at: usize) -> Meaning {
             (format!("whether the previous action was {}", ACTIONS[at]), "0 or 1", 1.0)
         }
         Feature::PreviousSteps => ("steps walked in the previous step".to_owned(), "steps", 0.01),
+        Feature::Filtered => {
+            let context = environment.observed_probability;
+            (format!("filtered probability of context {context}"), "probability", 1.0)
+        }
+        Feature::EstimatedHabituation => {
+            (format!("{} of habituation as estimated", MOMENTS[at]), "0 to 1", 1.0)
+        }
+        Feature::EstimatedRisk => match MOMENTS.get(at) {
+            Some(moment) => (format!("{moment} of disengagement risk as estimated"), "0 to 1", 1.0),
+            None => {
+                let near = "probability that a wrong message would end the episode";
+                (near.to_owned(), "probability", 1.0)
+            }
+        },
     };
     Meaning { meaning, unit: unit.to_owned(), scale }
 }

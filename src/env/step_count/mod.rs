@@ -8,6 +8,7 @@ mod constraints;
 mod context;
 mod dynamics;
 mod family;
+mod filter;
 mod full_step;
 mod intervention;
 mod meaning;
@@ -29,6 +30,7 @@ pub use context::{
 };
 pub use dynamics::{Effect, apply_action, fewest_steps};
 pub use family::{FAMILY, StepCountModel};
+pub use filter::Beliefs;
 pub use full_step::INITIAL_STEPS;
 pub use intervention::OPTIONS;
 pub use noise::ForcedNoise;

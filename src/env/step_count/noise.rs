@@ -2,12 +2,12 @@
 
 use crate::env::step_count::dynamics::Dynamics;
 use crate::env::step_count::parameters::{StateNoise, StepCount, StepNoise};
-use crate::env::variates::{beta, gamma};
+use crate::env::variates::{Expansion, beta, gamma};
 use crate::env::vector::{LaneSet, LaneStreams};
 use crate::rng::{Companion, unit_from_bits};
 
 /// The official code's lower bound for parameters of beta distributions and for mean steps.
-const FLOOR: f64 = 1e-5;
+pub(super) const FLOOR: f64 = 1e-5;
 
 /// A source of noise for all lanes.
 pub(super) trait Noise {
@@ -87,6 +87,20 @@ impl DrawnNoise {
             parameter_words: words(parameter_spread > 0.0, Companion::ParameterNoise),
             state_words: words(state_noise != StateNoise::None, Companion::StateNoise),
             step_words: words(step_noise != StepNoise::None, Companion::StepNoise),
+        }
+    }
+
+    /// The noise of the state and of its parameters alone, for `count` particles instead of lanes.
+    pub(super) fn of_state(environment: &StepCount, count: usize) -> Self {
+        let without_steps = StepCount { step_noise: StepNoise::None, ..environment.clone() };
+        DrawnNoise::new(&without_steps, count)
+    }
+
+    /// Draws the words of the next step from other words.
+    #[inline(always)]
+    pub(super) fn expand(&mut self, words: &mut Expansion) {
+        for word in self.parameter_words.iter_mut().chain(&mut self.state_words) {
+            *word = words.bits();
         }
     }
 

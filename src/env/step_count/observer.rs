@@ -2,6 +2,7 @@
 
 use crate::env::observation::{FeatureSpec, ObservationSpec, Observations};
 use crate::env::scenario::Scenario;
+use crate::env::step_count::filter::Beliefs;
 use crate::env::step_count::intervention::OPTIONS;
 use crate::env::step_count::parameters::{StepCount, TimeIndicator};
 use crate::env::step_count::scenario::Feature;
@@ -30,6 +31,8 @@ pub struct LaneStates<'a> {
     pub actions: &'a [Option<Action>],
     /// The steps walked in the last step.
     pub steps: &'a [f64],
+    /// What the letters of beliefs show.
+    pub beliefs: Beliefs<'a>,
 }
 
 /// The unit of the feature S, in steps.
@@ -42,6 +45,28 @@ enum Entry {
     Of(Feature),
     /// Whether this action was taken in the last step.
     PreviousAction(Action),
+    /// One number of an estimate.
+    Estimate(Feature, Estimate),
+}
+
+/// A number of an estimate.
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Estimate {
+    Mean,
+    Deviation,
+    /// The probability that a wrong message would end the episode.
+    Near,
+}
+
+impl Estimate {
+    /// The name of the entry behind the letter, and its largest value. A number between 0 and 1 deviates by 1/2 at most.
+    fn described(self) -> (&'static str, f32) {
+        match self {
+            Estimate::Mean => ("mean", 1.0),
+            Estimate::Deviation => ("sd", 0.5),
+            Estimate::Near => ("near", 1.0),
+        }
+    }
 }
 
 /// The entries of a scenario, in the scenario's order.
@@ -49,6 +74,12 @@ fn entries(scenario: &Scenario) -> Vec<Entry> {
     let of = |feature: &Feature| match feature {
         Feature::PreviousAction => {
             (0..OPTIONS).filter_map(Action::from_index).map(Entry::PreviousAction).collect()
+        }
+        Feature::EstimatedHabituation | Feature::EstimatedRisk => {
+            [Estimate::Mean, Estimate::Deviation, Estimate::Near][..feature.width()]
+                .iter()
+                .map(|estimate| Entry::Estimate(*feature, *estimate))
+                .collect()
         }
         feature => vec![Entry::Of(*feature)],
     };
@@ -93,6 +124,10 @@ impl Observer {
                 low: 0.0,
                 high: 1.0,
             },
+            Entry::Estimate(feature, estimate) => {
+                let (suffix, high) = estimate.described();
+                FeatureSpec { name: format!("{}_{suffix}", feature.letter()), low: 0.0, high }
+            }
         };
         ObservationSpec { features: self.entries.iter().map(spec).collect(), one_hot: self.one_hot }
     }
@@ -109,7 +144,10 @@ impl Observer {
             | Feature::Disengagement
             | Feature::Available
             | Feature::Budget
-            | Feature::PreviousAction => (0.0, 1.0),
+            | Feature::PreviousAction
+            | Feature::Filtered
+            | Feature::EstimatedHabituation
+            | Feature::EstimatedRisk => (0.0, 1.0),
         }
     }
 
@@ -120,7 +158,7 @@ impl Observer {
         self.entries == other.entries
             && self.one_hot == other.one_hot
             && (self.observed_probability == other.observed_probability
-                || !has(Feature::Probability))
+                || !(has(Feature::Probability) || has(Feature::Filtered)))
             && (self.period == other.period || !has(Feature::Time))
             && (self.budget == other.budget || !has(Feature::Budget))
             && (self.time_indicator == other.time_indicator || !has_clock)
@@ -179,7 +217,23 @@ impl Observer {
             Entry::Of(Feature::Available) => f32::from(u8::from(lanes.available[lane])),
             Entry::Of(Feature::Budget) => self.budget_left(lanes.messages[lane]) as f32,
             Entry::Of(Feature::PreviousSteps) => (lanes.steps[lane] / STEPS_UNIT) as f32,
-            Entry::Of(Feature::PreviousAction) => unreachable!("it has four entries of its own"),
+            Entry::Of(Feature::Filtered) if self.observed_probability == 0 => {
+                lanes.beliefs.zero[lane] as f32
+            }
+            Entry::Of(Feature::Filtered) => (1.0 - lanes.beliefs.zero[lane]) as f32,
+            Entry::Of(
+                Feature::PreviousAction | Feature::EstimatedHabituation | Feature::EstimatedRisk,
+            ) => unreachable!("it has entries of its own"),
+            Entry::Estimate(feature, estimate) => {
+                let Beliefs { habituation, risk, near, .. } = &lanes.beliefs;
+                let of = if feature == Feature::EstimatedRisk { risk } else { habituation };
+                let [mean, deviation] = of;
+                match estimate {
+                    Estimate::Mean => mean[lane] as f32,
+                    Estimate::Deviation => deviation[lane] as f32,
+                    Estimate::Near => near[lane] as f32,
+                }
+            }
             Entry::PreviousAction(action) => {
                 f32::from(u8::from(lanes.actions[lane] == Some(action)))
             }

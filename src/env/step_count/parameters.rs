@@ -43,7 +43,7 @@ keys! {
         time_indicator_period: u32 = 2, in Kind::Integer { min: 1, max: 10_000 };
         /// whether every observation also carries a one-hot of the time
         time_one_hot: bool = false;
-        /// the context whose probability the letter P shows
+        /// the context whose probability the letters P and F show
         observed_probability: u8 = 0, in Kind::Integer { min: 0, max: 1 };
         /// noise of habituation and disengagement risk: "uniform" around their next values, or "beta"
         /// with these as means

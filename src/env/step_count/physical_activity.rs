@@ -8,10 +8,11 @@ use crate::env::step_count::context::{
     ContextChain, ContextDraw, ContextDrawsAhead, Draws, Inference, LaneInference,
 };
 use crate::env::step_count::dynamics::{Alike, Dynamics, LaneDynamics};
+use crate::env::step_count::filter::{Beliefs, Evidence, Filters, Update};
 use crate::env::step_count::full_step::{FullStep, Memory, is_needed};
 use crate::env::step_count::noise::{DrawnNoise, ForcedNoise, Noise, Silence};
 use crate::env::step_count::observer::{LaneStates, Observer};
-use crate::env::step_count::parameters::{FirstContext, StepCount};
+use crate::env::step_count::parameters::{DisengagementReward, FirstContext, StepCount};
 use crate::env::step_count::participants::Participants;
 use crate::env::step_count::plain_step::PlainStep;
 use crate::env::step_count::population::Population;
@@ -58,6 +59,8 @@ pub struct PhysicalActivity {
     /// Whether messages can be unavailable at some steps, and whether messages have a cost.
     is_limited: bool,
     has_costs: bool,
+    /// `None` if the scenario has no letter of a belief.
+    filters: Option<Box<Filters>>,
     /// `None` if every lane has the environment's parameters.
     participants: Option<Box<Participants>>,
     /// Contexts computed ahead for a single lane.
@@ -117,6 +120,7 @@ impl PhysicalActivity {
             is_chained: !widest.has_independent_fair_contexts(),
             is_limited: widest.availability < 1.0,
             has_costs: widest.message_cost > 0.0,
+            filters: Filters::new(&widest, scenario, lanes).map(Box::new),
             participants,
             ahead: ContextDrawsAhead::new(parameters.sigma),
             isa: Isa::chosen(),
@@ -166,6 +170,7 @@ impl PhysicalActivity {
             messages: &self.memory.messages,
             actions: &self.memory.actions,
             steps: &self.memory.steps,
+            beliefs: self.filters.as_ref().map_or(Beliefs::NONE, |filters| filters.beliefs()),
         }
     }
 
@@ -326,6 +331,54 @@ impl PhysicalActivity {
         });
     }
 
+    /// Begins the beliefs of lanes whose episodes begin.
+    fn begin_beliefs(&mut self, lanes: LaneSet<'_>) {
+        if let Some(mut filters) = self.filters.take() {
+            for lane in (0..self.lanes()).filter(|lane| lanes.contains(*lane)) {
+                filters.begin(lane, self.person(lane), self.probabilities[lane]);
+            }
+            self.filters = Some(filters);
+        }
+    }
+
+    /// Draws the words for the beliefs after the next step.
+    fn draw_beliefs(&mut self, streams: &LaneStreams) {
+        if let Some(filters) = &mut self.filters {
+            filters.draw(&self.drawn, streams);
+        }
+    }
+
+    /// Updates the beliefs of the lanes marked in `drawn` after a step.
+    pub(super) fn update_beliefs(&mut self, actions: &[Action]) {
+        if let Some(mut filters) = self.filters.take() {
+            let (has_memory, shows) = (self.full.is_some(), filters.shows());
+            let person = |lane: usize| self.person(lane);
+            let evidence = |lane: usize| {
+                let taken = self.memory.actions[lane].filter(|_| has_memory);
+                let is_paid = self.is_paid(lane);
+                Evidence {
+                    action: taken.unwrap_or(actions[lane]),
+                    steps: (shows.steps && is_paid).then_some(self.memory.steps[lane]),
+                    disengaged: shows.risk.then_some(self.has_disengaged(lane)),
+                    probability: self.probabilities[lane],
+                }
+            };
+            self.isa.run(Update { filters: &mut filters, ran: &self.drawn, person, evidence });
+            self.filters = Some(filters);
+        }
+    }
+
+    /// Whether a lane's episode ended by disengagement.
+    fn has_disengaged(&self, lane: usize) -> bool {
+        self.statuses[lane] == EpisodeStatus::Terminated
+    }
+
+    /// Whether the last step of a lane pays the steps walked.
+    fn is_paid(&self, lane: usize) -> bool {
+        let zero = self.parameters.disengagement_reward == DisengagementReward::Zero;
+        self.times[lane] <= self.parameters.horizon && !(zero && self.has_disengaged(lane))
+    }
+
     fn sample_availability(&mut self, lanes: LaneSet<'_>, streams: &LaneStreams) {
         if !self.is_limited {
             return;
@@ -377,6 +430,12 @@ impl PhysicalActivity {
             probability_of_zero: self.probabilities[lane],
             likely: self.likely[lane],
         }
+    }
+
+    /// The beliefs of the lanes; `None` if the scenario has no letter of a belief.
+    #[cfg(test)]
+    pub(super) fn filters(&self) -> Option<&Filters> {
+        self.filters.as_deref()
     }
 
     /// The parameters of the simulation.

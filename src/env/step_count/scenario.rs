@@ -26,11 +26,18 @@ pub enum Feature {
     PreviousAction,
     /// `S`: the steps walked in the last step, in hundreds.
     PreviousSteps,
+    /// `F`: the filtered probability of a context, in [0, 1].
+    Filtered,
+    /// `E`: the mean and the standard deviation of habituation, as a phone can estimate them.
+    EstimatedHabituation,
+    /// `R`: the mean and the standard deviation of disengagement risk as a phone can estimate them, and the
+    /// probability that a wrong message would end the episode.
+    EstimatedRisk,
 }
 
 impl Feature {
     /// All features, in the order of the documentation.
-    pub const ALL: [Feature; 10] = [
+    pub const ALL: [Feature; 13] = [
         Feature::Context,
         Feature::Probability,
         Feature::Likely,
@@ -41,6 +48,9 @@ impl Feature {
         Feature::Budget,
         Feature::PreviousAction,
         Feature::PreviousSteps,
+        Feature::Filtered,
+        Feature::EstimatedHabituation,
+        Feature::EstimatedRisk,
     ];
 
     /// The letter of this feature in a scenario.
@@ -56,6 +66,9 @@ impl Feature {
             Feature::Budget => 'B',
             Feature::PreviousAction => 'M',
             Feature::PreviousSteps => 'S',
+            Feature::Filtered => 'F',
+            Feature::EstimatedHabituation => 'E',
+            Feature::EstimatedRisk => 'R',
         }
     }
 
@@ -63,6 +76,8 @@ impl Feature {
     pub fn width(self) -> usize {
         match self {
             Feature::PreviousAction => OPTIONS,
+            Feature::EstimatedHabituation => 2,
+            Feature::EstimatedRisk => 3,
             Feature::Context
             | Feature::Probability
             | Feature::Likely
@@ -71,7 +86,8 @@ impl Feature {
             | Feature::Time
             | Feature::Available
             | Feature::Budget
-            | Feature::PreviousSteps => 1,
+            | Feature::PreviousSteps
+            | Feature::Filtered => 1,
         }
     }
 
@@ -144,6 +160,7 @@ mod tests {
     fn every_name_of_a_scenario_is_a_letter() {
         let fault = |text: &str| check(&text.parse().unwrap());
         assert_eq!(fault("P-M-S-A-B"), Ok(()));
+        assert_eq!(fault("F-E-R"), Ok(()));
         assert_eq!(fault("P-X"), Err(ScenarioError::Unknown("X".into())));
         assert_eq!(fault("PH"), Err(ScenarioError::Unknown("PH".into())));
         assert_eq!(fault("all"), Err(ScenarioError::Unknown("all".into())));

@@ -81,6 +81,7 @@ impl VectorEnvironment for PhysicalActivity {
         if !is_fixed || self.is_limited {
             self.sample(Moment::Reset, lanes, streams);
         }
+        self.begin_beliefs(lanes);
     }
 
     fn step(&mut self, actions: &[Action], rewards: &mut [f64], streams: &mut LaneStreams) {
@@ -93,7 +94,9 @@ impl VectorEnvironment for PhysicalActivity {
         } else {
             self.act(actions, rewards);
         }
+        self.draw_beliefs(streams);
         self.sample(Moment::Step, LaneSet::All, streams);
+        self.update_beliefs(actions);
     }
 
     fn statuses(&self) -> &[EpisodeStatus] {
@@ -117,7 +120,7 @@ resumable!([] PhysicalActivity {
     fixed times, contexts, probabilities, likely, habituation, disengagement;
     each statuses, history;
     parts memory;
-    each participants;
+    each participants, filters;
     check fits, "contexts";
     then draw_ahead
 });
