@@ -35,6 +35,8 @@ const FAILURES_SHOWN: usize = 10;
 /// Run the jobs of manifests that have no completed run yet; run the same command again to resume
 /// after an interruption
 ///
+/// The jobs of a search run one rung after the other, then the fresh seeds of the winners.
+///
 /// SIGINT (Ctrl-C), SIGTERM, SIGHUP, and the warnings of batch systems (SIGUSR1, SIGUSR2, SIGXCPU) save
 /// every job and end the program within two seconds, with exit code 130. A signal that is ignored at
 /// the start, for example under nohup, stays ignored.
@@ -56,7 +58,8 @@ pub(super) struct Arguments {
     ///
     /// Every job belongs to exactly one shard, the same on every machine, and all shards take about
     /// equally long. With --filter, the filtered jobs are divided. Only the jobs of this shard are
-    /// added to the store.
+    /// added to the store. Of a search, the present rung is divided: merge the stores of all shards
+    /// and run the same commands on the merged store for the next one.
     #[arg(long, value_name = "I/N")]
     shard: Option<Shard>,
     /// Run failed jobs again; the failed runs stay in the store

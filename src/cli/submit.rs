@@ -36,7 +36,8 @@ const SAY: Duration = Duration::from_secs(10);
 ///
 /// Jobs are packed into chunks, one per task of a job array. Every task hands in a store, which is
 /// merged by the next `jitai submit`, by `jitai status --merge`, or by --wait. Submitting again
-/// submits only the jobs that are neither completed nor held by the cluster.
+/// submits only the jobs that are neither completed nor held by the cluster. Of a search, a submission
+/// is one rung.
 #[derive(clap::Args)]
 pub(super) struct Arguments {
     #[command(flatten)]

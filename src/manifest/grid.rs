@@ -228,7 +228,7 @@ impl<'m> Grid<'m> {
         for axis in others.iter().flatten() {
             concerned[*axis] = true;
         }
-        for axis in self.race.iter().flat_map(|race| race.arms.into_iter().chain([race.seeds])) {
+        for axis in self.race.iter().flat_map(RaceCells::divided) {
             concerned[axis] = true;
         }
         concerned

@@ -49,6 +49,7 @@ mod resolved;
 mod respelt;
 mod schema;
 mod search;
+mod searches;
 mod section;
 mod set;
 mod sides;

@@ -11,7 +11,7 @@ use super::parameter::parameters;
 use super::preset;
 use super::range::MOST_VALUES;
 use super::read::{FORMAT, LONGEST_NAME, LONGEST_TIME_LIMIT, MOST_ENTRIES};
-use super::search;
+use super::searches;
 use super::section::Section;
 use super::value_schema::{list, value};
 use crate::agent::Algorithm;
@@ -66,7 +66,7 @@ pub fn schema() -> Json {
             "population": section(Section::Population(Family::first()), Map::new()),
             "evaluation": section(Section::Evaluation, Map::new()),
             "trial": trial(),
-            "search": search::schema(),
+            "search": searches::schema(),
             "exclude": exclude(),
             "estimate": estimates::schema(),
             "analysis": analysis(),

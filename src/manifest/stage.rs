@@ -23,6 +23,12 @@ pub(super) struct RaceCells<'m> {
 }
 
 impl RaceCells<'_> {
+    /// The axes on which the race leaves out cells: none before it has a stage, and the seeds without draws.
+    pub fn divided(&self) -> impl Iterator<Item = usize> {
+        let seeds = (self.stage.is_some() || self.arms.is_none()).then_some(self.seeds);
+        self.arms.filter(|_| self.stage.is_some()).into_iter().chain(seeds)
+    }
+
     /// Whether the cell with these places on the axes belongs to the race.
     pub fn has(&self, cell: &[usize]) -> bool {
         let seed = cell[self.seeds];

@@ -60,6 +60,38 @@ pub enum Fate {
     NotShownWorse,
 }
 
+/// The arms of a rung by what is known of them.
+#[derive(Default)]
+struct Arms {
+    /// Arms with a value for each seed, the best first; of equal arms, the one that was drawn first.
+    known: Vec<(usize, Vec<f64>)>,
+    /// Arms with a job that failed.
+    failed: Vec<usize>,
+    /// Arms with a job that has not ended.
+    open: Vec<usize>,
+}
+
+impl Arms {
+    fn of(arms: &[usize], seeds: usize, table: &HashMap<(usize, usize), Score>) -> Arms {
+        let mut sorted = Arms::default();
+        for &arm in arms {
+            let score = |seed| table.get(&(arm, seed)).copied().unwrap_or(Score::Open);
+            let scores: Vec<Score> = (0..seeds).map(score).collect();
+            match mean_score(&scores) {
+                Score::Open => sorted.open.push(arm),
+                Score::Lost => sorted.failed.push(arm),
+                Score::Value(_) => {
+                    sorted.known.push((arm, scores.iter().filter_map(value_of).collect()));
+                }
+            }
+        }
+        sorted.known.sort_by(|(one, first), (other, second)| {
+            mean(second).total_cmp(&mean(first)).then(one.cmp(other))
+        });
+        sorted
+    }
+}
+
 impl Rung {
     /// A rung of these arms, with their values by arm and place of the seed.
     pub(super) fn of(
@@ -69,52 +101,26 @@ impl Rung {
         is_last: bool,
         table: &HashMap<(usize, usize), Score>,
     ) -> Rung {
-        let values = |arm: usize| -> Vec<Score> {
-            (0..seeds).map(|seed| table.get(&(arm, seed)).copied().unwrap_or(Score::Open)).collect()
-        };
-        let mut known: Vec<(usize, Vec<f64>)> = Vec::new();
-        let (mut failed, mut open) = (Vec::new(), Vec::new());
-        for arm in arms {
-            let scores = values(*arm);
-            match mean_score(&scores) {
-                Score::Open => open.push(*arm),
-                Score::Lost => failed.push(*arm),
-                Score::Value(_) => known.push((*arm, scores.iter().filter_map(value_of).collect())),
-            }
-        }
-        known.sort_by(|(one, first), (other, second)| {
-            mean(second).total_cmp(&mean(first)).then(one.cmp(other))
-        });
-        let is_open = !open.is_empty();
+        let Arms { known, failed, open } = Arms::of(arms, seeds, table);
+        let (is_open, of_all) = (!open.is_empty(), arms.len());
         let alpha = match search.leaving {
             Leaving::Share(_) => SHOWN_ALPHA,
             Leaving::Evidence(level) => level / search.comparisons() as f64,
         };
-        let best = known.first().map(|(_, values)| values.clone()).unwrap_or_default();
-        let mut entrants: Vec<Entrant> = known
-            .iter()
-            .enumerate()
-            .map(|(at, (arm, values))| {
-                let lead = if at == 0 { None } else { Lead::of(&best, values, alpha) };
-                let fate = match search.leaving {
-                    _ if is_open => Fate::Undecided,
-                    Leaving::Share(keep) if at >= kept(keep, arms.len()) => Fate::Behind,
-                    Leaving::Evidence(_) if lead.is_some_and(|lead| lead.low > 0.0) => Fate::Worse,
-                    Leaving::Share(_) | Leaving::Evidence(_) => Fate::GoesOn,
-                };
-                Entrant { arm: *arm, values: values.clone(), lead, fate }
-            })
-            .collect();
+        let mut entrants: Vec<Entrant> = Vec::new();
+        for (at, (arm, values)) in known.iter().enumerate() {
+            let lead = if at == 0 { None } else { Lead::of(&known[0].1, values, alpha) };
+            let fate = match search.leaving {
+                _ if is_open => Fate::Undecided,
+                Leaving::Share(keep) if at >= kept(keep, of_all) => Fate::Behind,
+                Leaving::Evidence(_) if lead.is_some_and(|lead| lead.low > 0.0) => Fate::Worse,
+                Leaving::Share(_) | Leaving::Evidence(_) => Fate::GoesOn,
+            };
+            entrants.push(Entrant { arm: *arm, values: values.clone(), lead, fate });
+        }
         let left = entrants.iter().filter(|one| one.fate == Fate::GoesOn).count();
         if is_last || left == 1 {
-            for (at, entrant) in entrants.iter_mut().enumerate() {
-                entrant.fate = match (at, entrant.fate, search.leaving) {
-                    (0, Fate::GoesOn, _) => Fate::Won,
-                    (_, Fate::GoesOn, Leaving::Share(_)) => Fate::Behind,
-                    (_, Fate::GoesOn, Leaving::Evidence(_)) => Fate::NotShownWorse,
-                    (_, fate, _) => fate,
-                };
-            }
+            end(&mut entrants, search.leaving);
         }
         let without =
             |fate| move |arm: usize| Entrant { arm, values: Vec::new(), lead: None, fate };
@@ -132,6 +138,18 @@ impl Rung {
 
     pub(super) fn winner(&self) -> Option<usize> {
         self.entrants.iter().find(|one| one.fate == Fate::Won).map(|one| one.arm)
+    }
+}
+
+/// Ends the race: of the arms that would go on, the best has won.
+fn end(entrants: &mut [Entrant], leaving: Leaving) {
+    for (at, entrant) in entrants.iter_mut().enumerate() {
+        entrant.fate = match (at, entrant.fate, leaving) {
+            (0, Fate::GoesOn, _) => Fate::Won,
+            (_, Fate::GoesOn, Leaving::Share(_)) => Fate::Behind,
+            (_, Fate::GoesOn, Leaving::Evidence(_)) => Fate::NotShownWorse,
+            (_, fate, _) => fate,
+        };
     }
 }
 
