@@ -120,19 +120,21 @@ pub mod experiment {
         CurvePoint, Metric, Outcome, ParticipantValue, Phase, Results, TestEpisode,
     };
     pub use crate::manifest::{
-        Analysis, AnalysisKind, Contrast, CurveAxis, DeclaredAgent, DeclaredEstimate, Exclusion,
-        Fault, Faults, Manifest, Overridden, Override, Pairing, Parameters, Position, Published,
-        PublishedRow, Recovery, Runs, Section, SelectionRule, Sides, Zip, hints, load, load_with,
-        parse, parse_with, same_name, schema,
+        Analysis, AnalysisKind, Contrast, CurveAxis, DeclaredAgent, DeclaredEstimate, Draw,
+        Exclusion, Fault, Faults, Leaving, Manifest, Overridden, Override, Pairing, Parameters,
+        Position, Published, PublishedRow, Recovery, Runs, Search, Section, SelectionRule, Sides,
+        Stage, Zip, hints, load, load_with, parse, parse_with, same_name, schema,
     };
     pub use crate::plan::{
-        Factors, Filter, FilterError, Shard, ShardError, Swept, count, expand, jobs,
+        Cost, Entrant, Factors, Fate, Filter, FilterError, Lead, Outcome as RaceOutcome, Race,
+        RaceJobs, Races, Reference, Rung, Shard, ShardError, Swept, count, expand, jobs, race_jobs,
+        race_line,
     };
     pub use crate::schedule::{
         Cause, CheckpointNote, End, EstimatesEnd, Event, EventLog, EventSink, Found, MOST_WORKERS,
         OnFailure, Options, Preview, Queued, Remaining, Selection, Speeds, Survey, Surveyed,
-        SweepError, Tally, add_estimates, command, dropped_note, register_experiment, removal,
-        run_manifests as run, run_queue,
+        SweepError, Tally, add_estimates, at_stage, command, dropped_note, race_notes, races_ended,
+        register_experiment, removal, run_manifests as run, run_queue,
     };
     pub use crate::store::{
         Command, Conflict, Counts, Damage, MergeProgress, Merged, Origin, OtherManifest,
@@ -149,14 +151,15 @@ pub mod results {
     pub use crate::job::metric::{METRICS, first_return, metrics_of};
     pub use crate::job::{
         ActionCount, Effect, Estimate, EstimateDeclaration, Estimates, Failure, FailureKind,
-        Measure, Messages, MetricName, MetricPlace, MetricUnit, Provenance, Scalar, Treatment,
+        Measure, Messages, MetricName, MetricPlace, MetricUnit, Provenance, Scalar, Score,
+        Treatment,
     };
     pub use crate::record::{
         AmongParticipants, CompletedRun, DataSet, JobRecord, JobStatus, Settings,
     };
     pub use crate::report::{
-        AssembleError, Hosts, ReportFigure, ReportFile, ReportedExperiment, Work, assemble,
-        figures, report, splits,
+        AssembleError, Hosts, ReportFigure, ReportFile, ReportedExperiment, ReportedRace, Work,
+        assemble, figures, report, splits,
     };
     pub use crate::store::{
         Answer, ColumnType, ExperimentCounts, FailedJob, Interrupter, JobState, Pace, Parts,

@@ -43,6 +43,8 @@ pub enum Purpose {
     EpisodeDraws = 13,
     /// Seeds of the trials in which the true effect of messages is simulated; no job draws from it.
     Truth = 15,
+    /// The shift of the points at which a search draws settings; no job draws from it.
+    Search = 16,
 }
 
 /// Streams that run alongside another stream: for each word of the stream, a fixed number of independent

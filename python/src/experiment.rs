@@ -253,8 +253,11 @@ pub(crate) fn check(
             let checked = read.into_iter().map(|Overridden { manifest, mut left_out }| {
                 left_out.extend(experiment::hints(&manifest));
                 left_out.extend(results::splits(&manifest));
-                let count = experiment::count(&manifest);
-                (manifest.name.clone(), count, Factors::lines(&manifest), left_out)
+                let races = experiment::race_jobs(&manifest);
+                let count = races.map_or_else(|| experiment::count(&manifest), |jobs| jobs.most);
+                let lines = experiment::race_line(&manifest).map(|line| vec![line]);
+                let lines = lines.unwrap_or_else(|| Factors::lines(&manifest));
+                (manifest.name.clone(), count, lines, left_out)
             });
             Ok(checked.collect())
         },
@@ -273,20 +276,25 @@ pub(crate) fn plan<'py>(
         py,
         || (),
         || {
-            let (manifests, mut notes) = asked.load()?;
-            let selection = asked.selection(&manifests)?;
+            let (declared, mut notes) = asked.load()?;
             let reader = match Reader::open(&asked.store) {
                 Ok(reader) => Some(reader),
                 Err(StoreError::Missing { .. } | StoreError::Empty { .. }) => None,
                 Err(error) => return Err(store_error(error)),
             };
+            let staged = experiment::at_stage(&declared, reader.as_ref()).map_err(store_error)?;
+            let manifests = &*staged;
+            let selection = asked.selection(manifests)?;
+            notes.extend(declared.iter().filter_map(experiment::race_line));
+            let races = experiment::race_notes(&declared, reader.as_ref());
+            notes.extend(races.map_err(store_error)?);
             let survey = Survey::of(&selection, reader.as_ref());
             if lists_jobs {
-                return planned_jobs(survey, &manifests);
+                return planned_jobs(survey, manifests);
             }
             let speeds = reader.as_ref().map_or(Ok(Speeds::default()), Speeds::of);
             let speeds = speeds.map_err(store_error)?;
-            let preview = Preview::of(survey, &manifests, speeds, asked.options.workers);
+            let preview = Preview::of(survey, manifests, speeds, asked.options.workers);
             let preview = preview.map_err(store_error)?;
             let experiments = preview.experiments().map(|(name, counts, left)| {
                 json!({
@@ -356,29 +364,62 @@ pub(crate) fn run<'py>(
 
 /// Runs the jobs, and sends every event.
 fn swept(asked: &Asked, stop: &AtomicBool, events: &Sender<Json>) -> PyResult<Json> {
-    let (manifests, mut notes) = asked.load()?;
-    let (selection, options) = (asked.selection(&manifests)?, asked.options);
+    let (declared, mut notes) = asked.load()?;
+    asked.selection(&declared)?;
     let store = Store::open(&asked.store).map_err(store_error)?;
     let mut store = store.changed_by(experiment::command(asked.call.clone()));
+    let staged = |store: &Store| -> PyResult<_> {
+        let reader = store.reader().map_err(store_error)?;
+        experiment::at_stage(&declared, Some(&reader)).map_err(store_error)
+    };
+    let mut manifests = staged(&store)?;
     let reader = store.reader().map_err(store_error)?;
     for manifest in manifests.iter().filter(|_| !asked.replace) {
         if let Some(what) = experiment::removal(&reader, manifest).map_err(store_error)? {
             return Err(refused(format!("this would {what}; to allow it, pass replace=True")));
         }
     }
-    for manifest in &manifests {
+    let (mut options, mut ran) = (asked.options, 0);
+    let end = loop {
+        let selection = asked.selection(&manifests)?;
+        let stage = (&mut store, &selection, options, ran);
+        let end = swept_stage(stage, stop, events, &mut notes)?.after(ran);
+        let next = staged(&store)?;
+        if end.cause() != experiment::Cause::NothingLeft || next == manifests {
+            break end;
+        }
+        // A job that failed is not retried at the next stage of a race.
+        options.retry_failed = RetryFailed::No;
+        (ran, manifests) = (end.ran(), next);
+    };
+    let reader = store.reader().map_err(store_error)?;
+    notes.extend(experiment::race_notes(&declared, Some(&reader)).map_err(store_error)?);
+    Ok(json!({
+        "event": end.cause().name(), "ran": end.ran(), "completed": end.completed(), "failed": end.failed(),
+        "left": end.left(), "line": end.line("call jitai.run again to resume"), "notes": notes,
+    }))
+}
+
+/// Runs the jobs of a selection after `ran` jobs of earlier stages, and sends every event.
+fn swept_stage(
+    (store, selection, options, ran): (&mut Store, &Selection<'_>, Options, usize),
+    stop: &AtomicBool,
+    events: &Sender<Json>,
+    notes: &mut Vec<String>,
+) -> PyResult<End> {
+    for manifest in selection.manifests() {
         let keys = selection.keys();
-        let registered = experiment::register_experiment(&mut store, manifest, keys, stop);
+        let registered = experiment::register_experiment(store, manifest, keys, stop);
         match registered.map_err(store_error)? {
             Some(registered) => notes.extend(experiment::dropped_note(manifest, &registered)),
             None => return Err(PyRuntimeError::new_err("stopped before the first job")),
         }
     }
-    let remaining = experiment::Remaining::of(&store, &selection, options.retry_failed);
+    let remaining = experiment::Remaining::of(store, selection, options.retry_failed);
     let remaining = remaining.map_err(store_error)?;
     let (mut end, queue) = (End::before(&remaining), remaining.queue);
     let lacking = &remaining.lacking;
-    let estimated = experiment::add_estimates(&mut store, lacking, options.workers.get(), stop);
+    let estimated = experiment::add_estimates(store, lacking, options.workers.get(), stop);
     let estimated = estimated.map_err(store_error)?;
     end.estimated = EstimatesEnd::of(&estimated, lacking.len());
     if end.estimated.failed > 0 {
@@ -392,17 +433,13 @@ fn swept(asked: &Asked, stop: &AtomicBool, events: &Sender<Json>) -> PyResult<Js
     }));
     if !queue.is_empty() {
         let workers = options.workers.get().min(queue.len());
-        let mut sent = Sent::new(workers, Swept::of(&manifests));
+        let mut sent = Sent { done: ran, ..Sent::new(workers, Swept::of(selection.manifests())) };
         let mut sink = |event: Event<'_>| sent.events(&event).into_iter().for_each(send);
-        let tally = experiment::run_queue(&mut store, queue, options, stop, drop, &mut sink);
+        let tally = experiment::run_queue(store, queue, options, stop, drop, &mut sink);
         let tally = tally.map_err(sweep_error)?;
         end = end.ran_to(tally);
     }
-    let end = end.because(stop.load(Ordering::Relaxed), options.on_failure);
-    Ok(json!({
-        "event": end.cause().name(), "ran": end.ran(), "completed": end.completed(), "failed": end.failed(),
-        "left": end.left(), "line": end.line("call jitai.run again to resume"), "notes": notes,
-    }))
+    Ok(end.because(stop.load(Ordering::Relaxed), options.on_failure))
 }
 
 /// The events of a sweep as they are sent.

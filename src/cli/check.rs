@@ -8,7 +8,7 @@ use serde_json::json;
 use crate::cli::output::shell_word;
 use crate::cli::{Error, Exit, StoreArgument, trial};
 use crate::manifest::{self, Faults, Manifest, Overridden, Override, Published, Runs};
-use crate::plan::Factors;
+use crate::plan::{self, Factors};
 use crate::report::splits;
 
 /// Validate manifests and report every fault at once, each with line, column and remedy
@@ -102,7 +102,11 @@ fn show(path: &Path, read: &Overridden) -> io::Result<()> {
     let Overridden { manifest, left_out } = read;
     hint(path, left_out)?;
     let mut out = io::stdout().lock();
-    let mut lines = Factors::lines(manifest).into_iter();
+    let mut lines = match plan::race_line(manifest) {
+        Some(line) => vec![line],
+        None => Factors::lines(manifest),
+    }
+    .into_iter();
     writeln!(out, "{}: ok, {}", path.display(), lines.next().unwrap_or_default())?;
     lines.try_for_each(|line| writeln!(out, "  {line}"))?;
     let hints: Vec<String> =

@@ -7,9 +7,9 @@ use crate::cli::check::ManifestArguments;
 use crate::cli::output::{Field, Format, Rows};
 use crate::cli::workers::workers;
 use crate::cli::{Error, Exit, StoreArgument, counts};
-use crate::key::{Parameter, shortened};
+use crate::key::{Parameter, printable, shortened};
 use crate::manifest::Manifest;
-use crate::plan::{Filter, Shard, Swept};
+use crate::plan::{self, Filter, Shard, Swept};
 use crate::schedule::{self, Preview, Selection, Speeds, Survey, Surveyed};
 use crate::store::{Reader, StoreError};
 
@@ -52,15 +52,20 @@ pub(super) fn run(arguments: &Arguments) -> Result<Exit, Error> {
         }
         return Ok(Exit::Done);
     }
-    let mut selection = Selection::new(&manifests, arguments.filter.as_ref())?;
-    if let Some(shard) = arguments.shard {
-        selection = selection.shard(shard);
-    }
     let reader = match Reader::open(&arguments.store.store) {
         Ok(reader) => Some(reader),
         Err(StoreError::Missing { .. } | StoreError::Empty { .. }) => None,
         Err(error) => return Err(error.into()),
     };
+    let lines = manifests.iter().filter_map(|one| Some((&one.name, plan::race_line(one)?)));
+    let lines = lines.map(|(name, line)| format!("search {}: {line}", printable(name)));
+    let races: Vec<String> =
+        lines.chain(schedule::race_notes(&manifests, reader.as_ref())?).collect();
+    let manifests = schedule::at_stage(&manifests, reader.as_ref())?;
+    let mut selection = Selection::new(&manifests, arguments.filter.as_ref())?;
+    if let Some(shard) = arguments.shard {
+        selection = selection.shard(shard);
+    }
     let survey = Survey::of(&selection, reader.as_ref());
     if arguments.jobs {
         list_jobs(survey, &manifests, arguments.format)?;
@@ -68,6 +73,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<Exit, Error> {
         let speeds = reader.as_ref().map_or(Ok(Speeds::default()), Speeds::of)?;
         let workers = arguments.workers.unwrap_or_else(schedule::one_per_core);
         list_experiments(&Preview::of(survey, &manifests, speeds, workers)?, arguments.format)?;
+        races.iter().try_for_each(|note| writeln!(io::stderr(), "{note}"))?;
     }
     Ok(Exit::Done)
 }

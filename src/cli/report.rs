@@ -67,7 +67,11 @@ pub(super) fn run(arguments: &Arguments) -> Result<Exit, Error> {
     let mut out = io::stdout().lock();
     writeln!(out, "{}", arguments.out.join("index.html").display())?;
     // The winners are texts to paste into a manifest.
-    for winners in experiments.iter().flat_map(|experiment| experiment.winners.iter().flatten()) {
+    let winners = experiments.iter().flat_map(|experiment| {
+        let raced = experiment.race.as_ref().and_then(|race| race.winners.as_ref());
+        experiment.winners.iter().flatten().chain(raced)
+    });
+    for winners in winners {
         write!(out, "\n{winners}")?;
     }
     Ok(Exit::Done)

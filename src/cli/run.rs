@@ -35,6 +35,8 @@ const FAILURES_SHOWN: usize = 10;
 /// Run the jobs of manifests that have no completed run yet; run the same command again to resume
 /// after an interruption
 ///
+/// The jobs of a search run one rung after the other, then the fresh seeds of the winners.
+///
 /// SIGINT (Ctrl-C), SIGTERM, SIGHUP, and the warnings of batch systems (SIGUSR1, SIGUSR2, SIGXCPU) save
 /// every job and end the program within two seconds, with exit code 130. A signal that is ignored at
 /// the start, for example under nohup, stays ignored.
@@ -56,7 +58,8 @@ pub(super) struct Arguments {
     ///
     /// Every job belongs to exactly one shard, the same on every machine, and all shards take about
     /// equally long. With --filter, the filtered jobs are divided. Only the jobs of this shard are
-    /// added to the store.
+    /// added to the store. Of a search, the present rung is divided: merge the stores of all shards
+    /// and run the same commands on the merged store for the next one.
     #[arg(long, value_name = "I/N")]
     shard: Option<Shard>,
     /// Run failed jobs again; the failed runs stay in the store
@@ -125,7 +128,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<Exit, Error> {
     ended
 }
 
-/// Runs the jobs; `cause` receives why the sweep ended.
+/// Runs the jobs, of searches one stage after the other; `cause` receives why the last sweep ended.
 fn run_jobs(
     arguments: &Arguments,
     on_end: &OnEnd,
@@ -134,30 +137,61 @@ fn run_jobs(
 ) -> Result<Exit, Error> {
     let manifests = arguments.manifests.load(&arguments.store)?;
     on_end.experiments(manifests.iter().map(|manifest| manifest.name.clone()));
-    let mut selection = Selection::new(&manifests, arguments.filter.as_ref())?;
-    if let Some(shard) = arguments.shard {
-        selection = selection.shard(shard);
-    }
+    // A faulty filter makes no store.
+    arguments.selection(&manifests)?;
     let mut store = arguments.store.open()?;
-    if !arguments.replacing.permit(&store.reader()?, &manifests)? {
+    let mut staged = schedule::at_stage(&manifests, Some(&store.reader()?))?;
+    if !arguments.replacing.permit(&store.reader()?, &staged)? {
         return Ok(Exit::Differs);
     }
-    for manifest in &manifests {
-        if register_experiment(&mut store, manifest, &selection, stop)?.is_break() {
+    let (mut ran, mut retry) = (0, arguments.retry());
+    loop {
+        let selection = arguments.selection(&staged)?;
+        let Some(end) = run_stage(arguments, on_end, stop, (&mut store, &selection, retry))? else {
             let _ = writeln!(io::stderr(), "stopped before the first job; {RESUME}");
             return Ok(Exit::Interrupted);
+        };
+        let end = end.after(ran);
+        *cause = end.cause();
+        let reader = store.reader()?;
+        let next = schedule::at_stage(&manifests, Some(&reader))?;
+        if end.cause() == Cause::NothingLeft && next != staged {
+            // A job that failed is not retried at the next stage.
+            (ran, staged, retry) = (end.ran(), next, RetryFailed::No);
+            arguments.say_stage(&manifests, &reader)?;
+            continue;
+        }
+        match show(&end, arguments, &reader, &selection, &manifests) {
+            // A closed pipe is no failure; the exit code still reports the outcome of the jobs.
+            Err(Error::Io { source, .. }) if source.kind() == io::ErrorKind::BrokenPipe => {}
+            shown => shown?,
+        }
+        return Ok(exit(&end));
+    }
+}
+
+/// Registers and runs the jobs of a selection; `None` if `stop` was set before the first one.
+fn run_stage(
+    arguments: &Arguments,
+    on_end: &OnEnd,
+    stop: &AtomicBool,
+    (store, selection, retry): (&mut Store, &Selection<'_>, RetryFailed),
+) -> Result<Option<End>, Error> {
+    for manifest in selection.manifests() {
+        if register_experiment(store, manifest, selection, stop)?.is_break() {
+            return Ok(None);
         }
     }
-    let options = arguments.options();
-    let remaining = Remaining::of(&store, &selection, options.retry_failed)?;
+    let options = Options { retry_failed: retry, ..arguments.options() };
+    let remaining = Remaining::of(store, selection, retry)?;
     let mut end = End::before(&remaining);
     on_end.jobs(jobs(&end));
     if !remaining.lacking.is_empty() {
-        end.estimated = arguments.estimate(&mut store, &remaining.lacking, stop)?;
+        end.estimated = arguments.estimate(store, &remaining.lacking, stop)?;
     }
-    let reader = store.reader()?;
     if !remaining.queue.is_empty() {
-        let mut shown = arguments.shown(&reader, &remaining.queue, Swept::of(&manifests))?;
+        let swept = Swept::of(selection.manifests());
+        let mut shown = arguments.shown(&store.reader()?, &remaining.queue, swept)?;
         // If the mark cannot be set, a crash counts as a kill, and the jobs can still run.
         let mark_crash = |mark| drop(signals::mark_crash(mark));
         let queue = remaining.queue;
@@ -165,21 +199,33 @@ fn run_jobs(
             on_end.hear(&event);
             shown.on_event(event);
         };
-        let swept = schedule::run_queue(&mut store, queue, options, stop, mark_crash, &mut sink);
+        let swept = schedule::run_queue(store, queue, options, stop, mark_crash, &mut sink);
         drop(shown);
         end = end.ran_to(swept?);
     }
-    end = end.because(stop.load(Ordering::Relaxed), options.on_failure);
-    *cause = end.cause();
-    match show(&end, arguments, &reader, &selection) {
-        // A closed pipe is no failure; the exit code still reports the outcome of the jobs.
-        Err(Error::Io { source, .. }) if source.kind() == io::ErrorKind::BrokenPipe => {}
-        shown => shown?,
-    }
-    Ok(exit(&end))
+    Ok(Some(end.because(stop.load(Ordering::Relaxed), options.on_failure)))
 }
 
 impl Arguments {
+    /// The jobs of this command.
+    fn selection<'m>(&'m self, manifests: &'m [Manifest]) -> Result<Selection<'m>, Error> {
+        let selection = Selection::new(manifests, self.filter.as_ref())?;
+        Ok(match self.shard {
+            Some(shard) => selection.shard(shard),
+            None => selection,
+        })
+    }
+
+    /// Says where the races stand, before their next jobs run.
+    fn say_stage(&self, manifests: &[Manifest], reader: &Reader) -> Result<(), Error> {
+        if self.format == Format::Text && !self.quiet {
+            for note in schedule::race_notes(manifests, Some(reader))? {
+                let _ = writeln!(io::stderr(), "{note}");
+            }
+        }
+        Ok(())
+    }
+
     fn retry(&self) -> RetryFailed {
         if self.retry_failed { RetryFailed::Yes } else { RetryFailed::No }
     }
@@ -301,9 +347,21 @@ fn show(
     arguments: &Arguments,
     reader: &Reader,
     selection: &Selection<'_>,
+    all: &[Manifest],
 ) -> Result<(), Error> {
     let manifests = selection.manifests();
     report(end, arguments)?;
+    arguments.say_stage(all, reader)?;
+    if end.cause() == Cause::NothingLeft
+        && selection.is_filtered()
+        && !schedule::races_ended(all, reader)?
+    {
+        let _ = writeln!(
+            io::stderr(),
+            "other jobs of this stage are not part of this command; when they have run and their stores are merged, run \
+             it again"
+        );
+    }
     // After a signal, there is no time to summarise a large experiment.
     if arguments.format == Format::Json || end.cause() == Cause::Stopped {
         return Ok(());

@@ -1,8 +1,10 @@
 //! `jitai submit`: submits missing jobs to a cluster.
 
+use std::borrow::Cow;
 use std::collections::HashSet;
 use std::io::{self, Write};
-use std::path::PathBuf;
+use std::ops::ControlFlow;
+use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread;
 use std::time::{Duration, Instant};
@@ -19,8 +21,9 @@ use crate::cluster::{
     self, ChunkState, ChunkSurvey, Cluster, ClusterError, Draft, Look, Loss, Profile, Request,
     Submission,
 };
+use crate::manifest::Manifest;
 use crate::plan::Filter;
-use crate::schedule::{Selection, Survey};
+use crate::schedule::{self, Selection, Survey};
 use crate::store::{JobState, Reader, RetryFailed, Store, StoreError};
 use crate::watch::failures;
 
@@ -33,7 +36,8 @@ const SAY: Duration = Duration::from_secs(10);
 ///
 /// Jobs are packed into chunks, one per task of a job array. Every task hands in a store, which is
 /// merged by the next `jitai submit`, by `jitai status --merge`, or by --wait. Submitting again
-/// submits only the jobs that are neither completed nor held by the cluster.
+/// submits only the jobs that are neither completed nor held by the cluster. Of a search, a submission
+/// is one rung.
 #[derive(clap::Args)]
 pub(super) struct Arguments {
     #[command(flatten)]
@@ -93,26 +97,27 @@ fn submit(arguments: &Arguments, on_end: &OnEnd, stop: &AtomicBool) -> Result<Ex
     };
     let manifests = arguments.manifests.load(&arguments.store)?;
     on_end.experiments(manifests.iter().map(|manifest| manifest.name.clone()));
-    let selection = Selection::new(&manifests, arguments.filter.as_ref())?;
+    // A faulty filter makes no store.
+    Selection::new(&manifests, arguments.filter.as_ref())?;
     let program = this_program()?;
     let retry = if arguments.retry_failed { RetryFailed::Yes } else { RetryFailed::No };
-    let request = Request { selection: &selection, retry, profile: &profile, program: &program };
     let cluster = Cluster::of(&arguments.store.store, cluster::connect)?;
     if arguments.dry_run {
-        return dry_run(arguments, &cluster, request);
+        return dry_run(arguments, &cluster, &manifests, (retry, &profile, &program));
     }
     // On a machine without a cluster, nothing is written.
     cluster.limits(profile.engine).map_err(ClusterError::from)?;
     let mut store = arguments.store.open()?;
-    if !arguments.replacing.permit(&store.reader()?, &manifests)? {
+    let staged = schedule::at_stage(&manifests, Some(&store.reader()?))?;
+    if !arguments.replacing.permit(&store.reader()?, &staged)? {
         return Ok(Exit::Differs);
     }
-    for manifest in &manifests {
-        if run::register_experiment(&mut store, manifest, &selection, stop)?.is_break() {
-            return Ok(Exit::Interrupted);
-        }
+    if register(&mut store, arguments, &staged, stop)?.is_break() {
+        return Ok(Exit::Interrupted);
     }
-    let mut submitting = Submitting { arguments, cluster, request, store, stop };
+    let (manifests, profile, program) = (&manifests, &profile, &program);
+    let mut submitting =
+        Submitting { arguments, cluster, manifests, profile, program, retry, store, stop };
     let (draft, submitted) = submitting.round()?;
     submitting.report(&draft, submitted.as_ref())?;
     if arguments.wait {
@@ -121,6 +126,22 @@ fn submit(arguments: &Arguments, on_end: &OnEnd, stop: &AtomicBool) -> Result<Ex
         return Ok(exit);
     }
     Ok(Exit::Done)
+}
+
+/// Registers manifests with the jobs of the command; returns early if `stop` is set.
+fn register(
+    store: &mut Store,
+    arguments: &Arguments,
+    staged: &[Manifest],
+    stop: &AtomicBool,
+) -> Result<ControlFlow<()>, Error> {
+    let selection = Selection::new(staged, arguments.filter.as_ref())?;
+    for manifest in staged {
+        if run::register_experiment(store, manifest, &selection, stop)?.is_break() {
+            return Ok(ControlFlow::Break(()));
+        }
+    }
+    Ok(ControlFlow::Continue(()))
 }
 
 /// The path of this program, which the nodes run.
@@ -133,15 +154,28 @@ fn this_program() -> Result<PathBuf, Error> {
 struct Submitting<'a> {
     arguments: &'a Arguments,
     cluster: Cluster<'a>,
-    request: Request<'a>,
+    manifests: &'a [Manifest],
+    profile: &'a Profile,
+    program: &'a Path,
+    retry: RetryFailed,
     store: Store,
     stop: &'a AtomicBool,
 }
 
 impl Submitting<'_> {
+    /// What is submitted of these manifests, which are at the stage of the store.
+    fn selection<'s>(&'s self, staged: &'s [Manifest]) -> Result<Selection<'s>, Error> {
+        Ok(Selection::new(staged, self.arguments.filter.as_ref())?)
+    }
+
+    fn request<'s>(&'s self, selection: &'s Selection<'s>) -> Request<'s> {
+        let Submitting { profile, program, retry, .. } = *self;
+        Request { selection, retry, profile, program }
+    }
+
     /// Merges finished work and submits missing jobs.
     fn round(&mut self) -> Result<(Draft, Option<Submission>), Error> {
-        let profile = self.request.profile;
+        let profile = self.profile;
         let limits = self.cluster.limits(profile.engine).map_err(ClusterError::from)?;
         let submissions = self.cluster.submissions();
         submissions.make(profile.folder())?;
@@ -158,10 +192,17 @@ impl Submitting<'_> {
         }
         self.collect(&look)?;
         let reader = self.store.reader()?;
-        let draft = self.cluster.draft(self.request, Some(&reader), &look, limits)?;
+        let staged = schedule::at_stage(self.manifests, Some(&reader))?;
+        if let Cow::Owned(staged) = &staged {
+            // The races may have come to further jobs.
+            let _ = register(&mut self.store, self.arguments, staged, self.stop)?;
+        }
+        let selection = self.selection(&staged)?;
+        let request = self.request(&selection);
+        let draft = self.cluster.draft(request, Some(&reader), &look, limits)?;
         let submitted = match draft.chunks.is_empty() {
             true => None,
-            false => Some(self.cluster.launch(&draft, self.request)?),
+            false => Some(self.cluster.launch(&draft, request)?),
         };
         Ok((draft, submitted))
     }
@@ -215,13 +256,30 @@ impl Submitting<'_> {
             )?,
             None => writeln!(out, "nothing to submit")?,
         }
-        Ok(writeln!(io::stderr(), "{}", others(draft))?)
+        writeln!(io::stderr(), "{}", others(draft))?;
+        self.say_races()
+    }
+
+    /// Says where the races stand. The next `jitai submit` submits their next jobs.
+    fn say_races(&self) -> Result<(), Error> {
+        let reader = self.store.reader()?;
+        for note in schedule::race_notes(self.manifests, Some(&reader))? {
+            writeln!(io::stderr(), "{note}")?;
+        }
+        let again = !self.arguments.wait && !schedule::races_ended(self.manifests, &reader)?;
+        if again {
+            writeln!(
+                io::stderr(),
+                "submit again when the tasks have ended: the races may want more jobs"
+            )?;
+        }
+        Ok(())
     }
 
     /// Waits until the cluster holds no more jobs and nothing can be submitted again.
     fn follow(&mut self) -> Result<Exit, Error> {
         // A job that fails again is not retried again.
-        self.request.retry = RetryFailed::No;
+        self.retry = RetryFailed::No;
         let (mut pause, most) = LOOK;
         let (mut said_at, mut said) = (None::<Instant>, String::new());
         loop {
@@ -248,8 +306,11 @@ impl Submitting<'_> {
                 continue;
             }
             let reader = self.store.reader()?;
-            let limits = self.request.profile.engine.usual_limits();
-            let draft = self.cluster.draft(self.request, Some(&reader), &look, limits)?;
+            let limits = self.profile.engine.usual_limits();
+            let staged = schedule::at_stage(self.manifests, Some(&reader))?;
+            let selection = self.selection(&staged)?;
+            let request = self.request(&selection);
+            let draft = self.cluster.draft(request, Some(&reader), &look, limits)?;
             if draft.held > 0 {
                 // The tasks of a cancelled submission are about to end.
                 continue;
@@ -265,6 +326,7 @@ impl Submitting<'_> {
                 let (name, jobs) = (submission.name(), counted(draft.jobs(), "job"));
                 let chunks = counted(draft.chunks.len(), "chunk");
                 writeln!(io::stderr(), "submitted again as {name}: {jobs} in {chunks}")?;
+                self.say_races()?;
             }
             pause = LOOK.0;
         }
@@ -275,8 +337,7 @@ impl Submitting<'_> {
         &self,
         look: &'l Look,
     ) -> impl DoubleEndedIterator<Item = &'l (Submission, ChunkSurvey)> {
-        let names: Vec<&str> =
-            self.request.selection.manifests().iter().map(|m| m.name.as_str()).collect();
+        let names: Vec<&str> = self.manifests.iter().map(|m| m.name.as_str()).collect();
         let is_ours = |submission: &Submission| {
             submission.intent.experiments.iter().any(|name| names.contains(&name.as_str()))
         };
@@ -288,7 +349,8 @@ impl Submitting<'_> {
     fn summarise(&self, on_end: &OnEnd) -> Result<(), Error> {
         let reader = self.store.reader()?;
         let mut jobs = Jobs::default();
-        Survey::of(self.request.selection, Some(&reader)).walk_all(|job| {
+        let staged = schedule::at_stage(self.manifests, Some(&reader))?;
+        Survey::of(&self.selection(&staged)?, Some(&reader)).walk_all(|job| {
             *match job.state {
                 JobState::Completed => &mut jobs.completed,
                 JobState::Failed => &mut jobs.failed,
@@ -297,8 +359,7 @@ impl Submitting<'_> {
             Ok::<_, StoreError>(())
         })?;
         on_end.jobs(jobs);
-        let ours: HashSet<&str> =
-            self.request.selection.manifests().iter().map(|one| one.name.as_str()).collect();
+        let ours: HashSet<&str> = self.manifests.iter().map(|one| one.name.as_str()).collect();
         for failed in reader.failed_jobs()? {
             if ours.contains(failed.experiment.as_str()) {
                 on_end.failed(failed.job_key, &failed.failure);
@@ -375,14 +436,18 @@ fn others(draft: &Draft) -> String {
 fn dry_run(
     arguments: &Arguments,
     cluster: &Cluster<'_>,
-    request: Request<'_>,
+    manifests: &[Manifest],
+    (retry, profile, program): (RetryFailed, &Profile, &Path),
 ) -> Result<Exit, Error> {
     let reader = match Reader::open(&arguments.store.store) {
         Ok(reader) => Some(reader),
         Err(StoreError::Missing { .. } | StoreError::Empty { .. }) => None,
         Err(error) => return Err(error.into()),
     };
-    let engine = request.profile.engine;
+    let staged = schedule::at_stage(manifests, reader.as_ref())?;
+    let selection = Selection::new(&staged, arguments.filter.as_ref())?;
+    let request = Request { selection: &selection, retry, profile, program };
+    let engine = profile.engine;
     let limits = cluster.limits(engine).or_else(|error| {
         let usual = engine.usual_limits();
         let most = usual.most_tasks;

@@ -33,7 +33,7 @@ pub use metric::{Measure, MetricName, MetricPlace, MetricUnit};
 pub use named::{PlannedJob, counted, shown, value_of};
 pub use outcome::{
     ActionCount, CurvePoint, DataPart, Decision, Failure, FailureKind, Metric, Outcome,
-    ParticipantValue, Phase, Provenance, Results, TestEpisode,
+    ParticipantValue, Phase, Provenance, Results, Score, TestEpisode,
 };
 pub use participant_range::ParticipantRange;
 pub use scalar::Scalar;

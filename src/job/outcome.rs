@@ -15,6 +15,17 @@ pub struct Metric {
     pub value: f64,
 }
 
+/// The result of a job in a comparison of jobs by one metric.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Score {
+    /// The job has not ended.
+    Open,
+    /// The job failed, or ended without a finite value.
+    Lost,
+    /// The value of the metric.
+    Value(f64),
+}
+
 /// One value of a learning curve.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct CurvePoint {

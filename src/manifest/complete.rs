@@ -2,6 +2,7 @@
 
 use super::declared::{DeclaredAgent, Exclusion, Manifest, Zip};
 use super::draft::{Draft, Settings};
+use super::draw::Draw;
 use super::fault::{Fault, FaultList};
 use super::parameter::Parameters;
 use super::section::Section;
@@ -9,7 +10,7 @@ use super::source::{Located, Span};
 use super::written;
 use crate::env::Family;
 use crate::job::EvaluatedOn;
-use crate::key::{Content, Distribution, Key, Kind, Rows, Value};
+use crate::key::{Content, Distribution, Key, Kind, Parameter, Rows, Value};
 
 /// The manifest that `draft` declares; reports missing keys.
 ///
@@ -69,10 +70,13 @@ pub(super) fn complete(
                 label: agent.label.as_ref().map(|label| label.value.clone()),
                 algorithm: agent.algorithm,
                 parameters: parameters(&agent.settings),
+                draws: draws(&agent.settings),
+                stage: None,
             })
             .collect(),
         evaluation: evaluation(&draft.evaluation),
         trial: parameters(&draft.trial),
+        search: draft.search.as_ref().map(|search| search.value.clone()),
         zips: zips.map(|zip| Zip { parameters: zip.value.clone() }).collect(),
         exclusions: exclusions.filter(|exclusion| !exclusion.conditions.is_empty()).collect(),
         estimates: draft.estimates.iter().map(|draft| draft.estimate.clone()).collect(),
@@ -126,6 +130,14 @@ fn evaluation(settings: &Settings) -> Parameters {
         settings.given.entry(place("test_episodes")).or_insert(none);
     }
     parameters(&settings)
+}
+
+fn draws(settings: &Settings) -> Vec<(Parameter, Draw)> {
+    let section = settings.section;
+    let draws = settings.draws.iter();
+    draws
+        .map(|(place, draw)| (section.parameter(section.keys()[*place].name), draw.value.clone()))
+        .collect()
 }
 
 fn parameters(settings: &Settings) -> Parameters {

@@ -4,9 +4,12 @@ use std::path::Path;
 use std::sync::Arc;
 
 use super::analysis::Analysis;
+use super::draw::Draw;
 use super::estimate::DeclaredEstimate;
 use super::parameter::{Parameters, scenario_of, seed_of};
+use super::search::Search;
 use super::section::Section;
+use super::stage::Stage;
 use crate::agent::Algorithm;
 use crate::env::{Family, Scenario};
 use crate::job::{Condition, EstimateDeclaration};
@@ -45,6 +48,8 @@ pub struct Manifest {
     pub evaluation: Parameters,
     /// The calendar of the trial; of a section without keys if the manifest declares no trial.
     pub trial: Parameters,
+    /// The search for the best of drawn settings; `None` if no key is drawn.
+    pub search: Option<Search>,
     /// Swept parameters that advance together.
     pub zips: Vec<Zip>,
     /// Excluded cells of the grids.
@@ -70,6 +75,11 @@ pub struct DeclaredAgent {
     pub algorithm: &'static Algorithm,
     /// The algorithm's hyper-parameters.
     pub parameters: Parameters,
+    /// The keys that a search draws. Their lists of values have equal lengths and are the arms of its race.
+    pub draws: Vec<(Parameter, Draw)>,
+    /// The stage of the race, which restricts the jobs of the arms to those that the race has come to; `None` for all
+    /// that it may come to. Manifests are read without a stage.
+    pub stage: Option<Stage>,
 }
 
 /// Parameters whose lists have equal lengths and advance together, as one axis of the grid.
@@ -124,6 +134,13 @@ impl Manifest {
     /// The seeds, in the order of the manifest.
     pub fn seeds(&self) -> impl Iterator<Item = u64> {
         self.seeds.iter().map(seed_of)
+    }
+
+    /// The manifest with all jobs that its races may come to.
+    pub fn without_stages(&self) -> Manifest {
+        let mut all = self.clone();
+        all.agents.iter_mut().for_each(|agent| agent.stage = None);
+        all
     }
 
     /// The estimates of the jobs of an agent.

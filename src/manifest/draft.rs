@@ -6,7 +6,9 @@
 use std::collections::BTreeMap;
 
 use super::analysis::AnalysisDraft;
+use super::draw::Draw;
 use super::estimate::EstimateDraft;
+use super::search::Search;
 use super::section::Section;
 use super::source::{Located, Span};
 use crate::agent::Algorithm;
@@ -28,6 +30,7 @@ pub(super) struct Draft {
     pub population: Settings,
     pub evaluation: Settings,
     pub trial: Settings,
+    pub search: Option<Located<Search>>,
     pub agents: Vec<AgentDraft>,
     pub zips: Option<Vec<Located<Vec<Parameter>>>>,
     pub exclusions: Vec<Located<Vec<Located<Condition>>>>,
@@ -39,6 +42,8 @@ pub(super) struct Draft {
     pub unread_agents: Vec<Option<String>>,
     /// Whether some zips or exclusions could not be read.
     pub invalid_cells: bool,
+    /// Whether there is a search that could not be read.
+    pub invalid_search: bool,
 }
 
 /// The values that a section of a file gives its keys, by the keys' index in the table.
@@ -48,6 +53,8 @@ pub(super) struct Settings {
     /// Where the section is opened.
     pub span: Option<Span>,
     pub given: BTreeMap<usize, Located<Vec<Value>>>,
+    /// The draws among the keys, whose values a search gives.
+    pub draws: BTreeMap<usize, Located<Draw>>,
 }
 
 /// An agent with the keys that a file gives it.
@@ -62,7 +69,7 @@ pub(super) struct AgentDraft {
 
 impl Settings {
     pub fn new(section: Section) -> Settings {
-        Settings { section, span: None, given: BTreeMap::new() }
+        Settings { section, span: None, given: BTreeMap::new(), draws: BTreeMap::new() }
     }
 
     /// The position of the values of the key called `name`.
@@ -95,7 +102,9 @@ impl Settings {
             return *self = other;
         }
         self.span = other.span.or(self.span);
+        self.draws.retain(|place, _| !other.given.contains_key(place));
         self.given.extend(other.given);
+        self.draws.extend(other.draws);
     }
 
     fn move_to(&mut self, span: Span) {
@@ -119,6 +128,7 @@ impl Draft {
             population: Settings::new(Section::Population(family)),
             evaluation: Settings::new(Section::Evaluation),
             trial: Settings::new(Section::Trial(false)),
+            search: None,
             agents: Vec::new(),
             zips: None,
             exclusions: Vec::new(),
@@ -127,6 +137,7 @@ impl Draft {
             has_format: false,
             unread_agents: Vec::new(),
             invalid_cells: false,
+            invalid_search: false,
         }
     }
 
@@ -176,6 +187,8 @@ impl Draft {
             zips: other.zips.or(self.zips),
             has_format: other.has_format,
             invalid_cells: other.invalid_cells || self.invalid_cells,
+            search: other.search.or(self.search),
+            invalid_search: other.invalid_search || self.invalid_search,
             ..self
         }
     }
@@ -258,6 +271,7 @@ impl Draft {
             }
             "agent" => self.unread_agents.push(None),
             "zip" | "exclude" => self.invalid_cells = true,
+            "search" => self.invalid_search = true,
             "environment" => {
                 for place in 0..self.environment.section.keys().len() {
                     self.environment.mark_invalid(place, span);

@@ -10,6 +10,7 @@ use std::collections::HashSet;
 use super::declared::{DeclaredAgent, Exclusion, Manifest};
 use super::parameter::{Parameters, scenario_of, seed_of};
 use super::section::Section;
+use super::stage::RaceCells;
 use crate::agent::{Agent, Algorithm, HORIZON};
 use crate::env::{Environment, Scenario};
 use crate::job::{Evaluation, Job, Trial};
@@ -30,6 +31,8 @@ pub struct Grid<'m> {
     hyper_parameters: Vec<Option<usize>>,
     evaluation: Vec<Option<usize>>,
     trial: Vec<Option<usize>>,
+    /// `None` unless the manifest is a search.
+    race: Option<RaceCells<'m>>,
 }
 
 /// Parameters that advance together, and how many values each has.
@@ -70,6 +73,7 @@ impl<'m> Grid<'m> {
             evaluation: places(&manifest.evaluation),
             trial: places(&manifest.trial),
             exclusions: manifest.exclusions.iter().filter_map(masks).collect(),
+            race: race_cells(manifest, agent, &axes),
             manifest,
             agent,
             axes,
@@ -224,6 +228,9 @@ impl<'m> Grid<'m> {
         for axis in others.iter().flatten() {
             concerned[*axis] = true;
         }
+        for axis in self.race.iter().flat_map(RaceCells::divided) {
+            concerned[axis] = true;
+        }
         concerned
     }
 
@@ -238,7 +245,7 @@ impl<'m> Grid<'m> {
 
     fn excludes(&self, cell: &Cell) -> bool {
         let met = |masks: &Vec<Mask>| masks.iter().all(|mask| mask.met[cell.0[mask.axis]]);
-        self.exclusions.iter().any(met)
+        self.exclusions.iter().any(met) || self.race.as_ref().is_some_and(|race| !race.has(&cell.0))
     }
 
     /// The first cell that is not excluded.
@@ -269,6 +276,13 @@ impl<'m> Grid<'m> {
     /// The agent's algorithm.
     pub fn algorithm(&self) -> &'static Algorithm {
         self.agent.algorithm
+    }
+
+    /// The cell's arm in the race of its agent, and its place among the seeds of the manifest; `None` unless the
+    /// manifest is a search. An agent without draws has arm 0 alone.
+    pub fn entrant(&self, cell: &Cell) -> Option<(usize, usize)> {
+        let race = self.race.as_ref()?;
+        Some((race.arms.map_or(0, |axis| cell.0[axis]), cell.0[race.seeds]))
     }
 
     /// The cell's scenario.
@@ -340,6 +354,22 @@ fn axis_of(axes: &[Axis], parameter: Parameter) -> Option<usize> {
     axes.iter().position(|axis| axis.parameters.contains(&parameter))
 }
 
+/// The axes of an agent's race; `None` unless the manifest is a search.
+fn race_cells<'m>(
+    manifest: &'m Manifest,
+    agent: &'m DeclaredAgent,
+    axes: &[Axis],
+) -> Option<RaceCells<'m>> {
+    let raced = manifest.search.as_ref()?.race_seeds();
+    let arms = agent.draws.first().and_then(|(parameter, _)| axis_of(axes, *parameter));
+    Some(RaceCells {
+        arms,
+        seeds: axis_of(axes, Parameter::SEED)?,
+        raced,
+        stage: agent.stage.as_ref(),
+    })
+}
+
 /// The next cell, the last axis advancing fastest; `None` after the last.
 fn next(cell: &Cell, lengths: &[usize]) -> Option<Cell> {
     let mut places = cell.0.clone();
@@ -364,11 +394,13 @@ pub(super) fn size(axes: &[Axis]) -> u128 {
     axes.iter().fold(1, |size, axis| size.saturating_mul(axis.length as u128))
 }
 
-/// The axes of an agent's grid, slowest first: scenario, swept keys in the order of the tables, seed. A zip
-/// takes the place of its first parameter.
+/// The axes of an agent's grid, slowest first: scenario, swept keys in the order of the tables, seed. A zip, or the
+/// keys that a search draws together, take the place of their first parameter.
 pub(super) fn axes(manifest: &Manifest, agent: &DeclaredAgent) -> Vec<Axis> {
     let zips = manifest.zips.iter().map(|zip| &zip.parameters);
-    let zips: Vec<_> = zips.filter(|zip| zipped(manifest, agent, zip)).collect();
+    let drawn: Vec<Parameter> = agent.draws.iter().map(|(parameter, _)| *parameter).collect();
+    let zips = zips.filter(|zip| zipped(manifest, agent, zip));
+    let zips: Vec<_> = zips.chain((!drawn.is_empty()).then_some(&drawn)).collect();
     let keys = manifest.swept_keys(agent);
     let order = std::iter::once(Parameter::SCENARIO).chain(keys);
     let mut axes: Vec<Axis> = Vec::new();

@@ -4,6 +4,7 @@ use toml::Spanned;
 use toml::de::{DeTable, DeValue};
 
 use super::draft::{AgentDraft, Draft, Settings};
+use super::draw::is_draw;
 use super::fault::{Fault, nearest, shortened};
 use super::free::{FAMILY, Free, PARAMETERS};
 use super::limits::MOST_JOBS;
@@ -18,7 +19,7 @@ use crate::key::hidden;
 use crate::key::{Kind, Value};
 
 /// The top-level keys of a manifest: first the keys above all tables, then the tables.
-pub(super) const TOP_KEYS: [&str; 18] = [
+pub(super) const TOP_KEYS: [&str; 19] = [
     "format",
     "name",
     "extends",
@@ -34,6 +35,7 @@ pub(super) const TOP_KEYS: [&str; 18] = [
     "agent",
     "evaluation",
     "trial",
+    "search",
     "exclude",
     "estimate",
     "analysis",
@@ -96,7 +98,10 @@ impl Reader<'_> {
                 draft.environment.mark_invalid(place, span);
             }
         }
-        inherited.overridden_by(draft)
+        let seeds = draft.seeds.as_ref().map(|seeds| seeds.span);
+        let mut draft = inherited.overridden_by(draft);
+        self.drawn(&mut draft, seeds);
+        draft
     }
 
     /// Reads a top-level key; unknown keys have been reported.
@@ -143,6 +148,11 @@ impl Reader<'_> {
             }
             "evaluation" => draft.evaluation = self.section(Section::Evaluation, &[], node),
             "trial" => draft.trial = self.trial(node),
+            "search" => {
+                let span = node.span().into();
+                draft.search = self.search(node).map(|value| Located { value, span });
+                draft.invalid_search = draft.search.is_none();
+            }
             "agent" => self.agents(draft, inherited, node),
             "zip" => self.zips(draft, node),
             "exclude" => self.exclusions(draft, node),
@@ -430,12 +440,33 @@ impl Reader<'_> {
     fn setting(&mut self, settings: &mut Settings, key: &'static str, node: &Node) {
         let section = settings.section;
         let Some((place, known)) = section.find(key) else { return };
+        if is_draw(node) && !matches!(known.kind, Kind::Distribution(_)) {
+            return self.drawn_setting(settings, key, node);
+        }
         let repeats = match self.zipped.contains(&section.parameter(known.name)) {
             true => Repeats::Zipped,
             false => Repeats::Refused,
         };
         let value = self.sweep(key, known.kind, repeats, node);
         settings.given.insert(place, Located { value, span: node.span().into() });
+    }
+
+    /// Reads the draw of a key, which has no values until the search gives it some.
+    fn drawn_setting(&mut self, settings: &mut Settings, key: &'static str, node: &Node) {
+        let section = settings.section;
+        let Some((place, known)) = section.find(key) else { return };
+        let span = node.span().into();
+        settings.mark_invalid(place, span);
+        if algorithm_of(section).is_none() {
+            let says = format!("`{key}`: only keys of an [[agent]] are drawn");
+            let help =
+                "a race compares settings of an agent in one environment; write a list or a range";
+            self.faults.add(Fault::at(span, says).help(help));
+            return;
+        }
+        if let Some(value) = self.draw(key, known.kind, node) {
+            settings.draws.insert(place, Located { value, span });
+        }
     }
 
     fn unknown_key(&mut self, section: Section, span: Span, found: &str, others: &[&str]) {

@@ -39,6 +39,7 @@ impl Manifest {
         writeln!(out, "scenarios = {}", list(&self.scenarios))?;
         let is_count = self.seeds().eq(1..=self.seeds.len() as u64);
         match is_count {
+            _ if self.search.is_some() => {}
             true => writeln!(out, "seeds = {}", self.seeds.len())?,
             false => writeln!(out, "seeds = {}", list(&self.seeds))?,
         }
@@ -63,13 +64,16 @@ impl Manifest {
         for agent in &self.agents {
             writeln!(out)?;
             write_head(out, agent)?;
-            write_parameters(out, &agent.parameters)?;
+            write_agent_parameters(out, agent)?;
         }
         writeln!(out, "\n[evaluation]")?;
         write_parameters(out, &self.evaluation)?;
         if self.has_trial() {
             writeln!(out, "\n[trial]")?;
             write_parameters(out, &self.trial)?;
+        }
+        if let Some(search) = &self.search {
+            write!(out, "\n[search]\n{search}")?;
         }
         for exclusion in &self.exclusions {
             writeln!(out, "\n[[exclude]]")?;
@@ -117,13 +121,29 @@ fn text_of(value: &Value) -> String {
 }
 
 fn write_parameters(out: &mut String, parameters: &Parameters) -> fmt::Result {
-    parameters.iter().try_for_each(|(key, values)| match values {
+    parameters.iter().try_for_each(|(key, values)| write_key(out, key, values))
+}
+
+/// The keys of an agent, with the draws of a search in place of the drawn values.
+fn write_agent_parameters(out: &mut String, agent: &DeclaredAgent) -> fmt::Result {
+    let section = agent.parameters.section();
+    agent.parameters.iter().try_for_each(|(key, values)| {
+        let parameter = section.parameter(key.name);
+        match agent.draws.iter().find(|(drawn, _)| *drawn == parameter) {
+            Some((_, draw)) => writeln!(out, "{} = {draw}", key.name),
+            None => write_key(out, key, values),
+        }
+    })
+}
+
+fn write_key(out: &mut String, key: &Key, values: &[Value]) -> fmt::Result {
+    match values {
         [value] => writeln!(out, "{} = {}", key.name, text_of(value)),
         values => {
             let values: Vec<String> = values.iter().map(text_of).collect();
             writeln!(out, "{} = {}", key.name, list(&values))
         }
-    })
+    }
 }
 
 fn write_estimate(out: &mut String, estimate: &DeclaredEstimate) -> fmt::Result {

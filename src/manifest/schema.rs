@@ -3,6 +3,7 @@
 use serde_json::{Map, Value as Json, json};
 
 use super::analysis_kind::KINDS;
+use super::draw::DrawForm;
 use super::estimates;
 use super::free::{FAMILY, PARAMETERS};
 use super::limits::MOST_JOBS;
@@ -10,6 +11,7 @@ use super::parameter::parameters;
 use super::preset;
 use super::range::MOST_VALUES;
 use super::read::{FORMAT, LONGEST_NAME, LONGEST_TIME_LIMIT, MOST_ENTRIES};
+use super::searches;
 use super::section::Section;
 use super::value_schema::{list, value};
 use crate::agent::Algorithm;
@@ -64,6 +66,7 @@ pub fn schema() -> Json {
             "population": section(Section::Population(Family::first()), Map::new()),
             "evaluation": section(Section::Evaluation, Map::new()),
             "trial": trial(),
+            "search": searches::schema(),
             "exclude": exclude(),
             "estimate": estimates::schema(),
             "analysis": analysis(),
@@ -171,6 +174,10 @@ fn top() -> Json {
         "population": { "$ref": "#/$defs/population" },
         "evaluation": { "$ref": "#/$defs/evaluation" },
         "trial": { "$ref": "#/$defs/trial" },
+        "search": described(
+            "a search for the best of drawn settings, by a race over seeds",
+            json!({ "$ref": "#/$defs/search" }),
+        ),
         "exclude": {
             "description": "cells to leave out",
             "type": "array",
@@ -220,6 +227,11 @@ fn agent(algorithm: &'static Algorithm) -> Json {
         properties.insert(PARAMETERS.to_owned(), free_parameters());
     }
     let mut schema = section(Section::Agent(algorithm), properties);
+    for key in Section::Agent(algorithm).keys() {
+        if let Some(forms) = schema["properties"][key.name]["anyOf"].as_array_mut() {
+            forms.extend(draws(key.kind));
+        }
+    }
     schema["required"] = json!(["name"]);
     schema
 }
@@ -233,6 +245,7 @@ fn free_parameters() -> Json {
     let number = json!({ "type": "number" });
     let step = json!({ "type": "number", "exclusiveMinimum": 0 });
     let forms = [one.clone(), list(one), range(number, step)];
+    let forms: Vec<Json> = forms.into_iter().chain(draws(Kind::Scalar)).collect();
     json!({
         "description": "the program's own parameters; swept like any key",
         "type": "object",
@@ -277,6 +290,26 @@ fn swept(key: &Key) -> Json {
         | Kind::Content(_) => {}
     }
     described(key.doc(), json!({ "anyOf": forms }))
+}
+
+/// The schemas of the draws that a key of this kind takes.
+fn draws(kind: Kind) -> impl Iterator<Item = Json> {
+    DrawForm::ALL.into_iter().filter_map(move |form| {
+        let (of, most) = match (form, form.ends(kind)) {
+            (DrawForm::Choices, _) => (value(kind), None),
+            (_, Some(ends)) => (value(ends), Some(2)),
+            (_, None) => return None,
+        };
+        let mut values = list(of);
+        values["minItems"] = json!(2);
+        most.iter().for_each(|most| values["maxItems"] = json!(most));
+        Some(json!({
+            "type": "object",
+            "additionalProperties": false,
+            "required": [form.word()],
+            "properties": { form.word(): values },
+        }))
+    })
 }
 
 fn range(end: Json, step: Json) -> Json {

@@ -16,6 +16,7 @@ use super::fault::{Fault, Faults, nearest};
 use super::load::{load_from, parse_from, read_text};
 use super::parameter::{is_in, parameters};
 use super::repair::slip;
+use super::searches;
 use super::source::Source;
 use super::sweep::Runs;
 use crate::job::short_name;
@@ -318,6 +319,11 @@ fn place<'m>(manifest: &'m Manifest, set: &Override) -> Result<Place<'m>, Fault>
         return Ok(Place::Top(top));
     }
     let fault = |message: String| Fault::whole(format!("--set {set}: {message}"));
+    if let (Some(short), Some(_)) = (key.strip_prefix("search."), &manifest.search) {
+        let known = searches::KEYS.into_iter().find(|known| *known == short);
+        let unknown = || fault(format!("no key `{key}`")).nearest(short, searches::KEYS);
+        return Ok(Place::Section("search", known.ok_or_else(unknown)?));
+    }
     if let Some(place) = environment_parameter(manifest, key) {
         return Ok(place);
     }

@@ -15,18 +15,25 @@ pub fn count(manifest: &Manifest) -> u64 {
     (0..manifest.agents.len()).map(|agent| Grid::of(manifest, agent).count()).sum()
 }
 
-/// The jobs of a manifest, one at a time.
+/// The jobs of a manifest, one at a time. Of a search, the jobs up to the stage of its races, and all that they may
+/// come to if the manifest has no stage.
 ///
 /// Agents come in the order of the manifest. The jobs of an agent are ordered by scenario; then by swept keys
 /// of environment, agent and evaluation, in the order of their tables; then by seed. Seeds advance fastest.
 /// Parameters of a zip advance together, at the place of the first one. Two agents with equal content give
 /// equal jobs, each with its own agent's name.
 pub fn jobs(manifest: &Manifest) -> impl Iterator<Item = PlannedJob> {
-    (0..manifest.agents.len()).flat_map(|agent| {
-        let grid = Grid::of(manifest, agent);
-        let name = Arc::from(manifest.agents[agent].name.as_str());
-        AgentJobs { next: grid.first(), typed: None, grid, name }
-    })
+    (0..manifest.agents.len()).flat_map(|agent| of_agent(manifest, agent))
+}
+
+/// The jobs of the agent at this index of the manifest's list, in the order of the cells of its grid.
+pub(super) fn of_agent(
+    manifest: &Manifest,
+    agent: usize,
+) -> impl Iterator<Item = PlannedJob> + use<'_> {
+    let grid = Grid::of(manifest, agent);
+    let name = Arc::from(manifest.agents[agent].name.as_str());
+    AgentJobs { next: grid.first(), typed: None, grid, name }
 }
 
 /// All of a manifest's jobs, in the order of [`jobs`].

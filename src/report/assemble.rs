@@ -4,6 +4,7 @@ use std::collections::HashSet;
 use std::sync::Arc;
 
 use super::optima;
+use super::race::race;
 use super::section::ReportedExperiment;
 use super::winner::winners;
 use crate::analyse::declared::{carry_out, condense, reproduce, summarise_arms, varying};
@@ -47,6 +48,8 @@ pub fn assemble(
 ) -> Result<Vec<ReportedExperiment>, AssembleError> {
     // Faults in these files are reported before the long-running work.
     let published = manifests.iter().map(Published::of).collect::<Result<Vec<_>, _>>()?;
+    let staged = plan::at_stage(manifests, |keys, metric| reader.scores(keys, metric))?;
+    let manifests = &*staged;
     let experiment = |(manifest, published): (&Manifest, Option<Published>)| {
         let (data, unknown_optima) = data_set(reader, manifest, &mut on_progress)?;
         let queries: Vec<DataQuery> =
@@ -66,6 +69,7 @@ pub fn assemble(
             hypothesis: manifest.hypothesis.clone(),
             manifest: manifest.source.clone(),
             winners: winners(reader, manifest, words.return_unit, &findings)?,
+            race: race(reader, manifest, words.return_unit)?,
             findings: findings.into_iter().zip(queries.iter().map(sql)).collect(),
             styles: manifest.analyses.iter().map(|analysis| analysis.figure).collect(),
             labels: manifest

@@ -15,6 +15,7 @@ use super::latex::{is_printed, latex};
 use super::legend::Legend;
 use super::names::Names;
 use super::page::{self, Hosts};
+use super::race::ReportedRace;
 use super::scene::{Scene, pdf, png, svg};
 use super::section::{ArmTables, ReportedExperiment, Section, Shown};
 use super::tables;
@@ -53,6 +54,9 @@ pub fn report(experiments: &[ReportedExperiment], store: &str, hosts: Hosts) -> 
         section.shown.iter().for_each(|one| write_finding(one, &mut files));
         for (stem, table) in [&section.tables.arms, &section.tables.agents] {
             write_table(&format!("tables/{stem}"), table, &mut files);
+        }
+        if let Some(race) = &section.experiment.race {
+            write_race(&section.race, race, &mut files);
         }
     }
     let reproduction = merged(experiments);
@@ -128,7 +132,8 @@ fn sections(experiments: &[ReportedExperiment]) -> Vec<Section<'_>> {
         let agents = arm_tables::agents(&summaries, names, &experiment.words);
         let tables = ArmTables { arms: (named.arms, arms), agents: (named.agents, agents) };
         let legend = Legend::of(shown.iter().flat_map(|one| &one.scenes), &looks);
-        sections.push(Section { experiment, anchor: named.anchor, shown, tables, legend });
+        let (anchor, race) = (named.anchor, named.race);
+        sections.push(Section { experiment, anchor, shown, race, tables, legend });
     }
     sections
 }
@@ -145,6 +150,7 @@ struct Named {
     anchor: String,
     arms: String,
     agents: String,
+    race: String,
     findings: Vec<String>,
 }
 
@@ -168,7 +174,10 @@ impl Stems {
             let findings = experiment.findings.iter();
             let findings =
                 findings.map(|(finding, _)| take(format!("{} {}", experiment.name, finding.name)));
-            Named { anchor, arms, agents, findings: findings.collect() }
+            let findings = findings.collect();
+            // An experiment without a search has no such files, and its analyses keep their names.
+            let race = experiment.race.as_ref().map(|_| take(format!("{} race", experiment.name)));
+            Named { anchor, arms, agents, race: race.unwrap_or_default(), findings }
         });
         let named = named.collect();
         Stems { named, taken }
@@ -291,6 +300,15 @@ fn write_finding(shown: &Shown<'_>, files: &mut Vec<ReportFile>) {
     files.push(ReportFile { name, bytes: shown.sql.as_bytes().to_vec() });
     if let Some(winners) = shown.winners {
         let name = format!("tables/{}.toml", shown.stem);
+        files.push(ReportFile { name, bytes: winners.as_bytes().to_vec() });
+    }
+}
+
+/// Adds the files of an experiment's races.
+fn write_race(stem: &str, race: &ReportedRace, files: &mut Vec<ReportFile>) {
+    write_table(&format!("tables/{stem}"), &race.table, files);
+    if let Some(winners) = &race.winners {
+        let name = format!("tables/{stem}.toml");
         files.push(ReportFile { name, bytes: winners.as_bytes().to_vec() });
     }
 }

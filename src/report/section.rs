@@ -2,6 +2,7 @@
 
 use super::data_table::DataTable;
 use super::legend::Legend;
+use super::race::ReportedRace;
 use super::scene::Scene;
 use crate::analyse::declared::{ArmSummary, Finding, JobCounts, Reproduction};
 use crate::job::counted;
@@ -27,6 +28,8 @@ pub struct ReportedExperiment {
     pub findings: Vec<(Finding, String)>,
     /// The best settings that each analysis chose, as TOML; `None` unless it is a selection with a winner.
     pub winners: Vec<Option<String>>,
+    /// The races of its search, if it is one.
+    pub race: Option<ReportedRace>,
     /// The style of the figures of each analysis.
     pub styles: Vec<FigureKeys>,
     /// Names and labels of the agents that have a label.
@@ -114,6 +117,8 @@ pub struct Section<'e> {
     /// Its place on the page.
     pub anchor: String,
     pub shown: Vec<Shown<'e>>,
+    /// The stem of the files of its races.
+    pub race: String,
     pub tables: ArmTables,
     pub legend: Legend,
 }

@@ -56,6 +56,8 @@ pub struct End {
     failed_before: usize,
     tally: Tally,
     cause: Cause,
+    /// Number of jobs that ran at earlier stages of a race.
+    ran_before: usize,
 }
 
 impl End {
@@ -68,7 +70,13 @@ impl End {
             failed_before: remaining.failed,
             tally: Tally::default(),
             cause: Cause::NothingLeft,
+            ran_before: 0,
         }
+    }
+
+    /// The end after this number of jobs has run at earlier stages of a race.
+    pub fn after(self, ran: usize) -> End {
+        End { ran_before: ran, ..self }
     }
 
     /// The end of the sweep with this tally.
@@ -94,7 +102,7 @@ impl End {
 
     /// Number of jobs that the sweep ran to their end.
     pub fn ran(&self) -> usize {
-        self.tally.completed + self.tally.failed
+        self.ran_before + self.tally.completed + self.tally.failed
     }
 
     /// Number of completed jobs, whenever they ran.
@@ -125,11 +133,13 @@ impl End {
             Cause::Failure => {
                 format!("{ran}; halted after the first failure; {} left", counted(left, "job"))
             }
-            Cause::NothingLeft if self.queued == 0 && failed == 0 => match completed {
-                0 => "nothing to run: this shard has no jobs".to_owned(),
-                1 => "nothing to run: the job is completed".to_owned(),
-                _ => format!("nothing to run: all {completed} jobs are completed"),
-            },
+            Cause::NothingLeft if self.queued == 0 && self.ran_before == 0 && failed == 0 => {
+                match completed {
+                    0 => "nothing to run: this shard has no jobs".to_owned(),
+                    1 => "nothing to run: the job is completed".to_owned(),
+                    _ => format!("nothing to run: all {completed} jobs are completed"),
+                }
+            }
             Cause::NothingLeft => ran,
         }
     }

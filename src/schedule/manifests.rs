@@ -2,19 +2,20 @@
 
 use std::collections::HashSet;
 use std::fs::File;
-use std::sync::atomic::AtomicBool;
+use std::sync::atomic::{AtomicBool, Ordering};
 
 use super::estimates::add_estimates;
 use super::event::{Event, EventSink};
 use super::queued::Queued;
+use super::race::at_stage;
 use super::selection::Selection;
 use super::survey::Remaining;
-use super::sweep::{Context, Options, SweepError, Tally};
+use super::sweep::{Context, OnFailure, Options, SweepError, Tally};
 use crate::job::{JobKey, counted};
 use crate::key::printable;
 use crate::manifest::Manifest;
 use crate::plan;
-use crate::store::{Experiment, Reader, Registered, Store, StoreError};
+use crate::store::{Experiment, Reader, Registered, RetryFailed, Store, StoreError};
 use crate::train;
 
 /// Registers a manifest with its jobs, or only with its jobs in `part`. Returns `None` if `stop` was set
@@ -104,15 +105,39 @@ pub fn run_queue(
 }
 
 /// Registers manifests and runs all their jobs without a completed run, until all have ended or `stop` is
-/// set. After a stop, running jobs write a checkpoint, from which a later call resumes them.
+/// set. After a stop, running jobs write a checkpoint, from which a later call resumes them. The jobs of a search are
+/// those that its races want; when they have ended, the next ones are registered and run.
 ///
 /// **Errors**: the store fails, or no worker can be started.
 pub fn run_manifests(
     store: &mut Store,
     manifests: &[Manifest],
-    options: Options,
+    mut options: Options,
     stop: &AtomicBool,
     mut on_event: impl FnMut(Event<'_>),
+) -> Result<Tally, SweepError> {
+    let mut earlier = Tally::default();
+    let mut staged = at_stage(manifests, Some(&store.reader()?))?;
+    loop {
+        let tally = run_stage(store, &staged, options, stop, &mut on_event)?.after(earlier);
+        let next = at_stage(manifests, Some(&store.reader()?))?;
+        let is_halted = options.on_failure == OnFailure::Stop && tally.failed > 0;
+        if stop.load(Ordering::Relaxed) || is_halted || next == staged {
+            return Ok(tally);
+        }
+        // A job that failed is not retried at the next stage.
+        options.retry_failed = RetryFailed::No;
+        (earlier, staged) = (tally, next);
+    }
+}
+
+/// Registers manifests and runs their jobs.
+fn run_stage(
+    store: &mut Store,
+    manifests: &[Manifest],
+    options: Options,
+    stop: &AtomicBool,
+    on_event: &mut impl FnMut(Event<'_>),
 ) -> Result<Tally, SweepError> {
     for manifest in manifests {
         if register_experiment(store, manifest, None, stop)?.is_none() {
@@ -124,7 +149,7 @@ pub fn run_manifests(
     let estimated = add_estimates(store, &remaining.lacking, options.workers.get(), stop)?;
     let tally = match remaining.queue.is_empty() {
         true => Tally::default(),
-        false => run_queue(store, remaining.queue, options, stop, |_| {}, &mut on_event)?,
+        false => run_queue(store, remaining.queue, options, stop, |_| {}, on_event)?,
     };
     Ok(Tally {
         already_completed: tally.already_completed + remaining.completed,

@@ -32,10 +32,22 @@ impl<'a> Selection<'a> {
         Ok(Selection { manifests, filter, part: None })
     }
 
-    /// Restricts the selection to one shard of its jobs.
+    /// Restricts the selection to one shard of its jobs. Each rung of a race is divided by itself, because the next
+    /// one begins when all of its jobs have ended.
     pub fn shard(self, shard: Shard) -> Self {
-        let jobs = self.manifests.iter().flat_map(|manifest| self.jobs(manifest));
-        let keys = shard.keys(jobs.map(|planned| (planned.form.key(), planned.job.work())));
+        let mut rungs: Vec<Vec<(JobKey, u64)>> = Vec::new();
+        let mut known = HashSet::new();
+        for manifest in self.manifests {
+            for planned in self.jobs(manifest) {
+                let key = planned.form.key();
+                let rung = manifest.search.as_ref().map_or(0, |one| one.rung_of(planned.job.seed));
+                if known.insert(key) {
+                    rungs.resize(rungs.len().max(rung + 1), Vec::new());
+                    rungs[rung].push((key, planned.job.work()));
+                }
+            }
+        }
+        let keys = rungs.into_iter().flat_map(|jobs| shard.keys(jobs)).collect();
         self.part(keys)
     }
 
@@ -66,5 +78,37 @@ impl<'a> Selection<'a> {
             filter.is_none_or(|filter| filter.meets(job))
                 && part.as_ref().is_none_or(|keys| keys.contains(&job.form.key()))
         })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::job::Score;
+    use crate::manifest::parse;
+
+    #[test]
+    fn a_rung_is_divided_into_shards_by_itself() {
+        let text = "format = 1\nname = \"t\"\nscenarios = [\"P-H-D\"]\nenvironment.sigma = 0.6\n\
+                    search = { samples = 8, rungs = [1, 3], keep = 0.5, fresh = 2 }\n\
+                    [[agent]]\nname = \"a\"\nalgorithm = \"reinforce\"\n\
+                    learning_rate = { log_uniform = [1e-4, 1e-2] }\n";
+        let manifests = [parse("t", text.as_bytes()).unwrap()];
+        let first: HashSet<JobKey> = plan::jobs(&manifests[0])
+            .filter(|planned| planned.job.seed == 1)
+            .map(|planned| planned.form.key())
+            .collect();
+        let of = |key: &JobKey| if first.contains(key) { Score::Value(1.0) } else { Score::Open };
+        let staged = plan::at_stage(&manifests, |keys, _| {
+            Ok::<_, FilterError>(keys.iter().map(of).collect())
+        });
+        let staged = staged.unwrap();
+        for number in ["1/2", "2/2"] {
+            let selection = Selection::new(&staged, None).unwrap().shard(number.parse().unwrap());
+            let jobs = || selection.jobs(&staged[0]);
+            // Of 8 jobs of the first rung, and of 4 × 2 of the second.
+            assert_eq!(jobs().filter(|planned| planned.job.seed == 1).count(), 4);
+            assert_eq!(jobs().count(), 8);
+        }
     }
 }

@@ -103,6 +103,22 @@ pub struct Tally {
     pub not_estimated: usize,
 }
 
+impl Tally {
+    /// The tally of two stages of a race, of which `earlier` is the first. What it ran counts as done before by the
+    /// second.
+    pub fn after(self, earlier: Tally) -> Tally {
+        let before = |already: usize, ran: usize| already.saturating_sub(ran);
+        Tally {
+            completed: earlier.completed + self.completed,
+            failed: earlier.failed + self.failed,
+            already_completed: before(self.already_completed, earlier.completed),
+            already_failed: before(self.already_failed, earlier.failed),
+            estimated: earlier.estimated + self.estimated,
+            ..self
+        }
+    }
+}
+
 /// Why a sweep ended early.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]

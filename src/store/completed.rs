@@ -6,9 +6,9 @@ use std::sync::Arc;
 
 use rusqlite::Connection;
 
-use crate::job::metric::MEAN_RETURN;
+use crate::job::metric::{MEAN_RETURN, NET_RETURN};
 use crate::job::{ActionCount, EstimateDeclaration, Failure, MetricName, Provenance};
-use crate::job::{JobKey, PlannedJob};
+use crate::job::{JobKey, PlannedJob, Score};
 use crate::record::{CompletedRun, DataSet, JobRecord, JobStatus, SharedSettings};
 
 use super::estimate;
@@ -182,10 +182,14 @@ impl Reader {
         })
     }
 
-    /// The mean returns of the tests of completed jobs; other jobs are omitted.
-    pub fn test_returns(&self, keys: &[JobKey]) -> Result<Vec<(JobKey, f64)>, StoreError> {
+    /// The values of a metric of completed jobs; jobs without it are omitted.
+    pub fn values(
+        &self,
+        keys: &[JobKey],
+        metric: MetricName,
+    ) -> Result<Vec<(JobKey, f64)>, StoreError> {
         let keys: Vec<String> = keys.iter().map(JobKey::to_string).collect();
-        self.read("read mean returns", |connection| {
+        self.read("read a metric", |connection| {
             let mut statement = connection.prepare_cached(
                 "SELECT unhex(job.key), run_metric.value
                  FROM json_each(?1) AS wanted
@@ -194,11 +198,31 @@ impl Reader {
                  CROSS JOIN run_metric ON run_metric.run = run.id AND run_metric.metric =
                     (SELECT id FROM metric_name WHERE name = ?2)",
             )?;
-            let rows = statement.query_map((json(&keys), MEAN_RETURN.text()), |row| {
+            let rows = statement.query_map((json(&keys), metric.text()), |row| {
                 Ok((JobKey(row.get(0)?), row.get(1)?))
             })?;
             Ok(rows.collect::<rusqlite::Result<_>>()?)
         })
+    }
+
+    /// The results of jobs for a comparison in a metric, in the order of `keys`.
+    pub fn scores(&self, keys: &[JobKey], metric: MetricName) -> Result<Vec<Score>, StoreError> {
+        let mut values: HashMap<JobKey, f64> = HashMap::new();
+        if metric == NET_RETURN {
+            // It is recorded only where messages cost something.
+            values.extend(self.values(keys, MEAN_RETURN)?);
+        }
+        values.extend(self.values(keys, metric)?);
+        let states = self.job_states(keys)?;
+        let score = |(key, state)| match state {
+            JobState::Completed => match values.get(key) {
+                Some(value) if value.is_finite() => Score::Value(*value),
+                Some(_) | None => Score::Lost,
+            },
+            JobState::Failed => Score::Lost,
+            JobState::Pending | JobState::Running | JobState::Interrupted => Score::Open,
+        };
+        Ok(keys.iter().zip(states).map(score).collect())
     }
 
     /// The last failures of jobs, by job.

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
 use crate::cluster::{self, ChunkState, Cluster, ClusterError, HandedIn, Look, Part};
-use crate::job::metric::metrics_with;
+use crate::job::metric::{MEAN_RETURN, metrics_with};
 use crate::job::{JobKey, MetricName, MetricPlace, counted};
 use crate::key::printable;
 use crate::manifest;
@@ -179,7 +179,7 @@ impl Watcher {
             let jobs = part.jobs()?;
             let reader = Reader::open(&part.path).ok()?;
             let keys: Vec<JobKey> = jobs.iter().map(|(key, _)| *key).collect();
-            Some((jobs, reader.failed_jobs().ok()?, reader.test_returns(&keys).ok()?))
+            Some((jobs, reader.failed_jobs().ok()?, reader.values(&keys, MEAN_RETURN).ok()?))
         };
         let Some((jobs, failures, returns)) = read() else { return };
         let jobs = jobs.into_iter().map(|(key, how)| (key, (part.path.clone(), how)));
@@ -255,7 +255,7 @@ impl Watcher {
             .collect();
         let new: Vec<JobKey> =
             completed.iter().filter(|key| !self.returns.contains_key(key)).copied().collect();
-        self.returns.extend(self.reader.test_returns(&new)?);
+        self.returns.extend(self.reader.values(&new, MEAN_RETURN)?);
         let mut speeds = Speeds::of(&self.reader)?;
         let mut running = Vec::new();
         let mut counted_jobs = HashSet::new();

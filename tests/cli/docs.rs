@@ -19,7 +19,7 @@ mod questions;
 use examples::{cell, fill_store, jitai, run};
 use questions::questions;
 
-const DOCUMENTS: [&str; 36] = [
+const DOCUMENTS: [&str; 37] = [
     "README.md",
     "CONTRIBUTING.md",
     "docs/agents.md",
@@ -50,6 +50,7 @@ const DOCUMENTS: [&str; 36] = [
     "docs/reliability.md",
     "docs/report.md",
     "docs/robustness.md",
+    "docs/search.md",
     "docs/slurm.md",
     "docs/statistics.md",
     "docs/store-file.md",

@@ -24,6 +24,7 @@ mod own_environments;
 mod pipes;
 mod planning;
 mod priors;
+mod races;
 mod reading;
 mod reporting;
 mod same_bits;

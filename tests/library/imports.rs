@@ -27,8 +27,10 @@ const TABLE: &[(&str, &[&str])] = &[
     ("record", &["key", "job"]),
     ("train", &["rng", "external", "key", "state", "env", "agent", "job", "estimate"]),
     // A manifest declares environments and agents; it neither simulates nor trains.
-    ("manifest", &["key", "env", "agent", "job"]),
-    ("plan", &["key", "env", "agent", "job", "manifest"]),
+    // The settings of a search have a random stream of their own.
+    ("manifest", &["rng", "key", "env", "agent", "job"]),
+    // The race of a search compares arms by Student's t.
+    ("plan", &["key", "env", "agent", "job", "estimate", "manifest"]),
     ("store", &["kill_point", "key", "job", "record"]),
     ("portable", &["env", "agent", "job", "store"]),
     (

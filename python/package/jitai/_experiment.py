@@ -236,7 +236,11 @@ class _Progress:
             self._say(f"only {event['started']} workers started: {event['reason']}")
 
     def _begin(self, jobs: int) -> None:
-        self._jobs = jobs
+        # A race queues the jobs of one stage after the other.
+        self._jobs += jobs
+        if self._bar is not None:
+            self._bar.total = self._jobs
+            return
         try:
             from tqdm.auto import tqdm
         except ImportError:

@@ -127,10 +127,13 @@ fn contents(sections: &[Section<'_>], reproduction: &Reproduction) -> Markup {
                     @if !reproduction.comparisons.is_empty() {
                         li { a href="#reproduction" { "Reproduction" } }
                     }
-                    @for Section { experiment, anchor, shown, .. } in sections {
+                    @for Section { experiment, anchor, shown, race, .. } in sections {
                         li {
                             a href={ "#" (anchor) } { (experiment.name) }
                             ul {
+                                @if experiment.race.is_some() {
+                                    li { a href={ "#" (race) } { "The race" } }
+                                }
                                 @for one in shown {
                                     li { a href={ "#" (one.stem) } { (one.finding.title) } }
                                 }
@@ -174,7 +177,7 @@ fn reproduced(reproduction: &Reproduction) -> Markup {
 }
 
 fn section(section: &Section<'_>) -> Markup {
-    let Section { experiment, anchor, shown, tables, legend } = section;
+    let Section { experiment, anchor, shown, race, tables, legend } = section;
     let prose = [("Question", &experiment.question), ("Hypothesis", &experiment.hypothesis)];
     let counts = JobCounts::of(&experiment.jobs);
     html! {
@@ -195,6 +198,7 @@ fn section(section: &Section<'_>) -> Markup {
                     ". The tables below have the results of every arm and agent."
                 }
             }
+            @if let Some(told) = &experiment.race { (parts::race_card(race, told)) }
             (parts::switches(legend))
             div.cards { @for one in shown { (figure_card(one, legend)) } }
             (parts::arm_tables(tables))

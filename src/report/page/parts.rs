@@ -8,6 +8,7 @@ use crate::analyse::declared::Content;
 use crate::report::data_table::{DataTable, Entry};
 use crate::report::latex::is_printed;
 use crate::report::legend::{Legend, LegendValue};
+use crate::report::race::ReportedRace;
 use crate::report::scene::{Color, Level, inline_svg, runs};
 use crate::report::section::{ArmTables, ReportedExperiment, Shown};
 
@@ -90,6 +91,29 @@ pub fn arm_tables(tables: &ArmTables) -> Markup {
                     (html_table(table))
                     p.links { (table_links(&format!("tables/{stem}"), table)) }
                 }
+            }
+        }
+    }
+}
+
+/// The races of an experiment: where they stand, the winners, and when and why each arm left.
+pub fn race_card(stem: &str, race: &ReportedRace) -> Markup {
+    html! {
+        article.card.wide id=(stem) {
+            h3 { "The race" }
+            @for sentence in &race.sentences { p.seen { (sentences(sentence)) } }
+            p.links {
+                (table_links(&format!("tables/{stem}"), &race.table))
+                @if race.winners.is_some() {
+                    " " (links(&format!("tables/{stem}"), &[("toml", "TOML")]))
+                }
+            }
+            @if let Some(winners) = &race.winners {
+                details open { summary { "Winners as TOML" } pre { (winners) } }
+            }
+            details open {
+                summary { (race.table.caption) " (" (race.table.rows.len()) " arms)" }
+                (html_table(&race.table))
             }
         }
     }

@@ -1,0 +1,283 @@
+//! The race of a search in the report: which arm left when and why, the winner as a table for other manifests, its
+//! return on fresh seeds, and what a grid would have cost.
+
+use super::data_table::{DataTable, Entry};
+use super::kinds::{amount, ends, gap, gap_ends};
+use super::tables::{high, low};
+use crate::analyse::{Interval, Moments, Undefined, mean_interval, paired_t_test};
+use crate::job::{Measure, Score, counted, short_name};
+use crate::key::{Parameter, Value, printable, shortened};
+use crate::manifest::{Leaving, Manifest, Search};
+use crate::plan::{Cost, Entrant, Fate, Outcome, Race, Races, Reference};
+use crate::store::{Reader, StoreError};
+
+/// The races of an experiment.
+#[derive(Clone, Debug)]
+pub struct ReportedRace {
+    /// Where each race stands, what its winner reached, and what it cost.
+    pub sentences: Vec<String>,
+    /// One row per arm, winners first.
+    pub table: DataTable,
+    /// The winners as tables `[[agent]]`; `None` without a winner.
+    pub winners: Option<String>,
+}
+
+/// The races of a manifest with the results of a store; `None` if it has no search.
+///
+/// **Errors**: the store cannot be read.
+pub fn race(
+    reader: &Reader,
+    manifest: &Manifest,
+    return_unit: &'static str,
+) -> Result<Option<ReportedRace>, StoreError> {
+    let races = Races::of(manifest, |keys, metric| reader.scores(keys, metric))?;
+    let (Some(races), Some(search)) = (races, &manifest.search) else { return Ok(None) };
+    Ok(Some(reported(&races, manifest, search, return_unit)))
+}
+
+/// The races, in words and numbers.
+fn reported(
+    races: &Races,
+    manifest: &Manifest,
+    search: &Search,
+    return_unit: &'static str,
+) -> ReportedRace {
+    let metric = search.metric.in_unit(return_unit);
+    let mut table = empty_table(search, metric);
+    let (mut sentences, mut winners) = (Vec::new(), Vec::new());
+    for race in &races.races {
+        let told = Told { race, manifest, search, metric, references: &races.references };
+        let cost = race.cost(manifest);
+        sentences.extend(told.sentences(cost));
+        winners.extend(told.winner(cost));
+        table.rows.extend(told.rows());
+    }
+    let winners = (!winners.is_empty()).then(|| winners.join("\n"));
+    ReportedRace { sentences, table, winners }
+}
+
+fn empty_table(search: &Search, metric: Measure) -> DataTable {
+    let columns = [
+        ("agent", "Agent"),
+        ("arm", "Arm"),
+        ("settings", "Settings"),
+        ("rung", "Last rung"),
+        ("seeds", "n"),
+        ("mean", "Mean"),
+        ("behind", "Behind the best"),
+        ("interval", "Interval"),
+        (".low", ""),
+        (".high", ""),
+        ("end", "End"),
+    ];
+    let level = match search.leaving {
+        Leaving::Share(_) => "at 95 %, without correction".to_owned(),
+        Leaving::Evidence(level) => format!(
+            "at the level {level} divided by {} comparisons: of every arm with the best, at every rung",
+            search.comparisons()
+        ),
+    };
+    let caption = format!(
+        "The race: for each arm, its last rung with the number of seeds, and the mean over these seeds of the {}; how \
+         far it was behind the best arm of the rung, with the paired interval {level}; and why it left",
+        metric.title()
+    );
+    DataTable::new(caption, &columns)
+}
+
+/// A race with what its words need.
+struct Told<'r> {
+    race: &'r Race,
+    manifest: &'r Manifest,
+    search: &'r Search,
+    metric: Measure,
+    references: &'r [Reference],
+}
+
+impl Told<'_> {
+    /// Where the race stands, its winner, and its cost.
+    fn sentences(&self, cost: Cost) -> Vec<String> {
+        let agent = printable(&self.race.agent);
+        let Some((arm, raced, fresh)) = self.won() else {
+            let state = self.race.state(self.search);
+            return vec![format!("{agent}: {state}."), format!("{}.", of_cost(cost))];
+        };
+        let mut sentences = vec![
+            format!(
+                "{agent}: arm {} of {} has won ({}).",
+                arm + 1,
+                self.race.settings.len(),
+                self.settings(arm)
+            ),
+            format!("On the seeds of the race: {}.", self.mean(&raced)),
+        ];
+        sentences.extend(self.on_fresh_seeds(&raced, &fresh).into_iter().map(|line| line + "."));
+        sentences.push(format!("{}.", of_cost(cost)));
+        sentences
+    }
+
+    /// The winner as a table for other manifests, with its numbers in comments.
+    fn winner(&self, cost: Cost) -> Option<String> {
+        let (arm, raced, fresh) = self.won()?;
+        let (experiment, agent) = (&self.manifest.name, &self.race.agent);
+        let mut lines = vec![
+            format!("Race of experiment `{experiment}`: {agent}"),
+            format!(
+                "Best of {} drawn, by the mean of {}",
+                counted(self.race.settings.len(), "setting"),
+                self.metric.title()
+            ),
+            format!("On the seeds of the race: {}", self.mean(&raced)),
+        ];
+        lines.extend(self.on_fresh_seeds(&raced, &fresh));
+        lines.push(of_cost(cost));
+        let mut out = String::new();
+        for line in lines {
+            out += &format!("# {}\n", printable(&shortened(&line)));
+        }
+        let declared = self.manifest.agents.iter().find(|one| one.name == *agent)?;
+        let value = |parameter: Parameter| {
+            let mut settings = self.race.settings[arm].iter();
+            settings.find(|(drawn, _)| *drawn == parameter).map(|(_, value)| value.clone())
+        };
+        Some(out + &declared.chosen(value))
+    }
+
+    /// The arm that has won, its values in the race, and its fresh values by the place of the seed.
+    fn won(&self) -> Option<(usize, Vec<f64>, Vec<(usize, f64)>)> {
+        let Outcome::Won { arm, fresh } = &self.race.outcome else { return None };
+        let last = self.race.rungs.last()?;
+        let winner = last.entrants.iter().find(|one| one.arm == *arm)?;
+        Some((*arm, winner.values.clone(), known(fresh)))
+    }
+
+    /// What the winner reached on fresh seeds, its shrinkage, and its difference to agents without draws.
+    fn on_fresh_seeds(&self, raced: &[f64], fresh: &[(usize, f64)]) -> Vec<String> {
+        let of = self.search.fresh.len();
+        if fresh.is_empty() {
+            return vec![format!("On fresh seeds: none of {of} completed")];
+        }
+        let values: Vec<f64> = fresh.iter().map(|(_, value)| *value).collect();
+        let missing = if values.len() < of { format!(" of {of}") } else { String::new() };
+        let mut lines = vec![format!("On fresh seeds: {}{missing}", self.mean(&values))];
+        // The mean of the race is the best of several and no unbiased estimate. It counts as a fixed number, as for
+        // the winner of a selection.
+        if let (Ok(search), Ok(new)) = (mean_of(raced), mean_of(&values)) {
+            let interval = mean_interval(&values).map(|Interval { low, high }| {
+                let interval = Interval { low: search - high, high: search - low };
+                format!(" (95 % interval {})", gap_ends(interval, self.metric))
+            });
+            lines.push(format!(
+                "Expected shrinkage on new seeds, by the fresh mean: {}{}",
+                gap(search - new, self.metric),
+                interval.unwrap_or_default()
+            ));
+        }
+        lines.extend(self.references.iter().map(|one| self.against(one, fresh)));
+        lines
+    }
+
+    /// The paired difference of the winner to an agent without draws.
+    fn against(&self, reference: &Reference, fresh: &[(usize, f64)]) -> String {
+        let others = known(&reference.fresh);
+        let other = |seed: usize| others.iter().find(|(known, _)| *known == seed);
+        let pairs: Vec<(f64, f64)> =
+            fresh.iter().filter_map(|(seed, value)| Some((*value, other(*seed)?.1))).collect();
+        let name = printable(&reference.agent);
+        match paired_t_test(&pairs) {
+            Ok(test) => format!(
+                "On {} shared with {name}, winner minus {name}: {} (95 % interval {}, paired)",
+                counted(pairs.len(), "fresh seed"),
+                gap(test.difference, self.metric),
+                gap_ends(test.interval, self.metric)
+            ),
+            Err(reason) => format!("Winner minus {name} on fresh seeds: {reason}"),
+        }
+    }
+
+    /// The mean of values with its interval and their number.
+    fn mean(&self, values: &[f64]) -> String {
+        let mean = mean_of(values).map(|mean| amount(mean, self.metric));
+        let interval = mean_interval(values);
+        let interval =
+            interval.map(|interval| format!(" (95 % interval {})", ends(interval, self.metric)));
+        let mean = mean.unwrap_or_else(|reason: Undefined| reason.to_string());
+        format!("{mean}{}, n = {}", interval.unwrap_or_default(), values.len())
+    }
+
+    /// The drawn values of an arm: `learning_rate=0.001 batch=32`.
+    fn settings(&self, arm: usize) -> String {
+        let written = |(parameter, value): &(Parameter, Value)| {
+            format!("{}={}", short_name(&parameter.to_string()), shortened(&value.to_string()))
+        };
+        self.race.settings[arm].iter().map(written).collect::<Vec<_>>().join(" ")
+    }
+
+    /// One row per arm: those of the last rung first, each rung with its best arms first.
+    fn rows(&self) -> Vec<Vec<Entry>> {
+        let mut rows = Vec::new();
+        let mut known = std::collections::HashSet::new();
+        for (rung, of) in self.race.rungs.iter().enumerate().rev() {
+            for entrant in of.entrants.iter().filter(|one| known.insert(one.arm)) {
+                rows.push(self.row(rung, of.seeds, of.entrants.len(), entrant));
+            }
+        }
+        rows
+    }
+
+    fn row(&self, rung: usize, seeds: usize, arms: usize, entrant: &Entrant) -> Vec<Entry> {
+        let mean = entrant.mean().ok_or("not complete");
+        let is_best = matches!(entrant.fate, Fate::Won);
+        let none = if is_best { "the best" } else { "no interval" };
+        let interval = entrant.lead.map(|lead| Interval { low: lead.low, high: lead.high });
+        let no_interval = Undefined::NoVariance;
+        vec![
+            Entry::text(&self.race.agent),
+            Entry::number(entrant.arm as f64 + 1.0, 0),
+            Entry::text(self.settings(entrant.arm)),
+            Entry::number(rung as f64 + 1.0, 0),
+            Entry::number(seeds as f64, 0),
+            Entry::of(mean, 1),
+            Entry::of(entrant.lead.map(|lead| lead.mean).ok_or(none), 1),
+            match interval {
+                Some(interval) => Entry::text(ends(interval, self.metric)),
+                None => Entry::Missing(none.to_owned()),
+            },
+            low(interval.ok_or(no_interval)),
+            high(interval.ok_or(no_interval)),
+            Entry::text(match entrant.fate {
+                Fate::Undecided => "in the race".to_owned(),
+                Fate::GoesOn => "goes on".to_owned(),
+                Fate::Won => "has won".to_owned(),
+                Fate::Failed => "a job failed".to_owned(),
+                Fate::Behind => format!("not among the best of {arms}"),
+                Fate::Worse => "worse than the best: the interval excludes 0".to_owned(),
+                Fate::NotShownWorse => "behind in the last rung, not shown to be worse".to_owned(),
+            }),
+        ]
+    }
+}
+
+fn mean_of(values: &[f64]) -> Result<f64, Undefined> {
+    Moments::of(values).map(|moments| moments.mean)
+}
+
+/// The values among scores, with the places of their seeds.
+fn known(scores: &[Score]) -> Vec<(usize, f64)> {
+    let value = |(seed, score): (usize, &Score)| match score {
+        Score::Value(value) => Some((seed, *value)),
+        Score::Open | Score::Lost => None,
+    };
+    scores.iter().enumerate().filter_map(value).collect()
+}
+
+/// What the race cost beside a grid of its settings.
+fn of_cost(cost: Cost) -> String {
+    let Cost { jobs, work, grid_jobs, grid_work } = cost;
+    let share = 100.0 * work as f64 / (grid_work as f64).max(1.0);
+    format!(
+        "The race has {} so far; a grid of its settings with all of its seeds has {grid_jobs}, and the race has {share:.0} % \
+         of the grid's work",
+        counted(jobs, "job")
+    )
+}

@@ -1,0 +1,63 @@
+//! The races of searches in a store: how far they have come, and which jobs they want next.
+
+use std::borrow::Cow;
+
+use crate::job::{JobKey, MetricName, Score};
+use crate::key::printable;
+use crate::manifest::Manifest;
+use crate::plan::{self, Races};
+use crate::store::{Reader, StoreError};
+
+/// The manifests, and in place of each search the manifest at the stage that its races have come to in the store;
+/// `reader` is `None` if there is no store yet.
+///
+/// **Errors**: the store fails.
+pub fn at_stage<'m>(
+    manifests: &'m [Manifest],
+    reader: Option<&Reader>,
+) -> Result<Cow<'m, [Manifest]>, StoreError> {
+    plan::at_stage(manifests, |keys, metric| scores(reader, keys, metric))
+}
+
+/// Where the races of manifests stand, a sentence for each.
+///
+/// **Errors**: the store fails.
+pub fn race_notes(
+    manifests: &[Manifest],
+    reader: Option<&Reader>,
+) -> Result<Vec<String>, StoreError> {
+    let mut notes = Vec::new();
+    for manifest in manifests {
+        let races = Races::of(manifest, |keys, metric| scores(reader, keys, metric))?;
+        let (Some(races), Some(search)) = (races, &manifest.search) else { continue };
+        notes.extend(races.races.iter().map(|race| {
+            let (name, agent) = (printable(&manifest.name), printable(&race.agent));
+            format!("search {name}, agent {agent}: {}", race.state(search))
+        }));
+    }
+    Ok(notes)
+}
+
+/// Whether all jobs that the races of manifests will ever want have ended.
+///
+/// **Errors**: the store fails.
+pub fn races_ended(manifests: &[Manifest], reader: &Reader) -> Result<bool, StoreError> {
+    for manifest in manifests {
+        let races = Races::of(manifest, |keys, metric| reader.scores(keys, metric))?;
+        if races.is_some_and(|races| !races.have_ended()) {
+            return Ok(false);
+        }
+    }
+    Ok(true)
+}
+
+fn scores(
+    reader: Option<&Reader>,
+    keys: &[JobKey],
+    metric: MetricName,
+) -> Result<Vec<Score>, StoreError> {
+    match reader {
+        Some(reader) => reader.scores(keys, metric),
+        None => Ok(vec![Score::Open; keys.len()]),
+    }
+}
