@@ -19,7 +19,7 @@ mod questions;
 use examples::{cell, fill_store, jitai, run};
 use questions::questions;
 
-const DOCUMENTS: [&str; 37] = [
+const DOCUMENTS: [&str; 38] = [
     "README.md",
     "CONTRIBUTING.md",
     "docs/agents.md",
