@@ -11,6 +11,7 @@ mod exits;
 mod external;
 mod failures;
 mod forgetting;
+mod installed;
 mod links;
 mod logging;
 mod memory;
