@@ -26,6 +26,7 @@ mod pipes;
 mod planning;
 mod priors;
 mod reading;
+mod release_store;
 mod reporting;
 mod same_bits;
 mod searching;
