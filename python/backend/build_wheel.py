@@ -35,6 +35,8 @@ __all__ = [
 
 HERE = Path(__file__).resolve().parent.parent
 SCRIPTS = HERE / "jitai.data" / "scripts"
+#: The version of the C library that a compatibility promises, as a suffix of a target.
+GLIBC = {"manylinux2014": ".2.17", "manylinux_2_28": ".2.28"}
 
 
 def add_program(config_settings: Mapping[str, Any] | None) -> None:
@@ -42,10 +44,17 @@ def add_program(config_settings: Mapping[str, Any] | None) -> None:
     parser = argparse.ArgumentParser(allow_abbrev=False)
     parser.add_argument("--profile", default="release")
     parser.add_argument("--target")
+    parser.add_argument("--locked", action="store_true")
+    # How releases run with older C libraries than that of the machine that builds them.
+    parser.add_argument("--zig", action="store_true")
+    parser.add_argument("--compatibility")
     chosen, _ = parser.parse_known_args(maturin.get_maturin_pep517_args(config_settings))
     cargo = os.environ.get("CARGO", "cargo")
-    build = [cargo, "build", "--bin", "jitai", "--profile", chosen.profile]
-    build += ["--target", chosen.target] if chosen.target else []
+    build = [cargo, "zigbuild" if chosen.zig else "build", "--bin", "jitai", "--profile", chosen.profile]
+    build += ["--locked"] if chosen.locked else []
+    if chosen.target:
+        glibc = GLIBC[chosen.compatibility] if chosen.zig else ""
+        build += ["--target", chosen.target + glibc]
     subprocess.run([*build, "--message-format", "short"], cwd=HERE.parent, check=True)
     metadata = [cargo, "metadata", "--format-version", "1", "--no-deps"]
     described = subprocess.run(metadata, cwd=HERE.parent, check=True, capture_output=True)
