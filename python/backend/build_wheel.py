@@ -34,6 +34,9 @@ __all__ = [
 ]
 
 HERE = Path(__file__).resolve().parent.parent
+#: The folder of the workspace, which an sdist has beside this one's files.
+IS_SDIST = (HERE / "src" / "main.rs").exists()
+ROOT = HERE if IS_SDIST else HERE.parent
 SCRIPTS = HERE / "jitai.data" / "scripts"
 #: The version of the C library that a compatibility promises, as a suffix of a target.
 GLIBC = {"manylinux2014": ".2.17", "manylinux_2_28": ".2.28"}
@@ -52,12 +55,14 @@ def add_program(config_settings: Mapping[str, Any] | None) -> None:
     cargo = os.environ.get("CARGO", "cargo")
     build = [cargo, "zigbuild" if chosen.zig else "build", "--bin", "jitai", "--profile", chosen.profile]
     build += ["--locked"] if chosen.locked else []
+    # In a clone, python/unify gives program and module the same features, so that Burn is compiled once.
+    build += ["--package", "jitai", "--package", "jitai-python"] if IS_SDIST else []
     if chosen.target:
         glibc = GLIBC[chosen.compatibility] if chosen.zig else ""
         build += ["--target", chosen.target + glibc]
-    subprocess.run([*build, "--message-format", "short"], cwd=HERE.parent, check=True)
+    subprocess.run([*build, "--message-format", "short"], cwd=ROOT, check=True)
     metadata = [cargo, "metadata", "--format-version", "1", "--no-deps"]
-    described = subprocess.run(metadata, cwd=HERE.parent, check=True, capture_output=True)
+    described = subprocess.run(metadata, cwd=ROOT, check=True, capture_output=True)
     folder = Path(json.loads(described.stdout)["target_directory"]) / (chosen.target or "")
     # The folders of these profiles have other names.
     folder /= {"dev": "debug", "test": "debug", "bench": "release"}.get(chosen.profile, chosen.profile)
