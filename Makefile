@@ -6,7 +6,7 @@ JITAI := $(CARGO) run --release --quiet --
 .PHONY: help run paper readings bench bench-burn bench-readers bench-optima bench-coverage test lint test-slow
 .PHONY: test-features test-slurm slurm test-neon neon
 .PHONY: test-times test-kill test-damage test-bad-input fuzz deny miri test-browser browser test-analysis analysis doc docs clean
-.PHONY: python python-sb3 test-python bench-python
+.PHONY: python python-sb3 test-python bench-python release
 
 help: ## these targets
 	@sed -n 's/^\([a-z-]*\):.*## /\1\t/p' $(MAKEFILE_LIST) | expand -t 14
@@ -202,6 +202,9 @@ test-slurm: ## submissions on real Slurm clusters with faults, as root (minutes;
 
 slurm: ## install what test-slurm needs, on Debian: Slurm, without starting its services
 	.ci/install slurmctld slurmd slurm-client munge
+
+release: ## what users download, in target/dist, each tried in an empty environment (half an hour; REPOSITORY=address)
+	.ci/release
 
 docs: ## the documentation as a site, target/site, by mkdocs in target/docs (seconds)
 	[ -x target/docs/bin/pip ] || python3 -m venv target/docs

@@ -241,6 +241,8 @@ fn wcls(bencher: Bencher<'_, '_>) {
             action,
             probabilities: [0.7, 0.3].into(),
             reward: stream.unit(),
+            terminated: false,
+            truncated: false,
         }
     };
     let decisions: Vec<Decision> = (0..70 * 140).map(&mut decision).collect();

@@ -90,6 +90,13 @@ impl Companion {
     }
 }
 
+/// What identifies a stream, besides the position in it.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Source {
+    seed: [u8; 32],
+    stream: u64,
+}
+
 /// A stream of random numbers (ChaCha with 8 rounds), which also counts the participants drawn from it.
 #[derive(Clone, Debug)]
 pub struct Stream {
@@ -111,6 +118,11 @@ impl Stream {
         // Above the numbers of companions.
         generator.set_stream(purpose as u64 | u64::from(person) << 40);
         Stream { generator, participants: 0 }
+    }
+
+    /// What identifies the stream, besides the position in it.
+    pub fn source(&self) -> Source {
+        Source { seed: self.generator.get_seed(), stream: self.generator.get_stream() }
     }
 
     /// The position in the stream, in calls of [`Stream::bits`] from the start.

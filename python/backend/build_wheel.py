@@ -34,7 +34,12 @@ __all__ = [
 ]
 
 HERE = Path(__file__).resolve().parent.parent
+#: The folder of the workspace, which an sdist has beside this one's files.
+IS_SDIST = (HERE / "src" / "main.rs").exists()
+ROOT = HERE if IS_SDIST else HERE.parent
 SCRIPTS = HERE / "jitai.data" / "scripts"
+#: The version of the C library that a compatibility promises, as a suffix of a target.
+GLIBC = {"manylinux2014": ".2.17", "manylinux_2_28": ".2.28"}
 
 
 def add_program(config_settings: Mapping[str, Any] | None) -> None:
@@ -42,13 +47,22 @@ def add_program(config_settings: Mapping[str, Any] | None) -> None:
     parser = argparse.ArgumentParser(allow_abbrev=False)
     parser.add_argument("--profile", default="release")
     parser.add_argument("--target")
+    parser.add_argument("--locked", action="store_true")
+    # How releases run with older C libraries than that of the machine that builds them.
+    parser.add_argument("--zig", action="store_true")
+    parser.add_argument("--compatibility")
     chosen, _ = parser.parse_known_args(maturin.get_maturin_pep517_args(config_settings))
     cargo = os.environ.get("CARGO", "cargo")
-    build = [cargo, "build", "--bin", "jitai", "--profile", chosen.profile]
-    build += ["--target", chosen.target] if chosen.target else []
-    subprocess.run([*build, "--message-format", "short"], cwd=HERE.parent, check=True)
+    build = [cargo, "zigbuild" if chosen.zig else "build", "--bin", "jitai", "--profile", chosen.profile]
+    build += ["--locked"] if chosen.locked else []
+    # In a clone, python/unify gives program and module the same features, so that Burn is compiled once.
+    build += ["--package", "jitai", "--package", "jitai-python"] if IS_SDIST else []
+    if chosen.target:
+        glibc = GLIBC[chosen.compatibility] if chosen.zig else ""
+        build += ["--target", chosen.target + glibc]
+    subprocess.run([*build, "--message-format", "short"], cwd=ROOT, check=True)
     metadata = [cargo, "metadata", "--format-version", "1", "--no-deps"]
-    described = subprocess.run(metadata, cwd=HERE.parent, check=True, capture_output=True)
+    described = subprocess.run(metadata, cwd=ROOT, check=True, capture_output=True)
     folder = Path(json.loads(described.stdout)["target_directory"]) / (chosen.target or "")
     # The folders of these profiles have other names.
     folder /= {"dev": "debug", "test": "debug", "bench": "release"}.get(chosen.profile, chosen.profile)

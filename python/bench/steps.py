@@ -48,6 +48,8 @@ def contenders():
         ("next step", {"sigma": 0.4}),
         ("next step, no state in info", bare),
         ("same step, no state in info", bare | {"autoreset_mode": "SameStep"}),
+        ("next step, uniform noise", {"sigma": 0.4, "state_noise": "uniform"}),
+        ("next step, uniform noise, no state in info", bare | {"state_noise": "uniform"}),
         ("next step, noisy", {"sigma": 0.4} | NOISY),
     ]:
         envs = jitai.make_vec(LANES, **keywords)

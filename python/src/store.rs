@@ -371,6 +371,12 @@ fn extended<T>(mut values: Vec<T>, last: T) -> Vec<T> {
 fn answer(reader: &Reader, sql: &str, values: &[(Option<String>, Cell)]) -> PyResult<Vec<Column>> {
     let values: Vec<(Option<&str>, SqlValue<'_>)> =
         values.iter().map(|(name, value)| (name.as_deref(), value.as_sql())).collect();
+    // A frame would need other names than the query gives.
+    if let Some(name) = reader.repeated_name(sql, &values).map_err(query_error)? {
+        return Err(PyValueError::new_err(format!(
+            "several columns are called `{name}`; name each of them, as in `a.{name} AS {name}_of_a`"
+        )));
+    }
     let mut columns: Vec<Column> = Vec::new();
     reader
         .query_with(sql, &values, |part| {

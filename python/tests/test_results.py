@@ -107,15 +107,74 @@ def test_columns_of_a_query_have_their_declared_types(store):
     assert none.dtypes == [polars.Float64, polars.Int64, polars.String, polars.Float64]
 
 
+def test_a_dataset_has_the_episodes_of_the_test(store):
+    with jitai.open(store) as results:
+        runs = results.runs()
+        key = runs[runs.agent == "tailored"].job_key.iloc[0]
+        dataset = results.dataset(key[:10])
+        decisions, episodes = results.decisions(), results.episodes()
+    decisions, episodes = decisions[decisions.job_key == key], episodes[episodes.job_key == key]
+    assert list(dataset) == ["observations", "actions", "rewards", "terminals", "timeouts"]
+    state = ["context", "probability", "likely_context", "habituation", "disengagement"]
+    assert (dataset["observations"] == decisions[state].to_numpy(np.float32)).all()
+    assert (dataset["actions"] == decisions.action).all() and dataset["actions"].dtype == np.int64
+    assert (dataset["rewards"] == decisions.reward.astype(np.float32)).all()
+    ends = np.flatnonzero(dataset["terminals"] + dataset["timeouts"])
+    assert np.diff(np.append(-1, ends)).tolist() == episodes.length.tolist()
+    assert dataset["terminals"][ends].tolist() == episodes.terminated.tolist()
+    assert not (dataset["terminals"] * dataset["timeouts"]).any() and 0 < dataset["terminals"].sum()
+    assert (decisions.terminated + decisions.truncated).sum() == len(episodes)
+
+
+def test_a_dataset_of_a_training_has_a_timeout_where_the_training_ended(tmp_path):
+    declared = {
+        "format": 1,
+        "name": "trained",
+        "scenarios": ["P-H-D"],
+        "seeds": 1,
+        "environment": {"sigma": 0.6, "horizon": 9},
+        "evaluation": {"record_decisions": "all", "test_episodes": 3},
+        "agent": [{"name": "ppo", "algorithm": "ppo", "episodes": 40, "lanes": 8, "layers": [8]}],
+    }
+    path = tmp_path / "trained.sqlite"
+    jitai.run(declared, store=path, progress=False)
+    with jitai.open(path) as results:
+        dataset = results.dataset("", phase="train", observations=["probability", "habituation"])
+        decisions = results.decisions()
+        test = results.dataset("")
+    training = decisions[decisions.phase == "train"]
+    assert dataset["observations"].shape == (len(training), 2) and len(test["actions"]) < len(training)
+    assert dataset["terminals"].sum() == training.terminated.sum()
+    ended = dataset["terminals"] + dataset["timeouts"]
+    assert ended.sum() == training.episode.nunique() and ended[-1] == 1
+
+
+def test_a_dataset_says_what_is_missing(store, plain):
+    with jitai.open(store) as results:
+        key = results.runs().job_key.iloc[0]
+        for error, message, keywords in [
+            (KeyError, "no completed job with a key that begins with 'xyz'", {"key": "xyz"}),
+            (KeyError, "several completed jobs", {"key": ""}),
+            (TypeError, "key: expected the beginning of a job key, found 7", {"key": 7}),
+            (ValueError, "phase: expected test or train", {"key": key, "phase": "both"}),
+            (ValueError, 'recorded with record_decisions = "all"', {"key": key, "phase": "train"}),
+            (ValueError, "the recorded state has context, .* found H", {"key": key, "observations": "H"}),
+        ]:
+            with pytest.raises(error, match=message):
+                results.dataset(**keywords)
+    with jitai.open(plain) as results, pytest.raises(ValueError, match='record_decisions = "test"'):
+        results.dataset("")
+
+
 @pytest.mark.parametrize("frames", ["pandas", "polars"])
-def test_a_name_that_occurs_again_gets_a_number(store, frames):
+def test_columns_with_the_same_name_are_refused(store, frames):
+    join = "SELECT * FROM run_summary JOIN metric AS a USING (job_key) JOIN metric AS b USING (job_key)"
     with jitai.open(store, frames=frames) as results:
-        frame = results.query("SELECT 1 AS value, 2 AS value, 3 AS other, 4 AS Value")
-        assert list(frame.columns) == ["value", "value_2", "other", "Value_3"]
-        values = frame.to_numpy().tolist()
-        assert values == [[1, 2, 3, 4]]
-        join = "SELECT * FROM run_summary JOIN metric AS a USING (job_key) JOIN metric AS b USING (job_key)"
-        assert list(results.query(join).columns)[-4:] == ["name", "value", "name_2", "value_2"]
+        for sql, name in [("SELECT 1 AS value, 2 AS other, 3 AS Value", "Value"), (join, "name")]:
+            with pytest.raises(ValueError, match=f"several columns are called `{name}`; name each"):
+                results.query(sql)
+        frame = results.query("SELECT 1 AS value, 2 AS value_2")
+        assert list(frame.columns) == ["value", "value_2"]
 
 
 @pytest.mark.parametrize("frames", ["pandas", "polars"])

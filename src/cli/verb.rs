@@ -6,8 +6,8 @@ use clap::error::{ContextKind, ContextValue};
 use clap::{CommandFactory, Parser, Subcommand};
 
 use crate::cli::{
-    Error, cancel, check, doctor, export, forget, log, merge, optimum, plan, query, report, run,
-    schema, signals, simulate, status, submit, task, watch,
+    Error, cancel, check, completions, doctor, export, forget, log, manual, merge, optimum, plan,
+    query, report, run, schema, self_test, signals, simulate, status, submit, task, watch,
 };
 use crate::kernel::Isa;
 use crate::kill_point;
@@ -42,6 +42,9 @@ enum Verb {
     Simulate(Box<simulate::Arguments>),
     Optimum(optimum::Arguments),
     Schema(schema::Arguments),
+    SelfTest(self_test::Arguments),
+    Completions(completions::Arguments),
+    Manual(manual::Arguments),
 }
 
 /// The error with the nearest verb as the only suggestion for a misspelt verb.
@@ -91,6 +94,9 @@ pub fn main() -> ExitCode {
         Verb::Simulate(arguments) => simulate::run(&arguments),
         Verb::Optimum(arguments) => optimum::run(&arguments),
         Verb::Schema(arguments) => schema::run(&arguments),
+        Verb::SelfTest(arguments) => self_test::run(&arguments),
+        Verb::Completions(arguments) => completions::run(&arguments, Arguments::command()),
+        Verb::Manual(arguments) => manual::run(&arguments, Arguments::command()),
     };
     match result {
         Ok(exit) => exit.into(),

@@ -8,6 +8,7 @@
 //! StepCountJITAI (2024). `docs/environment.md` states the model. The module does not depend on
 //! agents or training.
 
+mod companion_words;
 pub mod contract;
 mod families;
 mod family;

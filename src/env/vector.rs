@@ -6,7 +6,7 @@
 use std::ops::RangeInclusive;
 
 use crate::env::observation::{ObservationSpec, Observations};
-use crate::rng::{Companion, Stream};
+use crate::rng::Stream;
 use crate::state::{Resumable, StateError, StateReader, StateWriter, resumable};
 
 /// An action, by its number among the actions of an environment; 0 by default.
@@ -128,36 +128,8 @@ impl LaneStreams {
         }
     }
 
-    /// Fills the lanes' entries in `words` with a companion's words for the next words of the streams. From a
-    /// shared stream, all of `lanes` consume words; with one stream per lane, the lanes marked in `drawn` do.
-    ///
-    /// **Shapes**: `words` is \[lanes, width of the companion\], row-major; `drawn` is \[lanes\] or longer.
-    pub(super) fn fill_companion(
-        &self,
-        companion: Companion,
-        lanes: LaneSet<'_>,
-        drawn: &[bool],
-        words: &mut [u64],
-    ) {
-        let rows = words.chunks_exact_mut(companion.width()).enumerate();
-        match self {
-            LaneStreams::Shared(stream) if lanes == LaneSet::All => {
-                stream.companion(companion).fill(words);
-            }
-            LaneStreams::Shared(stream) => {
-                let mut beside = stream.companion(companion);
-                rows.filter(|(lane, _)| lanes.contains(*lane))
-                    .for_each(|(_, row)| beside.fill(row));
-            }
-            LaneStreams::PerLane(streams) => {
-                let drawn = rows.filter(|(lane, _)| drawn[*lane]);
-                drawn.for_each(|(lane, row)| streams[lane].companion(companion).fill(row));
-            }
-        }
-    }
-
-    /// Fills the lanes' entries in `words`, \[lanes\], with the next words of the streams. The same lanes
-    /// consume words as in [`LaneStreams::fill_companion`].
+    /// Fills the lanes' entries in `words`, \[lanes\], with the next words of the streams. From a shared
+    /// stream, all of `lanes` consume words; with one stream per lane, the lanes marked in `drawn` do.
     pub(super) fn fill(&mut self, lanes: LaneSet<'_>, drawn: &[bool], words: &mut [u64]) {
         let entries = words.iter_mut().enumerate();
         match self {

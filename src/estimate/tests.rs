@@ -41,6 +41,8 @@ fn decision(episode: u32, step: u32, action: u8, probability: f64, reward: f64) 
         action,
         probabilities: [1.0 - probability, probability].into(),
         reward,
+        terminated: false,
+        truncated: false,
     }
 }
 

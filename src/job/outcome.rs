@@ -82,6 +82,10 @@ pub struct Decision {
     pub probabilities: Box<[f64]>,
     /// Reward.
     pub reward: f64,
+    /// Whether the episode ended with this step in a terminal state.
+    pub terminated: bool,
+    /// Whether the episode was cut off after this step, and not by the end of the training.
+    pub truncated: bool,
 }
 
 impl Decision {

@@ -8,7 +8,7 @@ use rusqlite::types::ValueRef;
 use rusqlite::{Connection, Params};
 use sha2::{Digest, Sha256};
 
-use super::{choice, decision, family, participant};
+use super::{choice, decision, episode_ending, family, participant};
 
 /// The metrics of run `?1`. This query and the following ones use orders that do not depend on the row ids of
 /// one file.
@@ -56,6 +56,10 @@ pub(super) fn of_run(connection: &Connection, run: i64) -> rusqlite::Result<[u8;
     // And for runs whose decisions were recorded before their choices.
     if choice::are_known(connection)? {
         add_rows(&mut digest, connection, choice::SELECT, [run])?;
+    }
+    // And for runs whose training was recorded before the endings of its episodes.
+    if episode_ending::are_known(connection)? {
+        add_rows(&mut digest, connection, episode_ending::SELECT, [run])?;
     }
     if family::has_rows(connection, run)? {
         for sql in family::selects() {

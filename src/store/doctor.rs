@@ -14,7 +14,9 @@ use super::error::StoreError;
 use super::implied::{self, Known};
 use super::schema::has_table;
 use super::verify::{CheckWeights, failure_fault, job_fault, row_ids, run_fault};
-use super::{choice, decision, earlier_manifest, estimate, file, participant, schema};
+use super::{
+    choice, decision, earlier_manifest, episode_ending, estimate, file, participant, schema,
+};
 
 /// The result of an examination.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
@@ -177,6 +179,19 @@ const OF_CHOICES: &[Invariant] = &[Invariant {
               OR recorded.steps <> json_array_length(choice.probabilities)",
 }];
 
+/// The invariants of recorded endings, which stores of earlier versions lack.
+const OF_ENDINGS: &[Invariant] = &[Invariant {
+    violation: "it has recorded endings that do not match its recorded training",
+    sql: "SELECT job.key FROM run JOIN job ON job.id = run.job
+          JOIN (SELECT id >> 39 AS run, sum(length) AS steps FROM recorded_ending GROUP BY 1) AS ended
+              ON ended.run = run.id
+          WHERE run.status <> 'completed' OR steps <>
+              (SELECT total(recorded.steps) FROM recorded_decision AS recorded
+                  WHERE recorded.id BETWEEN run.id << 39 AND (run.id << 39) + 274877906943)
+              + (SELECT count(*) FROM recorded_step AS recorded
+                  WHERE recorded.run = run.id AND recorded.phase = 0)",
+}];
+
 /// The invariants of recorded participants, which stores of earlier versions lack.
 const OF_PARTICIPANTS: &[Invariant] = &[
     Invariant {
@@ -291,12 +306,16 @@ impl Examination<'_> {
             Ok(true) => OF_CHOICES,
             Ok(false) | Err(_) => &[],
         };
+        let of_endings = match episode_ending::are_known(self.connection) {
+            Ok(true) => OF_ENDINGS,
+            Ok(false) | Err(_) => &[],
+        };
         let of_steps = match has_table(self.connection, "recorded_step") {
             Ok(true) => OF_STEPS,
             Ok(false) | Err(_) => &[],
         };
         let all = INVARIANTS.iter().chain(of_decisions).chain(of_choices).chain(of_participants);
-        let all = all.chain(of_steps);
+        let all = all.chain(of_steps).chain(of_endings);
         for Invariant { violation, sql } in all {
             for key in self.texts("job", sql) {
                 self.find("job", Some(key), *violation);

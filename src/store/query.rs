@@ -173,6 +173,21 @@ impl Reader {
         Ok(())
     }
 
+    /// The name that the columns of a query repeat, in upper or lower case; `None` if all differ.
+    ///
+    /// **Errors**: the SQL is faulty, or values do not fit its parameters.
+    pub fn repeated_name(
+        &self,
+        sql: &str,
+        values: &[(Option<&str>, Value<'_>)],
+    ) -> Result<Option<String>, QueryError> {
+        let statement = self.bound(sql, values)?;
+        let names: Vec<&str> = statement.column_names().collect();
+        let written = distinct(&names);
+        let repeated = names.iter().zip(written).find(|(name, written)| **name != written);
+        Ok(repeated.map(|(name, _)| (*name).to_owned()))
+    }
+
     /// The SQL with literals instead of parameters, for [`Reader::column_types`]: literals round numbers.
     pub fn written_out(&self, sql: &str, values: &[(Option<&str>, Value<'_>)]) -> String {
         let bound = self.bound(sql, values).ok().and_then(|bound| bound.expanded_sql());

@@ -43,10 +43,10 @@ impl Reader {
             while let Some(row) = rows.next()? {
                 let action: u8 = row.get(5)?;
                 let state = match is_packed {
-                    true => (9..9 + names.len())
+                    true => (11..11 + names.len())
                         .map(|place| row.get(place))
                         .collect::<Result<_, _>>()?,
-                    false => numbers(&row.get::<_, String>(9)?, &names)?,
+                    false => numbers(&row.get::<_, String>(11)?, &names)?,
                 };
                 let probabilities = match row.get::<_, Option<String>>(7)? {
                     Some(text) => serde_json::from_str(&text).map_err(unreadable)?,
@@ -67,6 +67,8 @@ impl Reader {
                     action,
                     probabilities: probabilities.into(),
                     reward: row.get(8)?,
+                    terminated: row.get::<_, Option<bool>>(9)?.unwrap_or_default(),
+                    truncated: row.get::<_, Option<bool>>(10)?.unwrap_or_default(),
                 });
                 count += 1;
             }

@@ -14,7 +14,7 @@ use super::insert::insert_rows;
 use super::migrate::MIGRATIONS;
 use super::transaction::NOW;
 use super::writer::Store;
-use super::{choice, decision, digest, estimate, family, participant};
+use super::{choice, decision, digest, episode_ending, estimate, family, participant};
 
 /// The end of a claimed run.
 #[derive(Clone, Copy, Debug)]
@@ -159,6 +159,7 @@ fn insert_results(connection: &Connection, run: i64, results: &Results) -> rusql
     } else {
         family::insert(connection, run, results)?;
     }
+    episode_ending::insert(connection, run, &results.decisions)?;
     participant::insert(connection, run, &results.participants)?;
     if let Some(weights) = &results.weights {
         connection

@@ -29,6 +29,8 @@ pub(super) struct DecisionLog {
     begun: u32,
     /// The episode of every lane, from 1.
     episodes: Vec<u32>,
+    /// The place of the last decision of every lane.
+    last: Vec<u64>,
     /// The lanes of the most recent decisions, whose rewards are still missing.
     acting: Vec<usize>,
     /// In a trial, numbers that follow the state of every lane, \[lanes, 2\], and episodes are the numbers of lanes;
@@ -50,6 +52,7 @@ impl DecisionLog {
             participants: Vec::new(),
             begun: 0,
             episodes: Vec::new(),
+            last: Vec::new(),
             acting: Vec::new(),
             beside: Vec::new(),
             refused: None,
@@ -106,6 +109,7 @@ impl StepObserver<Simulated> for DecisionLog {
         let count = probabilities.len() / actions.len();
         self.acting.clear();
         self.episodes.resize(lanes.lanes(), 0);
+        self.last.resize(lanes.lanes(), u64::MAX);
         match reserve(&mut self.decisions, lanes.lanes(), "the record of decisions") {
             Ok(()) if self.refused.is_none() => {}
             refused => return self.refused = self.refused.or(refused.err()),
@@ -140,7 +144,10 @@ impl StepObserver<Simulated> for DecisionLog {
                 action: lanes.taken(lane, chosen).index() as u8,
                 probabilities: row.into(),
                 reward: 0.0,
+                terminated: false,
+                truncated: false,
             };
+            self.last[lane] = self.decisions.len() as u64;
             self.decisions.push(decision);
             self.acting.push(lane);
         }
@@ -156,17 +163,25 @@ impl StepObserver<Simulated> for DecisionLog {
         if !self.is_kept {
             self.decisions.clear();
             self.acting.clear();
+            return;
+        }
+        // An episode may end with a step that does not count, after its last decision.
+        for (place, status) in self.last.iter().zip(lanes.statuses()) {
+            if let Some(decision) = self.decisions.get_mut(*place as usize) {
+                decision.terminated = *status == EpisodeStatus::Terminated;
+                decision.truncated = *status == EpisodeStatus::Truncated;
+            }
         }
     }
 }
 
 // Between two steps, every decision has its reward.
 resumable!([] DecisionLog {
-    parts begun, decisions, participants; grown episodes; each estimations; then set_phase
+    parts begun, decisions, participants; grown episodes, last; each estimations; then set_phase
 });
 
 resumable!([] Decision {
-    parts episode, step, state, available, can_send, chosen, action, probabilities, reward
+    parts episode, step, state, available, can_send, chosen, action, probabilities, reward, terminated, truncated
 });
 
 resumable!([] ParticipantValue { parts episode, parameter, value });

@@ -19,7 +19,7 @@ mod questions;
 use examples::{cell, fill_store, jitai, run};
 use questions::questions;
 
-const DOCUMENTS: [&str; 38] = [
+const DOCUMENTS: [&str; 39] = [
     "README.md",
     "CONTRIBUTING.md",
     "docs/agents.md",
@@ -38,6 +38,7 @@ const DOCUMENTS: [&str; 38] = [
     "docs/fidelity-bots.md",
     "docs/fidelity.md",
     "docs/index.md",
+    "docs/install.md",
     "docs/manifest.md",
     "docs/notebooks.md",
     "docs/optimum.md",
@@ -402,7 +403,7 @@ fn commands(line: &str) -> Vec<(String, BTreeSet<String>)> {
         let command = part.split(['`', '#', '|', '"']).next().unwrap_or_default();
         let mut words = command.split_whitespace();
         let Some(verb) = words.next() else { continue };
-        if !verb.chars().all(|c| c.is_ascii_lowercase()) {
+        if !verb.chars().all(|c| c.is_ascii_lowercase() || c == '-') {
             continue;
         }
         let options = words.filter(|word| word.starts_with("--")).map(str::to_owned).collect();

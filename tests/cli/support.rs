@@ -19,7 +19,7 @@ const STOPS_WITHIN: Duration = Duration::from_secs(2);
 const GLANCE: Duration = Duration::from_millis(2);
 
 /// Columns that depend on the circumstances of a run, not on the content of its job.
-const CIRCUMSTANCES: [&str; 9] = [
+pub const CIRCUMSTANCES: [&str; 9] = [
     "attempt",
     "wall_seconds",
     "started_at",
@@ -231,7 +231,7 @@ pub fn columns(store: &Connection, view: &str) -> Vec<String> {
 }
 
 /// The rows of an answer as text, with all digits of numbers.
-fn rows(store: &Connection, sql: &str) -> Vec<String> {
+pub fn rows(store: &Connection, sql: &str) -> Vec<String> {
     let mut statement = store.prepare(sql).unwrap();
     let columns = statement.column_count();
     let row_text = |row: &rusqlite::Row<'_>| {

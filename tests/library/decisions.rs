@@ -79,6 +79,14 @@ fn state(decision: &Decision) -> State {
     State { context, probability, likely_context, habituation, disengagement }
 }
 
+/// Whether the last step of an episode terminated and truncated it; no other step may have done so.
+fn ending(steps: &[Decision]) -> (bool, bool) {
+    let mut endings = steps.iter().map(|step| (step.terminated, step.truncated));
+    let last = endings.next_back().unwrap();
+    assert!(endings.all(|ending| ending == (false, false)), "{steps:?}");
+    last
+}
+
 #[test]
 fn recording_changes_no_other_result() {
     for agent in agents() {
@@ -105,11 +113,15 @@ fn decisions_are_the_steps_of_the_episodes_that_the_other_results_count() {
         for ((number, steps), episode) in (1..).zip(&tested).zip(&results.episodes) {
             assert!(steps.iter().all(|step| step.episode == number));
             assert!(steps.iter().map(|step| step.step).eq(0..episode.length));
+            assert_eq!(ending(steps), (episode.terminated, !episode.terminated));
             assert_eq!(steps.iter().map(|step| step.reward).sum::<f64>(), episode.total_reward);
         }
         // With a stride of 1, the curve has the return of every training episode.
         let returns = results.curve.iter().filter(|point| point.metric == "mean_return");
         let recorded = episodes(&results, Phase::Train);
+        for steps in &recorded {
+            assert!(ending(steps) == (true, false) || ending(steps) == (false, true));
+        }
         let totals = recorded.iter().map(|steps| steps.iter().map(|s| s.reward).sum::<f64>());
         assert!(totals.eq(returns.map(|point| point.value)));
         for count in &results.actions {
@@ -122,6 +134,20 @@ fn decisions_are_the_steps_of_the_episodes_that_the_other_results_count() {
             assert_eq!(found as u64, count.count);
         }
     }
+}
+
+// The step after the horizon of `unpaid_last_step` has no decision, and ends the episode.
+#[test]
+fn an_episode_that_ends_after_its_last_decision_has_its_ending_there() {
+    let mut job =
+        job(Agent::of(&RuleParameters::new(DecisionRule::Random)), RecordedDecisions::Test);
+    job.environment = StepCount { unpaid_last_step: true, ..StepCount::paper(0.6) }.into();
+    let results = results(&job);
+    let tested = episodes(&results, Phase::Test);
+    for (steps, episode) in tested.iter().zip(&results.episodes) {
+        assert_eq!(ending(steps), (episode.terminated, !episode.terminated));
+    }
+    assert!(results.episodes.iter().any(|episode| !episode.terminated));
 }
 
 // Lanes end their episodes at different times, so a short episode may end before an episode that began
@@ -234,7 +260,7 @@ fn the_store_shows_every_decision_to_the_bit_and_counts_them_as_results() {
             habituation, disengagement, available, action, action_probability, reward, can_send,
             chosen_action, json_extract(action_probabilities, '$[0]'),
             json_extract(action_probabilities, '$[1]'), json_extract(action_probabilities, '$[2]'),
-            json_extract(action_probabilities, '$[3]')
+            json_extract(action_probabilities, '$[3]'), terminated, truncated
         FROM decision ORDER BY phase = 'test', episode, step";
     let number = |value: &Value<'_>| match value {
         Value::Integer(number) => *number as f64,
@@ -269,6 +295,8 @@ fn the_store_shows_every_decision_to_the_bit_and_counts_them_as_results() {
             d.probabilities[1],
             d.probabilities[2],
             d.probabilities[3],
+            f64::from(u8::from(d.terminated)),
+            f64::from(u8::from(d.truncated)),
         ]
     });
     assert!(expected.eq(stored));

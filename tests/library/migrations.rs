@@ -75,7 +75,7 @@ fn a_migration_that_was_interrupted_is_undone_and_done_again() {
     }
 }
 
-/// Stores that earlier versions wrote, `tests/data/stores/v<schema>-<release>.sqlite`, and a store of
+/// Stores that earlier versions and releases wrote, in `tests/data/stores/`, and a store of
 /// this version, which the test creates.
 #[test]
 fn the_stores_of_all_versions_are_migrated_after_a_backup_and_read() {

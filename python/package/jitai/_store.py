@@ -24,7 +24,7 @@ _INSTANTS = ("started_at", "ended_at", "used_from", "used_until", "found_at")
 _LARGEST_EXACT = 2**53
 
 
-class _Column(NamedTuple):
+class Column(NamedTuple):
     """A column, as :class:`StoreReader` gives it."""
 
     name: str
@@ -117,7 +117,7 @@ class Store:
         values = values.tolist() if isinstance(values, np.ndarray) else values
         for key, name, value in zip(rows["job_key"], rows["name"], values, strict=True):
             jobs.setdefault(key, {})[name] = value
-        columns = [_Column("job_key", "text", list(jobs), None)]
+        columns = [Column("job_key", "text", list(jobs), None)]
         for name in sorted({name for job in jobs.values() for name in job}):
             columns.append(_of_values(name, [job.get(name) for job in jobs.values()]))
         return self._frame(columns)
@@ -127,8 +127,8 @@ class Store:
     ) -> Any:
         """The result of a read-only query; ``docs/store.md`` describes the views.
 
-        ``parameters`` are the values of ``?`` in order, or of ``:name`` by name. A name that the query gives
-        to several columns is numbered: ``value``, ``value_2``.
+        ``parameters`` are the values of ``?`` in order, or of ``:name`` by name. The columns need
+        different names.
         """
         if isinstance(parameters, Mapping):
             values: list[tuple[str | None, Any]] = list(parameters.items())
@@ -136,7 +136,22 @@ class Store:
             raise TypeError(f"parameters: expected a list or a dict, found {parameters!r}")
         else:
             values = [(None, value) for value in parameters]
-        return self._frame([_Column(*column) for column in self._reader.columns(sql, values)])
+        return self._frame([Column(*column) for column in self._reader.columns(sql, values)])
+
+    def dataset(
+        self, key: str, *, phase: str = "test", observations: Sequence[str] | None = None
+    ) -> dict[str, npt.NDArray[Any]]:
+        """The recorded decisions of a job for offline reinforcement learning.
+
+        ``key`` is the beginning of the key of a completed job, and ``phase`` is ``"test"`` or ``"train"``. The arrays have
+        a row for each step, by episode: ``observations``, ``actions``, ``rewards``, ``terminals`` and ``timeouts``, so
+        that ``d3rlpy.dataset.MDPDataset(**dataset)`` takes them. An observation is the recorded state before the
+        step, or the entries of it that ``observations`` names. An episode that was running when the training ended
+        has a timeout in its last step.
+        """
+        from jitai._dataset import of_decisions
+
+        return of_decisions(self._reader, key, phase, observations)
 
     def policy(self, key: str) -> Policy:
         """The policy of the only completed job whose key begins with ``key``."""
@@ -189,12 +204,12 @@ class Store:
         names = self._reader.experiments()
         return f"<jitai.Store {self.path!r}: experiments {', '.join(names) or 'none'}>"
 
-    def _columns(self, view: str, experiment: str | None) -> list[_Column]:
+    def _columns(self, view: str, experiment: str | None) -> list[Column]:
         if not self._reader.has_view(view):
             raise ValueError(f"{self.path} is of an earlier version; `jitai run` adds {view}")
         if experiment is not None:
             self._require(experiment)
-        return [_Column(*column) for column in self._reader.view(view, experiment)]
+        return [Column(*column) for column in self._reader.view(view, experiment)]
 
     def _require(self, experiment: str) -> None:
         """Checks that the store has the experiment."""
@@ -211,11 +226,11 @@ class Store:
     def _view(self, view: str, experiment: str | None) -> Any:
         return self._frame(self._columns(view, experiment))
 
-    def _frame(self, columns: list[_Column]) -> Any:
+    def _frame(self, columns: list[Column]) -> Any:
         return _frame(columns, self._frames)
 
 
-def _frame(columns: list[_Column], frames: str) -> Any:
+def _frame(columns: list[Column], frames: str) -> Any:
     """The columns as a frame of a library."""
     instants = [one.name for one in columns if one.name in _INSTANTS and one.kind in ("text", "null")]
     if frames == "pandas":
@@ -240,7 +255,7 @@ def of_rows(rows: list[dict[str, Any]], frames: str) -> Any:
     return _frame([_of_values(name, [row.get(name) for row in rows]) for name in names], frames)
 
 
-def _of_pandas(column: _Column) -> Any:
+def _of_pandas(column: Column) -> Any:
     """The column for pandas."""
     import pandas
 
@@ -255,7 +270,7 @@ def _of_pandas(column: _Column) -> Any:
     return pandas.Series(values, dtype=None if kind in ("integer", "real") else object)
 
 
-def _of_polars(column: _Column) -> Any:
+def _of_polars(column: Column) -> Any:
     """The column for polars."""
     import polars
 
@@ -285,15 +300,15 @@ def library(frames: str | None) -> str:
     raise ImportError(f"data frames need {wanted}: pip install {wanted.split()[0]}")
 
 
-def _of_values(name: str, values: list[Any]) -> _Column:
+def _of_values(name: str, values: list[Any]) -> Column:
     """A column of values, as an array if all are numbers or NULL."""
     nulls = np.array([value is None for value in values], np.bool_)
     kinds = {type(value) for value in values} - {type(None)}
     missing = nulls if nulls.any() else None
     if kinds == {int}:
-        return _Column(name, "integer", np.array([value or 0 for value in values], np.int64), missing)
+        return Column(name, "integer", np.array([value or 0 for value in values], np.int64), missing)
     if kinds and kinds <= {int, float}:
         reals = [np.nan if value is None else value for value in values]
-        return _Column(name, "real", np.array(reals, np.float64), missing)
+        return Column(name, "real", np.array(reals, np.float64), missing)
     kind = "text" if kinds == {str} else "mixed" if kinds else "null"
-    return _Column(name, kind, values, missing)
+    return Column(name, kind, values, missing)

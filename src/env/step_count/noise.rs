@@ -1,5 +1,6 @@
 //! The noise of a step: of its parameters, of the resulting state, and of the steps walked.
 
+use crate::env::companion_words::CompanionWords;
 use crate::env::step_count::dynamics::Dynamics;
 use crate::env::step_count::parameters::{StateNoise, StepCount, StepNoise};
 use crate::env::variates::{Expansion, beta, gamma};
@@ -65,28 +66,27 @@ impl Noise for ForcedNoise {
     }
 }
 
-/// Noise from the words of streams. Every array has `width` words per lane for its companion, or is empty
-/// without such noise.
+/// Noise from the words of streams. Noise that is not drawn has no words.
 #[derive(Clone, Debug)]
 pub(super) struct DrawnNoise {
     state_noise: StateNoise,
-    parameter_words: Vec<u64>,
-    state_words: Vec<u64>,
-    step_words: Vec<u64>,
+    parameters: CompanionWords,
+    state: CompanionWords,
+    steps: CompanionWords,
 }
 
 impl DrawnNoise {
     /// The noise of an environment with `lanes` lanes, before the first draw.
     pub(super) fn new(environment: &StepCount, lanes: usize) -> Self {
         let words = |is_drawn: bool, companion: Companion| {
-            vec![0; if is_drawn { lanes * companion.width() } else { 0 }]
+            CompanionWords::new(companion, if is_drawn { lanes } else { 0 })
         };
         let StepCount { state_noise, step_noise, parameter_spread, .. } = *environment;
         DrawnNoise {
             state_noise,
-            parameter_words: words(parameter_spread > 0.0, Companion::ParameterNoise),
-            state_words: words(state_noise != StateNoise::None, Companion::StateNoise),
-            step_words: words(step_noise != StepNoise::None, Companion::StepNoise),
+            parameters: words(parameter_spread > 0.0, Companion::ParameterNoise),
+            state: words(state_noise != StateNoise::None, Companion::StateNoise),
+            steps: words(step_noise != StepNoise::None, Companion::StepNoise),
         }
     }
 
@@ -106,13 +106,9 @@ impl DrawnNoise {
 
     /// Draws the words of the next step.
     pub(super) fn draw(&mut self, drawn: &[bool], streams: &LaneStreams) {
-        for (companion, words) in [
-            (Companion::ParameterNoise, &mut self.parameter_words),
-            (Companion::StateNoise, &mut self.state_words),
-            (Companion::StepNoise, &mut self.step_words),
-        ] {
-            if !words.is_empty() {
-                streams.fill_companion(companion, LaneSet::All, drawn, words);
+        for words in [&mut self.parameters, &mut self.state, &mut self.steps] {
+            if !words.words().is_empty() {
+                words.fill(streams, LaneSet::All, drawn);
             }
         }
     }
@@ -122,7 +118,7 @@ impl Noise for DrawnNoise {
     #[inline(always)]
     fn dynamics(&self, lane: usize, dynamics: &Dynamics) -> Dynamics {
         let Some([delta_h, epsilon_h, delta_d, epsilon_d]) =
-            self.parameter_words.as_chunks().0.get(lane)
+            self.parameters.words().as_chunks().0.get(lane)
         else {
             return *dynamics;
         };
@@ -141,7 +137,7 @@ impl Noise for DrawnNoise {
     #[inline(always)]
     fn state(&self, lane: usize, dynamics: &Dynamics, expected: [f64; 2]) -> [f64; 2] {
         let [habituation, disengagement] = expected;
-        let words = || self.state_words.as_chunks::<2>().0[lane];
+        let words = || self.state.words().as_chunks::<2>().0[lane];
         match self.state_noise {
             StateNoise::None => expected,
             StateNoise::Uniform => {
@@ -161,7 +157,7 @@ impl Noise for DrawnNoise {
     #[inline(always)]
     fn steps(&self, lane: usize, dynamics: &Dynamics, expected: f64) -> f64 {
         let mean = if expected > FLOOR { expected } else { FLOOR };
-        let word = self.step_words.get(lane);
+        let word = self.steps.words().get(lane);
         word.map_or(expected, |word| gamma(mean, dynamics.sigma_s, *word))
     }
 }

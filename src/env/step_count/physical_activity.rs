@@ -1,6 +1,7 @@
 //! The physical-activity simulation of Karine et al. (2023), section 3.1, with the additions of
 //! StepCountJITAI (2024) and of the manifest's keys. `docs/environment.md` states the model.
 
+use crate::env::companion_words::CompanionWords;
 use crate::env::history::History;
 use crate::env::observation::Observations;
 use crate::env::scenario::Scenario;
@@ -51,9 +52,10 @@ pub struct PhysicalActivity {
     full: Option<DrawnNoise>,
     /// The lanes that get a new context: lanes that were running before the step, or that are being reset.
     drawn: Vec<bool>,
-    /// The stream words for the next contexts, and the words of their companion.
+    /// The stream words for the next contexts, and the words of companions for them and for their availability.
     words: Vec<u64>,
-    companion_words: Vec<u64>,
+    context_words: CompanionWords,
+    availability_words: CompanionWords,
     /// Whether contexts persist or have unequal probabilities.
     is_chained: bool,
     /// Whether messages can be unavailable at some steps, and whether messages have a cost.
@@ -116,7 +118,8 @@ impl PhysicalActivity {
             full: is_needed(&widest, scenario).then(|| DrawnNoise::new(&widest, lanes)),
             drawn: vec![false; padded],
             words: vec![0; padded],
-            companion_words: vec![0; lanes],
+            context_words: CompanionWords::new(Companion::Context, lanes),
+            availability_words: CompanionWords::new(Companion::Availability, lanes),
             is_chained: !widest.has_independent_fair_contexts(),
             is_limited: widest.availability < 1.0,
             has_costs: widest.message_cost > 0.0,
@@ -294,12 +297,11 @@ impl PhysicalActivity {
         }
         self.sample_availability(lanes, streams);
         if self.is_chained {
-            let words = &mut self.companion_words;
-            streams.fill_companion(Companion::Context, lanes, &self.drawn, words);
+            self.context_words.fill(streams, lanes, &self.drawn);
             streams.fill(lanes, &self.drawn, &mut self.words[..count]);
             let chain = ContextChain::of(&self.parameters);
             let chains = self.participants.as_ref().map(|people| people.chains());
-            let words = self.words.iter_mut().zip(&self.companion_words).zip(&self.contexts);
+            let words = self.words.iter_mut().zip(self.context_words.words()).zip(&self.contexts);
             for (lane, ((word, companion), context)) in words.enumerate() {
                 let before = (moment == Moment::Step).then_some(*context);
                 let chain = chains.map_or(chain, |chains| chains[lane]);
@@ -383,9 +385,8 @@ impl PhysicalActivity {
         if !self.is_limited {
             return;
         }
-        let words = &mut self.companion_words;
-        streams.fill_companion(Companion::Availability, lanes, &self.drawn, words);
-        for (lane, word) in self.companion_words.iter().enumerate() {
+        self.availability_words.fill(streams, lanes, &self.drawn);
+        for (lane, word) in self.availability_words.words().iter().enumerate() {
             if self.drawn[lane] {
                 let availability = self.person(lane).availability;
                 self.memory.available[lane] = unit_from_bits(*word) < availability;

@@ -10,7 +10,7 @@ use rusqlite::{CachedStatement, Connection};
 use crate::job::MetricName;
 use crate::store::digest::ResultsDigest;
 use crate::store::results::metric_id;
-use crate::store::{choice, decision, family, participant};
+use crate::store::{choice, decision, episode_ending, family, participant};
 
 use super::sql::{Written, read_rows, read_values, written};
 
@@ -104,6 +104,8 @@ pub(super) struct ResultRows {
     participants: Vec<Value>,
     /// Recorded choices, likewise.
     choices: Vec<Value>,
+    /// The endings of recorded training episodes, likewise.
+    endings: Vec<Value>,
     /// The rows of each table that only runs in environments of other families have; empty for others.
     of_family: Vec<Vec<Value>>,
     metrics: Arc<MetricNames>,
@@ -131,28 +133,39 @@ impl ResultRows {
             true => read_values(from, choice::SELECT, run)?,
             false => Vec::new(),
         };
+        let endings = match episode_ending::are_known(from).ok()? {
+            true => read_values(from, episode_ending::SELECT, run)?,
+            false => Vec::new(),
+        };
         let of_family = match family::has_rows(from, run).ok()? {
             true => of_others.iter().map(table).collect::<Option<_>>()?,
             false => Vec::new(),
         };
         let metrics = metrics.clone();
-        Some(ResultRows { tables, decisions, participants, choices, of_family, metrics })
+        Some(ResultRows { tables, decisions, participants, choices, endings, of_family, metrics })
     }
 
     /// The digest of these results for the job with this key, equal to [`crate::store::digest::of_run`];
     /// `None` if the name of a metric cannot be read.
     pub(super) fn digest(&self, job_key: &str) -> Option<[u8; 32]> {
-        self.digest_of(job_key, &[&self.decisions, &self.participants, &self.choices])
+        let recorded = [&self.decisions, &self.participants, &self.choices, &self.endings];
+        self.digest_of(job_key, &recorded)
     }
 
-    /// Whether choices were recorded.
-    pub(super) fn has_choices(&self) -> bool {
-        !self.choices.is_empty()
-    }
-
-    /// A digest of all these results but the recorded choices, to compare with another run of the job.
-    pub(super) fn digest_without_choices(&self) -> Option<[u8; 32]> {
-        self.digest_of("", &[&self.decisions, &self.participants])
+    /// Whether the results equal those of another run of the job, which was made by an earlier or a later version: only
+    /// one of them has recorded choices, or only one has recorded endings.
+    pub(super) fn differ_in_record_alone(&self, other: &ResultRows) -> bool {
+        let is_shared =
+            |of: fn(&ResultRows) -> &Vec<Value>| of(self).is_empty() == of(other).is_empty();
+        let same_choices = is_shared(|rows| &rows.choices);
+        let same_endings = is_shared(|rows| &rows.endings);
+        let digest = |rows: &ResultRows| {
+            let none = Vec::new();
+            let choices = if same_choices { &rows.choices } else { &none };
+            let endings = if same_endings { &rows.endings } else { &none };
+            rows.digest_of("", &[&rows.decisions, &rows.participants, choices, endings])
+        };
+        !(same_choices && same_endings) && digest(self) == digest(other)
     }
 
     fn digest_of(&self, job_key: &str, recorded: &[&Vec<Value>]) -> Option<[u8; 32]> {
@@ -197,7 +210,8 @@ impl ResultRows {
         let rows = TABLES.iter().zip(&self.tables);
         let rows: usize = rows.map(|(table, values)| values.len() / table.columns.len()).sum();
         let decisions = (self.decisions.len() + self.participants.len()) * BYTES_PER_NUMBER;
-        let values = self.tables.iter().chain(&self.of_family).flatten().chain(&self.choices);
+        let recorded = self.choices.iter().chain(&self.endings);
+        let values = self.tables.iter().chain(&self.of_family).flatten().chain(recorded);
         let blobs = values.map(|value| match value {
             Value::Blob(bytes) => bytes.len(),
             Value::Text(text) => text.len(),
@@ -234,7 +248,8 @@ impl ResultRows {
         written(
             decision::insert_copied(target, own, &self.decisions)
                 .and_then(|()| participant::insert_copied(target, own, &self.participants))
-                .and_then(|()| choice::insert_copied(target, own, &self.choices)),
+                .and_then(|()| choice::insert_copied(target, own, &self.choices))
+                .and_then(|()| episode_ending::insert_copied(target, own, &self.endings)),
         )
     }
 

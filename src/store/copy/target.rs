@@ -124,15 +124,12 @@ fn insert_missing<const COLUMNS: usize>(
 }
 
 /// Whether the target's run `own` has the results of the source's run, and only one of the two has recorded
-/// choices: the other one was made before choices were recorded.
+/// choices or endings: the other one was made before they were recorded.
 fn differs_in_record_alone(target: &Connection, own: i64, run: &CopiedRun) -> bool {
     let Content::Results(theirs) = &run.content else { return false };
     let names = Arc::new(MetricNames::read(target));
     let ours = ResultRows::read(target, &names, own);
-    ours.is_some_and(|ours| {
-        ours.has_choices() != theirs.has_choices()
-            && ours.digest_without_choices() == theirs.digest_without_choices()
-    })
+    ours.is_some_and(|ours| ours.differ_in_record_alone(theirs))
 }
 
 impl Target {

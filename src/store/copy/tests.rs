@@ -81,7 +81,7 @@ impl Sample {
                 FROM action_choice
             UNION ALL SELECT concat_ws('|', job_key, phase, episode, step, context, probability,
                     habituation, available, action, action_probability, reward, can_send,
-                    chosen_action, action_probabilities)
+                    chosen_action, action_probabilities, terminated, truncated)
                 FROM decision
             UNION ALL SELECT concat_ws('|', hex(safetensors), hex(results_sha256))
                 FROM run LEFT JOIN trained_weights ON run.id = run
@@ -116,6 +116,8 @@ fn decisions() -> Vec<Decision> {
             action: 3,
             probabilities: [0.125, 0.25, 0.125, 0.5].into(),
             reward: f64::from(step),
+            terminated: false,
+            truncated: step == 12,
         })
     };
     of(Phase::Train).chain(of(Phase::Test)).collect()
@@ -182,9 +184,15 @@ fn a_conflict_is_reported_and_the_run_of_the_target_is_kept() {
 fn forget_choices(store: &Sample) {
     let raw = &store.store.connection;
     raw.execute_batch(
-        "DROP TRIGGER recorded_choice_stays; DROP TRIGGER run_ends_once; DELETE FROM recorded_choice",
+        "DROP TRIGGER recorded_choice_stays; DROP TRIGGER IF EXISTS run_ends_once; DELETE FROM recorded_choice",
     )
     .unwrap();
+    renew_digests(store);
+}
+
+/// Stores the digests of the results as they are.
+fn renew_digests(store: &Sample) {
+    let raw = &store.store.connection;
     let mut completed = raw.prepare("SELECT id FROM run WHERE status = 'completed'").unwrap();
     let runs = completed.query_map([], |row| row.get(0)).unwrap();
     for run in runs.collect::<rusqlite::Result<Vec<i64>>>().unwrap() {
@@ -208,6 +216,35 @@ fn the_same_results_without_a_record_of_choices_are_no_conflict() {
     assert_eq!(target.became(&other.path), ["conflict"]);
     assert_eq!(target.rows(), with.rows());
     assert_eq!(without.became(&with.path), ["already there"; 4]);
+}
+
+/// Makes the runs of a store those of a version that did not record how training episodes ended.
+fn forget_endings(store: &Sample) {
+    let raw = &store.store.connection;
+    raw.execute_batch(
+        "DROP TRIGGER recorded_ending_stays; DROP TRIGGER run_ends_once; DELETE FROM recorded_ending",
+    )
+    .unwrap();
+    renew_digests(store);
+}
+
+#[test]
+fn the_same_results_without_a_record_of_endings_are_no_conflict() {
+    let (with, mut without, mut target) = (source(), Sample::new(), Sample::new());
+    without.copy(&with.path);
+    target.copy(&with.path);
+    let endings =
+        "SELECT concat_ws(' ', sum(terminated), sum(truncated), count(terminated), count(*))
+        FROM decision WHERE phase = 'train'";
+    assert_eq!(target.text(endings), "0 2 26 26");
+    forget_endings(&without);
+    assert_eq!(without.text(endings), "0 26");
+    assert_eq!(target.became(&without.path), ["already there"; 4]);
+    assert_eq!(without.became(&with.path), ["already there"; 4]);
+    // A run with neither was made by a still earlier version.
+    forget_choices(&without);
+    assert_eq!(target.became(&without.path), ["already there"; 4]);
+    assert_eq!(target.rows(), with.rows());
 }
 
 #[test]

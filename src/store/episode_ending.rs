@@ -1,0 +1,56 @@
+//! The endings of recorded training episodes as rows. The rows of test episodes have their endings themselves.
+
+use rusqlite::Connection;
+use rusqlite::types::Value;
+
+use crate::job::{Decision, Phase};
+
+use super::decision::row_id;
+use super::insert::{insert_renumbered, insert_rows};
+use super::schema::has_table;
+
+const TABLE: &str = "recorded_ending";
+
+/// The number of columns of the table.
+const COLUMNS: usize = 3;
+
+/// The rows of run `?1` in order. The first column is the row id without the run.
+pub(super) const SELECT: &str = "SELECT id & 549755813887, length, ending FROM recorded_ending
+    WHERE id BETWEEN ?1 << 39 AND (?1 << 39) + 549755813887 ORDER BY id";
+
+/// Whether the file has the table, which stores of earlier versions lack.
+pub(super) fn are_known(connection: &Connection) -> rusqlite::Result<bool> {
+    has_table(connection, TABLE)
+}
+
+/// Inserts the endings of the training episodes of a run in progress, whose decisions must be sorted by phase, episode
+/// and step.
+///
+/// **Errors**: an episode exceeds its bits in the row id.
+pub(super) fn insert(
+    connection: &Connection,
+    run: i64,
+    decisions: &[Decision],
+) -> rusqlite::Result<()> {
+    let of_training = decisions.partition_point(|decision| decision.phase == Phase::Train);
+    let episodes = decisions[..of_training].chunk_by(|one, next| one.episode == next.episode);
+    let rows = episodes.map(|steps| {
+        let Decision { terminated, truncated, .. } = steps[steps.len() - 1];
+        let ending = i64::from(terminated) + 2 * i64::from(truncated);
+        let length = steps.len() as u64;
+        Ok([row_id(run, &steps[0])?.into(), length.cast_signed().into(), ending.into()])
+    });
+    let rows: Vec<[Value; COLUMNS]> = rows.collect::<rusqlite::Result<_>>()?;
+    insert_rows(connection, TABLE, rows.into_iter())
+}
+
+/// Inserts the rows of another store's run, as read by [`SELECT`], as the endings of run `own`.
+///
+/// **Errors**: the target rejects the rows.
+pub(super) fn insert_copied(
+    target: &Connection,
+    own: i64,
+    values: &[Value],
+) -> rusqlite::Result<()> {
+    insert_renumbered::<COLUMNS>(target, TABLE, own, values)
+}
