@@ -38,6 +38,12 @@ impl CompanionWords {
         &self.words
     }
 
+    /// The words, for other words in their place.
+    #[inline(always)]
+    pub(super) fn words_mut(&mut self) -> &mut [u64] {
+        &mut self.words
+    }
+
     /// Fills the entries of lanes with the words for the next words of the streams. From a shared stream, all of `lanes`
     /// consume words; with one stream per lane, the lanes marked in `drawn` do.
     ///
@@ -90,7 +96,8 @@ mod tests {
     use super::*;
     use crate::rng::Purpose;
 
-    const ALL: [Companion; 5] = [
+    const ALL: [Companion; 6] = [
+        Companion::Belief,
         Companion::Context,
         Companion::Availability,
         Companion::StateNoise,

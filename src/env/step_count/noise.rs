@@ -99,7 +99,9 @@ impl DrawnNoise {
     /// Draws the words of the next step from other words.
     #[inline(always)]
     pub(super) fn expand(&mut self, words: &mut Expansion) {
-        for word in self.parameter_words.iter_mut().chain(&mut self.state_words) {
+        for word in
+            [&mut self.parameters, &mut self.state].into_iter().flat_map(CompanionWords::words_mut)
+        {
             *word = words.bits();
         }
     }

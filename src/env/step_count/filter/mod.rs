@@ -25,6 +25,7 @@ pub(super) use self::evidence::Evidence;
 use self::mixture::{ATOMS, Mixture, Successors};
 use self::moments::{Moments, is_near};
 use self::particles::{Draws, PARTICLES, Particles};
+use crate::env::companion_words::CompanionWords;
 use crate::env::scenario::Scenario;
 use crate::env::step_count::dynamics::Dynamics;
 use crate::env::step_count::parameters::{FirstContext, StateNoise, StepCount, StepNoise};
@@ -119,7 +120,7 @@ pub(super) struct Filters {
     successors: Successors,
     particles: Vec<Particles>,
     /// The words from which the draws of particles come.
-    words: Vec<u64>,
+    words: CompanionWords,
     /// The draws and the room for a step of one lane; `None` without particles.
     draws: Option<Box<Draws>>,
 }
@@ -147,7 +148,7 @@ impl Filters {
             mixtures: vec![Mixture::new(ATOMS); of(method == Method::Mixture)],
             successors: Successors::default(),
             particles: vec![Particles::new(PARTICLES); of(with_particles)],
-            words: vec![0; of(with_particles)],
+            words: CompanionWords::new(Companion::Belief, of(with_particles)),
             draws: with_particles.then(|| Box::new(Draws::new(widest, PARTICLES))),
         })
     }
@@ -195,8 +196,8 @@ impl Filters {
 
     /// Draws the words of the next step for the lanes marked in `drawn`.
     pub(super) fn draw(&mut self, drawn: &[bool], streams: &LaneStreams) {
-        if !self.words.is_empty() {
-            streams.fill_companion(Companion::Belief, LaneSet::All, drawn, &mut self.words);
+        if !self.words.words().is_empty() {
+            self.words.fill(streams, LaneSet::All, drawn);
         }
     }
 
@@ -224,7 +225,7 @@ impl Filters {
             }
             Method::Particles => {
                 let Some(draws) = &mut self.draws else { return };
-                draws.expand(self.words[lane]);
+                draws.expand(self.words.words()[lane]);
                 let moments = self.particles[lane].update(person, &seen, evidence, draws);
                 if let Some(moments) = moments {
                     self.set(lane, moments);
