@@ -81,6 +81,10 @@ pub(super) const MIGRATIONS: &[Migration] = &[
         name: "0014_record_estimates",
         sql: include_str!("../../migrations/0014_record_estimates.sql"),
     },
+    Migration {
+        name: "0015_record_posteriors",
+        sql: include_str!("../../migrations/0015_record_posteriors.sql"),
+    },
 ];
 
 /// The version of the schema that this program writes.

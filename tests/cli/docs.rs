@@ -19,7 +19,7 @@ mod questions;
 use examples::{cell, fill_store, jitai, run};
 use questions::questions;
 
-const DOCUMENTS: [&str; 36] = [
+const DOCUMENTS: [&str; 37] = [
     "README.md",
     "CONTRIBUTING.md",
     "docs/agents.md",
@@ -33,6 +33,7 @@ const DOCUMENTS: [&str; 36] = [
     "docs/drawing.md",
     "docs/environment.md",
     "docs/estimates.md",
+    "docs/after-study.md",
     "docs/external.md",
     "docs/fidelity-bots.md",
     "docs/fidelity.md",

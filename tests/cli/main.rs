@@ -11,6 +11,7 @@ mod exits;
 mod external;
 mod failures;
 mod forgetting;
+mod learned;
 mod links;
 mod logging;
 mod memory;
