@@ -21,7 +21,7 @@ use jitai::experiment::{self, Filter};
 use jitai::job::Evaluation;
 use jitai::job::Job;
 use jitai::job::{CurvePoint, Outcome};
-use jitai::job::{Decision, EstimateDeclaration, Messages, Phase, Treatment};
+use jitai::job::{Decision, EstimateDeclaration, Messages, Phase, StandardErrors, Treatment};
 use jitai::rng::{Purpose, Stream};
 use jitai::train::{
     self, Checkpoints, ReadCheckpoint, TrainingControl, TrainingProgress, Uncontrolled,
@@ -253,6 +253,7 @@ fn wcls(bencher: Bencher<'_, '_>) {
         name: "effect".to_owned(),
         numerator: 0.3,
         outcome: "reward".to_owned(),
+        standard_errors: StandardErrors::Nominal,
         treatment: Treatment::Messages(Messages::Any),
         truth: false,
     });

@@ -151,8 +151,8 @@ pub mod results {
     pub use crate::job::metric::{METRICS, first_return, metrics_of};
     pub use crate::job::{
         ActionCount, Effect, Estimate, EstimateDeclaration, Estimates, Failure, FailureKind,
-        Measure, Messages, MetricName, MetricPlace, MetricUnit, Provenance, Scalar, Score,
-        Treatment,
+        Measure, Messages, MetricName, MetricPlace, MetricUnit, Provenance, RecordedPosterior,
+        Scalar, Score, StandardErrors, Treatment,
     };
     pub use crate::record::{
         AmongParticipants, CompletedRun, DataSet, JobRecord, JobStatus, Settings,
@@ -187,8 +187,9 @@ pub mod environment {
 /// Policies: actors, decision rules, and the episodes that they play.
 pub mod policy {
     pub use crate::agent::{
-        ActionNetwork, Actions, Actor, Architecture, BanditPolicy, Choice, DecisionRule, GruNames,
-        NetworkActor, NetworkPolicy, RuleParameters, RulePolicy, RuleState, StackNames,
+        ActionNetwork, Actions, Actor, Architecture, BanditPolicy, Choice, DecisionRule,
+        EffectPosterior, GruNames, NetworkActor, NetworkPolicy, RuleParameters, RulePolicy,
+        RuleState, StackNames,
     };
     pub use crate::job::NoWeights;
     pub use crate::optimum::NoOptimum;

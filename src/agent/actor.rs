@@ -1,6 +1,7 @@
 //! The contracts of actors, which choose the actions of episodes, and of observers, which see every
 //! step.
 
+use crate::agent::effect_posterior::EffectPosterior;
 use crate::agent::learner_error::LearnerError;
 use crate::agent::weights::Weights;
 use crate::env::{Action, LaneSet, Simulated, VectorEnvironment};
@@ -40,6 +41,12 @@ pub trait Actor<Env: VectorEnvironment + ?Sized = Simulated>: Resumable + Send {
     fn update(&mut self, update: &StudyUpdate<'_>) -> Result<(), LearnerError> {
         let _ = update;
         Ok(())
+    }
+
+    /// The posteriors of the effects of messages after every update of a trial that is over, if its plan asks for them.
+    /// None by default.
+    fn updates(&mut self) -> Vec<EffectPosterior> {
+        Vec::new()
     }
 
     /// The weights that an agent has learned from all data of a trial that is over. None by default.

@@ -21,9 +21,11 @@ mod posterior;
 mod prior;
 mod regression;
 mod sampler;
+mod slopes;
 mod study;
 #[cfg(test)]
 mod tests;
+mod updates;
 
 use crate::agent::unavailable::Unavailable;
 use crate::env::Action;
@@ -33,7 +35,10 @@ pub use bandit::BanditPolicy;
 pub use features::BanditFeatures;
 pub use learner::LinearThompsonLearner;
 pub use policy::LinearThompsonPolicy;
+pub use posterior::Made;
+pub use slopes::{BanditSums, NoSlopes, SmoothPolicy};
 pub use study::LinearThompsonStudy;
+pub use updates::features_of_state;
 
 pub(super) use features::Design;
 pub(super) use posterior::Posterior;

@@ -20,6 +20,7 @@ mod burn;
 mod constraint;
 mod control_group;
 mod dueling_dqn;
+mod effect_posterior;
 #[cfg(test)]
 mod engine_tests;
 mod external;
@@ -62,6 +63,7 @@ pub use dueling_dqn::{
     DuelingDqn, DuelingDqnEngine, DuelingDqnLearner, EpisodeReplay, RecurrentDqnEngine,
     RecurrentDqnLearner, SequenceBatch, Trunk,
 };
+pub use effect_posterior::EffectPosterior;
 pub use external::External;
 pub use fused::{
     FusedActorCritic, FusedDuelingDqn, FusedDuelingNetwork, FusedPolicyNetwork, FusedPpo,
@@ -70,8 +72,9 @@ pub use fused::{
 pub use layers::Shape;
 pub use learner::{Actions, Diverged, Learner, LearnerError, Span, TrainedEpisode};
 pub use linear_thompson::{
-    BanditAllocation, BanditDraw, BanditFeatures, BanditPolicy, BanditPosterior, BanditUpdate,
-    LinearThompson, LinearThompsonLearner, LinearThompsonPolicy, LinearThompsonStudy,
+    BanditAllocation, BanditDraw, BanditFeatures, BanditPolicy, BanditPosterior, BanditSums,
+    BanditUpdate, LinearThompson, LinearThompsonLearner, LinearThompsonPolicy, LinearThompsonStudy,
+    Made, NoSlopes, SmoothPolicy, features_of_state,
 };
 pub use memory::{OutOfMemory, reserve, reserve_exact};
 pub use network::{Activation, Engine, Recurrent};

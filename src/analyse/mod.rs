@@ -13,6 +13,7 @@ mod effect_size;
 mod improvement;
 mod interval;
 mod moments;
+mod monte_carlo;
 mod multiplicity;
 mod noncentral;
 mod operating;
@@ -37,6 +38,7 @@ pub use effect_size::{HedgesG, hedges_g, paired_hedges_g};
 pub use improvement::{Improvement, improvement, paired_improvement};
 pub use interval::{Interval, LEVEL, mean_interval, share_interval};
 pub use moments::{Moments, mean_and_sd};
+pub use monte_carlo::monte_carlo_p;
 pub use multiplicity::{Corrected, correct};
 pub use operating::{
     Formula, Operating, SampleSize, Simulated, TrialEstimate, sample_size, wilson,

@@ -6,8 +6,9 @@ use std::path::{Path, PathBuf};
 
 use crate::cli::answer::{self, AnswerFormat, Failed};
 use crate::cli::output::no_experiment;
-use crate::cli::{Error, Exit, StoreArgument, folder, simulate};
+use crate::cli::{Error, Exit, StoreArgument, after_study, folder, simulate};
 use crate::manifest::companions;
+use crate::plan::Filter;
 use crate::portable::{digest, portable};
 use crate::report::{defused, unused_stem};
 use crate::store::{self, Reader};
@@ -26,6 +27,16 @@ pub(super) struct Arguments {
     /// and policy.onnx of a network (a prefix of the job key is enough)
     #[arg(long, value_name = "JOB KEY")]
     policy: Option<String>,
+    /// Export a trial of this manifest instead, for standard errors that account for an agent that learned from everybody:
+    /// its decisions and updates, and analysis.py, which gives them to the Python package lifejacket
+    #[arg(long, value_name = "MANIFEST", conflicts_with_all = ["policy", "format", "experiment"])]
+    after_study: Option<PathBuf>,
+    /// The trial to export, such as agent=thompson,seed=1, if the manifest has several
+    #[arg(long, value_name = "NAME=VALUE,...", requires = "after_study")]
+    filter: Option<Filter>,
+    /// The estimate whose standard errors are computed, if the manifest has several
+    #[arg(long, value_name = "NAME", requires = "after_study")]
+    estimate: Option<String>,
     /// Export only this experiment and its jobs; may be repeated
     #[arg(long, value_name = "NAME", conflicts_with = "policy")]
     experiment: Vec<String>,
@@ -71,6 +82,10 @@ enum FileFormat {
 pub(super) fn run(arguments: &Arguments) -> Result<Exit, Error> {
     if let Some(key) = &arguments.policy {
         return write_policy(key, arguments);
+    }
+    if let Some(manifest) = &arguments.after_study {
+        let (filter, estimate) = (arguments.filter.as_ref(), arguments.estimate.as_deref());
+        return after_study::write(manifest, filter, estimate, &arguments.out);
     }
     let (format, extension) = match arguments.format {
         FileFormat::Csv => (AnswerFormat::Csv, "csv"),

@@ -4,6 +4,7 @@
 //! some jobs failed or results differ, 2 wrong usage or manifest, 3 store or system error, 130
 //! interrupted.
 
+mod after_study;
 mod answer;
 mod cancel;
 mod changes;

@@ -119,8 +119,8 @@ impl Estimation {
         &self.declaration
     }
 
-    #[cfg(test)]
-    pub(super) fn sums(&self) -> &Sums {
+    /// The sums of the decisions so far.
+    pub(crate) fn sums(&self) -> &Sums {
         &self.sums
     }
 
@@ -150,6 +150,29 @@ impl Estimation {
             true => self.sums.add(person, &self.row, weight, decision.reward),
             false => self.keep(person, decision.step, weight),
         }
+    }
+
+    /// The weight and the row of a decision, with the reward as outcome; `None` if the estimate does not use it.
+    pub(crate) fn weighted_row(&mut self, decision: &Decision) -> Option<(f64, &[f64])> {
+        let Drawn::Weighted(weight, treatment) = self.drawn(decision) else { return None };
+        self.fill_row(decision, treatment);
+        decision.can_send.then_some((weight, &self.row[..]))
+    }
+
+    /// 1 / p for each action of the treatment that a decision took, of probability p together, and 0 for other actions,
+    /// \[actions\]; `None` if the estimate does not use the decision.
+    pub(crate) fn compared(&self, decision: &Decision) -> Option<Vec<f64>> {
+        let Drawn::Weighted(..) = self.drawn(decision) else { return None };
+        let taken = usize::from(decision.action);
+        let is_any = self.declaration.treatment == Treatment::Messages(Messages::Any);
+        let is_of = |action: usize| match taken {
+            0 => action == 0,
+            _ if is_any => action > 0,
+            taken => action == taken,
+        };
+        let all = decision.probabilities.iter().enumerate();
+        let together: f64 = all.clone().filter(|(action, _)| is_of(*action)).map(|(_, p)| p).sum();
+        Some(all.map(|(action, _)| if is_of(action) { 1.0 / together } else { 0.0 }).collect())
     }
 
     /// The weight and treatment of a decision at which a message can be sent.
@@ -342,6 +365,21 @@ impl Layout {
         let (control, moderators) = (features(&of.control)?, features(&of.moderators)?);
         Ok(Layout { control, moderators, outcome })
     }
+}
+
+/// An effect with another standard error, and with the interval and the p-value that follow from it.
+///
+/// **Errors**: the standard error is 0 or not a number.
+pub(crate) fn with_standard_error(effect: Effect, standard_error: f64) -> Result<Effect, String> {
+    let df = effect.degrees_of_freedom;
+    let half = t_of_p(OUTSIDE, df) * standard_error;
+    checked(Effect {
+        standard_error,
+        low: effect.value - half,
+        high: effect.value + half,
+        p_value: two_sided_p(effect.value / standard_error, df),
+        ..effect
+    })
 }
 
 /// The effect, if it can be stored.

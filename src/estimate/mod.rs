@@ -15,7 +15,9 @@ mod symmetric;
 mod tests;
 mod wcls;
 
+pub(crate) use estimation::with_standard_error;
 pub use estimation::{Estimation, Layout};
 pub(crate) use root::root;
 pub(crate) use student::{chi_squared_of_p, t_of_p, two_sided_p};
-pub(crate) use wcls::{Correction, NoFit, Sums};
+pub use wcls::Correction;
+pub(crate) use wcls::{NoFit, Sums};

@@ -7,7 +7,8 @@ use serde_json::Value as Json;
 use super::Estimation;
 use super::wcls::Correction;
 use crate::job::{
-    Decision, Effect, Estimate, EstimateDeclaration, Estimator, Messages, Phase, REWARD, Treatment,
+    Decision, Effect, Estimate, EstimateDeclaration, Estimator, Messages, Phase, REWARD,
+    StandardErrors, Treatment,
 };
 use crate::state::{Resumable, StateReader, StateWriter};
 
@@ -20,6 +21,7 @@ fn declared(control: &[&str], moderators: &[&str], treatment: Treatment) -> Esti
         name: "effect".to_owned(),
         numerator: 0.5,
         outcome: REWARD.to_owned(),
+        standard_errors: StandardErrors::Nominal,
         treatment,
         truth: false,
     }

@@ -36,11 +36,10 @@ pub(crate) enum NoFit {
 
 /// Whether the residuals of each person are corrected for the person's own weight in the fit.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum Correction {
+pub enum Correction {
     /// The correction of Mancl and DeRouen.
     ManclDeRouen,
-    /// None, as in geepack.
-    #[cfg(test)]
+    /// None, as in geepack and in lifejacket.
     None,
 }
 
@@ -114,6 +113,16 @@ impl Sums {
     /// The leverage of a person is H = X A X'W with A the inverse of the sum of all X'WX. The corrected score
     /// X'W (I - H)⁻¹ r equals (I - X'WX A)⁻¹ X'W r, which needs the person's sums alone.
     pub(crate) fn fit(&self, correction: Correction) -> Result<Fit, NoFit> {
+        let scores = self.scores(correction)?;
+        let covariance = scores.covariance();
+        let Scores { coefficients, residual_sd, of_people, .. } = scores;
+        Ok(Fit { coefficients, covariance, people: of_people.len(), residual_sd })
+    }
+
+    /// The scores of the people at the fit.
+    ///
+    /// **Errors**: as [`Sums::fit`].
+    pub(crate) fn scores(&self, correction: Correction) -> Result<Scores, NoFit> {
         let (size, triangle) = (self.columns, packed(self.columns));
         let people = || self.numbers.chunks(self.stride()).map(|own| own.split_at(triangle));
         let counted = people().filter(|(_, own)| own[size] > 0.0).count();
@@ -121,12 +130,11 @@ impl Sums {
             return Err(NoFit::People(counted));
         }
         let Solved { bread, right, coefficients } = self.solved().map_err(NoFit::Dependent)?;
-        let product = |vector: &[f64]| product(&bread, vector);
         // The residuals are orthogonal to X.
         let explained: f64 = right.iter().zip(&coefficients).map(|(sum, one)| sum * one).sum();
         let [_, weights, squares] = self.totals();
         let residual_sd = ((squares - explained).max(0.0) / weights).sqrt();
-        let mut meat = vec![0.0; size * size];
+        let mut of_people = Vec::new();
         let mut matrix = vec![0.0; size * size];
         for (person, (gram, own)) in people().enumerate() {
             if own[size] == 0.0 {
@@ -146,8 +154,33 @@ impl Sums {
                     return Err(NoFit::Determined(person));
                 }
             }
-            for (row, one) in meat.chunks_mut(size).zip(&score) {
-                row.iter_mut().zip(&score).for_each(|(sum, other)| *sum += one * other);
+            of_people.push((person, score));
+        }
+        Ok(Scores { bread, coefficients, residual_sd, of_people })
+    }
+}
+
+/// A fit with the score of each person, which is the person's part in the covariance of the coefficients.
+#[derive(Clone, Debug)]
+pub(crate) struct Scores {
+    /// The inverse of X'WX, \[columns, columns\].
+    bread: Vec<f64>,
+    pub(crate) coefficients: Vec<f64>,
+    /// The weighted standard deviation of the residuals.
+    pub(crate) residual_sd: f64,
+    /// The people with rows, and their scores.
+    pub(crate) of_people: Vec<(usize, Vec<f64>)>,
+}
+
+impl Scores {
+    /// The covariance of the coefficients, \[columns, columns\].
+    pub(crate) fn covariance(&self) -> Vec<f64> {
+        let size = self.coefficients.len();
+        let product = |vector: &[f64]| product(&self.bread, vector);
+        let mut meat = vec![0.0; size * size];
+        for (_, score) in &self.of_people {
+            for (row, one) in meat.chunks_mut(size).zip(score) {
+                row.iter_mut().zip(score).for_each(|(sum, other)| *sum += one * other);
             }
         }
         // A M A, whose rows are products of the symmetric A.
@@ -159,7 +192,7 @@ impl Sums {
                 covariance[row * size + column] = value;
             }
         }
-        Ok(Fit { coefficients, covariance, people: counted, residual_sd })
+        covariance
     }
 }
 

@@ -21,6 +21,40 @@ choices! {
     }
 }
 
+/// What the standard errors of an estimate account for.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum StandardErrors {
+    /// People who are independent.
+    #[default]
+    Nominal,
+    /// An agent that learned from everybody, too.
+    AfterStudy,
+}
+
+impl StandardErrors {
+    /// The words in manifests, in the order of the variants.
+    pub const WORDS: [&str; 2] = ["nominal", "after_study"];
+
+    /// The word in manifests.
+    pub fn word(self) -> &'static str {
+        match self {
+            StandardErrors::Nominal => StandardErrors::WORDS[0],
+            StandardErrors::AfterStudy => StandardErrors::WORDS[1],
+        }
+    }
+
+    /// The standard errors that a manifest writes with this word.
+    pub fn named(word: &str) -> Option<StandardErrors> {
+        let all = [StandardErrors::Nominal, StandardErrors::AfterStudy];
+        all.into_iter().find(|one| one.word() == word)
+    }
+
+    fn is_nominal(&self) -> bool {
+        *self == StandardErrors::Nominal
+    }
+}
+
 /// A declared estimate: its name and everything that its numbers depend on. Estimates with equal declarations are
 /// the same estimate, in every manifest and store.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -38,6 +72,9 @@ pub struct EstimateDeclaration {
     pub numerator: f64,
     /// [`REWARD`], or a name of the recorded state, whose value before the person's next decision is the outcome.
     pub outcome: String,
+    /// What its standard errors account for.
+    #[serde(default, skip_serializing_if = "StandardErrors::is_nominal")]
+    pub standard_errors: StandardErrors,
     /// What is compared with action 0.
     pub treatment: Treatment,
     /// Whether the truth is simulated, too.

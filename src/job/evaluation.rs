@@ -26,6 +26,9 @@ keys! {
         /// what the agent is evaluated on: "test" episodes after its training, or the people of the "trial" in
         /// which it learned
         on: EvaluatedOn = EvaluatedOn::Test, before EvaluatedOn::Test;
+        /// whether the posterior of the effects of messages after every update of a trial is stored, one row per update
+        /// and message in the view `posterior`, for linear_thompson with pooling = "full"
+        record_posteriors: bool = false, before false;
     }
 }
 

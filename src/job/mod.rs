@@ -21,7 +21,7 @@ pub use condition::{Condition, Described, short_name};
 pub use content::{Job, JobError, NoWeights};
 pub use estimate::{
     CONSTANT, Effect, Estimate, EstimateDeclaration, Estimates, Estimator, Messages, REWARD, STEP,
-    Treatment,
+    StandardErrors, Treatment,
 };
 pub use evaluation::{EvaluatedOn, Evaluation, RecordedDecisions, RecordedEpisodes, TestActions};
 pub use identity::{
@@ -33,7 +33,7 @@ pub use metric::{Measure, MetricName, MetricPlace, MetricUnit};
 pub use named::{PlannedJob, counted, shown, value_of};
 pub use outcome::{
     ActionCount, CurvePoint, DataPart, Decision, Failure, FailureKind, Metric, Outcome,
-    ParticipantValue, Phase, Provenance, Results, Score, TestEpisode,
+    ParticipantValue, Phase, Provenance, RecordedPosterior, Results, Score, TestEpisode,
 };
 pub use participant_range::ParticipantRange;
 pub use scalar::Scalar;

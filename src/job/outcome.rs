@@ -5,6 +5,7 @@
 use std::fmt;
 
 use super::{Estimates, MetricName, ParticipantRange};
+use crate::agent::features_of_state;
 
 /// A named number about a completed run.
 #[derive(Clone, Debug, PartialEq)]
@@ -108,6 +109,34 @@ pub struct ParticipantValue {
     pub value: f64,
 }
 
+/// The posterior of the effect of a message after an update of a trial.
+#[derive(Clone, Debug, PartialEq)]
+pub struct RecordedPosterior {
+    /// The number of the update, from 1.
+    pub update: u32,
+    /// The number of steps of the trial before the update.
+    pub step: u32,
+    /// The message: the number of an action above 0.
+    pub action: u8,
+    /// The means of the coefficients of the effect, \[features\]; the first is the intercept.
+    pub mean: Vec<f64>,
+    /// Their covariances, \[features, features\].
+    pub covariance: Vec<f64>,
+}
+
+impl RecordedPosterior {
+    /// The posterior mean of the effect in a state, divided by its standard deviation; `None` if the agent does not see
+    /// states of this length.
+    pub fn standardised_effect(&self, state: &[f64]) -> Option<f64> {
+        let features = features_of_state(state, self.mean.len())?;
+        let product =
+            |row: &[f64]| row.iter().zip(&features).map(|(one, other)| one * other).sum::<f64>();
+        let rows = self.covariance.chunks_exact(features.len()).map(product);
+        let variance = product(&rows.collect::<Vec<_>>());
+        Some(product(&self.mean) / variance.sqrt())
+    }
+}
+
 /// How often an action was taken in the test episodes, by the stratum of the decision.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct ActionCount {
@@ -139,6 +168,8 @@ pub struct Results {
     /// Parameters in which participants differ, by phase, episode and place. Parameters of the
     /// training are included if its decisions are recorded.
     pub participants: Vec<ParticipantValue>,
+    /// What was learned at the updates of a trial, by update and action; empty unless the job asks for it.
+    pub posteriors: Vec<RecordedPosterior>,
     /// Trained weights in the safetensors format; `None` for an algorithm without weights.
     pub weights: Option<Vec<u8>>,
     /// The estimates that were asked for. They are no part of the digest of results.
@@ -165,6 +196,8 @@ pub enum DataPart {
     Returns,
     /// Estimates of causal effects.
     Estimates,
+    /// What was learned at the updates of trials.
+    Posteriors,
     /// Test episodes of some participants.
     Participants(ParticipantRange),
 }

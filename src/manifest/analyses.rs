@@ -19,6 +19,7 @@ use super::presence::absent;
 use super::respelt::respelt;
 use super::source::{Located, Span};
 use super::sweep::{Node, Reader};
+use crate::env::Scenario;
 use crate::job::metric::{MEAN_RETURN, metrics_with};
 use crate::job::{Condition, MetricName, MetricPlace, RecordedEpisodes};
 use crate::key::{Distribution, Parameter, Value};
@@ -181,6 +182,7 @@ pub(super) fn lost(
         let checked = Checked { draft, manifest, analysis };
         checked.family(&mut faults);
         checked.estimates(&mut faults);
+        checked.learned(&mut faults);
         checked.conditions(&mut faults);
         checked.metric(&mut faults);
         checked.sides(&mut faults);
@@ -266,6 +268,40 @@ impl Checked<'_> {
             let message = format!("`find` is sought along `trial.people`, and `x` is `{x}`");
             let help = "leave out `x`, or seek the number of people in another analysis";
             faults.add(Fault::at(analysis.span, message).help(help));
+        }
+    }
+
+    /// Reports states of which no trial without an effect is declared or that agents do not see, and posteriors that are
+    /// not recorded.
+    fn learned(&self, faults: &mut FaultList) {
+        let Checked { draft, manifest, analysis } = self;
+        let AnalysisKind::DidItLearn(kind) = &analysis.analysis.kind else { return };
+        let word = analysis.analysis.kind.word();
+        let mut fault =
+            |says: String, help: &str| faults.add(Fault::at(analysis.span, says).help(help));
+        let is_recorded = manifest.evaluation.get("record_posteriors");
+        if !is_recorded.is_some_and(|all| all.contains(&Value::Flag(true))) {
+            let says = format!("kind \"{word}\" needs the posteriors at the updates of a trial");
+            fault(says, "write record_posteriors = true in [evaluation]");
+        }
+        let removed = manifest.environment.get("no_effect_at");
+        if kind.without.is_none() && removed.is_none() {
+            let says = format!("kind \"{word}\" needs trials without an effect");
+            let help = "declare them, and name them: without = { environment.rho_1 = 0 }";
+            return fault(says, help);
+        }
+        for state in &kind.states.0 {
+            let shown = Value::Reals(state.clone());
+            let is_seen = |scenario: Scenario| {
+                scenario.names().is_none_or(|names| names.count() == state.len())
+            };
+            if !draft.is_invalid(Parameter::SCENARIO) && !manifest.scenarios().all(is_seen) {
+                let says = format!("the state {shown} does not have a value for each feature");
+                fault(says, "a state has the values of the features of the scenario, in order");
+            } else if kind.without.is_none() && !removed.is_some_and(|all| all.contains(&shown)) {
+                let says = format!("no trial has environment.no_effect_at = {shown}");
+                fault(says, "list the state there, too: no_effect_at = [[], [1, -0.7, -0.1, 0]]");
+            }
         }
     }
 

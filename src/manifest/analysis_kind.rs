@@ -11,7 +11,7 @@ use super::parameter::seed_of;
 use super::participant_range;
 use super::sides::Sides;
 use super::source::Located;
-use super::sweep::{number, whole};
+use super::sweep::{Node, number, whole};
 use super::written::{condition, list, quoted};
 use crate::job::metric::{LOWER_QUARTILE_RETURN, MEAN_RETURN, metrics_of};
 use crate::job::{Condition, DataPart, MetricName, MetricPlace};
@@ -135,6 +135,16 @@ kinds! {
         x: Option<Parameter>;
         /// the power whose number of people is sought along `trial.people`
         find: Option<Find>;
+    }
+
+    /// Whether what trials learn about the effect of a message in a state is more than chance.
+    DidItLearn = "did_it_learn", [], LINES, {
+        /// the states, each a list of the values of the scenario's features in their order
+        states: States;
+        /// the message: the number of an action above 0
+        action: u32 = 1, in Kind::Integer { min: 1, max: 255 };
+        /// the trials without the effect; by default those whose environment.no_effect_at is the state
+        without: Option<Vec<Condition>>;
     }
 
     /// The rate at which the most likely context is wrong.
@@ -367,6 +377,42 @@ impl Field for EstimateNames {
     }
 }
 
+/// States of which each is a list of the values of the features that an agent sees.
+#[derive(Clone, Debug, PartialEq)]
+pub struct States(pub Vec<Vec<f64>>);
+
+impl Field for States {
+    fn schema(_: Option<Kind>) -> Json {
+        let state = json!({ "type": "array", "minItems": 1, "items": { "type": "number" } });
+        json!({ "type": "array", "minItems": 1, "uniqueItems": true, "items": state })
+    }
+
+    fn read(table: &mut AnalysisTable<'_, '_>, key: &str, _: Option<Kind>) -> Option<States> {
+        let Some(node) = table.node(key) else {
+            table.missing(key, "list states: [[1, -0.7, -0.1, 0], [0, -0.7, -0.1, 0]]");
+            return None;
+        };
+        let state = |node: &Node| {
+            let items = node.get_ref().as_array().filter(|items| !items.is_empty())?;
+            let numbers: Option<Vec<f64>> = items.iter().map(number).collect();
+            numbers.filter(|numbers| numbers.iter().all(|number| number.is_finite()))
+        };
+        let items = node.get_ref().as_array().filter(|items| !items.is_empty());
+        let states: Option<Vec<Vec<f64>>> = items.and_then(|all| all.iter().map(state).collect());
+        if states.is_none() {
+            let expected = "a list of states, each a list of numbers, as in [[1, -0.7, -0.1, 0]]";
+            table.reader.expected(key, expected, node);
+        }
+        states.map(States)
+    }
+
+    fn written(&self, key: &'static str) -> Vec<(&'static str, String)> {
+        let states: Vec<String> =
+            self.0.iter().map(|state| Value::Reals(state.clone()).to_string()).collect();
+        vec![(key, format!("[{}]", states.join(", ")))]
+    }
+}
+
 /// What is sought along the number of people.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Find {
@@ -427,6 +473,7 @@ impl AnalysisKind {
                 DataPart::ActionChoice
             }
             AnalysisKind::OperatingCharacteristics(_) => DataPart::Estimates,
+            AnalysisKind::DidItLearn(_) => DataPart::Posteriors,
             AnalysisKind::Contrast(_)
             | AnalysisKind::Curve(_)
             | AnalysisKind::HeatMap(_)
@@ -454,6 +501,7 @@ impl AnalysisKind {
             | AnalysisKind::Selection(_)
             | AnalysisKind::Recovery(_)
             | AnalysisKind::OperatingCharacteristics(_)
+            | AnalysisKind::DidItLearn(_)
             | AnalysisKind::InferenceError(_) => None,
         }
     }

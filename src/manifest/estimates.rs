@@ -16,12 +16,13 @@ use super::source::Span;
 use super::sweep::{Node, Reader};
 use super::value_schema::{list, value};
 use crate::job::{
-    CONSTANT, EstimateDeclaration, Estimator, Job, Messages, REWARD, STEP, Treatment,
+    CONSTANT, EstimateDeclaration, Estimator, Job, Messages, REWARD, STEP, StandardErrors,
+    Treatment,
 };
 use crate::key::{Kind, Value};
 
 /// The keys of `[[estimate]]`.
-const KEYS: [&str; 9] = [
+const KEYS: [&str; 10] = [
     "name",
     "estimator",
     "outcome",
@@ -29,6 +30,7 @@ const KEYS: [&str; 9] = [
     "control",
     "moderators",
     "numerator",
+    "standard_errors",
     "truth",
     "agents",
 ];
@@ -94,6 +96,10 @@ impl Reader<'_> {
         if let Some(node) = table.get("numerator").filter(|_| numerator == 1.0) {
             self.expected("numerator", "a probability above 0 and below 1", node);
         }
+        let words_of_errors = &StandardErrors::WORDS;
+        let standard_errors = table
+            .get("standard_errors")
+            .and_then(|node| self.word("standard_errors", words_of_errors, node));
         let treatment = table.get("treatment").and_then(|node| self.treatment(node));
         let [control, moderators] = ["control", "moderators"].map(|key| self.features(key, table));
         let agents = table.get("agents").map(|node| {
@@ -110,6 +116,7 @@ impl Reader<'_> {
             name,
             numerator,
             outcome,
+            standard_errors: standard_errors.and_then(StandardErrors::named).unwrap_or_default(),
             treatment: treatment.unwrap_or(Treatment::Messages(Messages::Any)),
             truth,
         });
@@ -197,6 +204,29 @@ impl Checked<'_> {
         }
         self.randomisation(faults);
         self.truth(faults);
+        self.standard_errors(faults);
+    }
+
+    /// Reports standard errors that cannot account for the learning.
+    fn standard_errors(&self, faults: &mut FaultList) {
+        let declaration = &self.estimate.estimate.declaration;
+        if declaration.standard_errors == StandardErrors::Nominal {
+            return;
+        }
+        let reason = match declaration.outcome == REWARD {
+            false => Some("they are known for `outcome` = \"reward\" alone"),
+            true => {
+                let estimated = self.grids.iter().filter(|grid| self.is_estimated(grid));
+                let mut jobs = estimated.filter_map(|grid| Some(grid.job(&grid.first()?)));
+                let is_without = jobs.any(|job| job.trial.is_none());
+                is_without.then_some("they are for an agent that learns in a [trial]")
+            }
+        };
+        if let Some(reason) = reason {
+            let message = format!("`standard_errors` = \"after_study\": {reason}");
+            let fault = Fault::at(self.estimate.span_of("standard_errors"), message);
+            faults.add(fault.help("write standard_errors = \"nominal\""));
+        }
     }
 
     /// Reports a truth that cannot be simulated.
@@ -357,6 +387,11 @@ pub(super) fn schema() -> Json {
                 "exclusiveMaximum": 1,
                 "default": NUMERATOR,
                 "description": "probability of treatment in the numerator of the weights; several treatments share it equally",
+            },
+            "standard_errors": {
+                "enum": StandardErrors::WORDS,
+                "default": StandardErrors::default().word(),
+                "description": "whether standard errors account for an agent that learned from everybody",
             },
             "truth": {
                 "type": "boolean",

@@ -62,8 +62,8 @@ mod written;
 
 pub use analysis::Analysis;
 pub use analysis_kind::{
-    ActionChoice, AnalysisKind, Bins, Contrast, Curve, EstimateNames, FamilyName, Find, HeatMap,
-    InferenceError, LearningCurve, OperatingCharacteristics, Pairing, Recovery, Selection,
+    ActionChoice, AnalysisKind, Bins, Contrast, Curve, DidItLearn, EstimateNames, FamilyName, Find,
+    HeatMap, InferenceError, LearningCurve, OperatingCharacteristics, Pairing, Recovery, Selection,
     SelectionRule,
 };
 pub use axis::{CurveAxis, ERROR_AXIS};

@@ -12,7 +12,7 @@ use super::participant_range;
 use super::read::FORMAT;
 use super::written::{self, list, quoted};
 use crate::env::Family;
-use crate::job::{Condition, Messages, Treatment};
+use crate::job::{Condition, Messages, StandardErrors, Treatment};
 use crate::key::{Key, Parameter, Value};
 
 impl Manifest {
@@ -163,6 +163,9 @@ fn write_estimate(out: &mut String, estimate: &DeclaredEstimate) -> fmt::Result 
     writeln!(out, "outcome = {}\ntreatment = {treatment}", quoted(&of.outcome))?;
     writeln!(out, "control = {}\nmoderators = {}", texts(&of.control), texts(&of.moderators))?;
     writeln!(out, "numerator = {:?}", of.numerator)?;
+    if of.standard_errors != StandardErrors::default() {
+        writeln!(out, "standard_errors = {}", quoted(of.standard_errors.word()))?;
+    }
     if of.truth {
         writeln!(out, "truth = true")?;
     }

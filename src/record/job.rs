@@ -6,7 +6,8 @@ use std::sync::Arc;
 use super::settings::{Settings, SharedSettings};
 use crate::job::PlannedJob;
 use crate::job::{
-    ActionCount, Estimate, EstimateDeclaration, Estimates, Failure, JobKey, Provenance, TestEpisode,
+    ActionCount, Estimate, EstimateDeclaration, Estimates, Failure, JobKey, Provenance,
+    RecordedPosterior, TestEpisode,
 };
 use crate::job::{Described, ParticipantRange, Scalar};
 use crate::key::Parameter;
@@ -182,6 +183,8 @@ pub struct CompletedRun {
     pub among: Vec<AmongParticipants>,
     /// The estimates of its decisions; empty if not requested.
     pub estimates: Vec<Estimates>,
+    /// What was learned at the updates of a trial, by update and action; empty if not requested.
+    pub posteriors: Vec<RecordedPosterior>,
     /// The code and the machine that produced the run.
     pub provenance: Arc<Provenance>,
     /// When the run ended, in UTC, ISO 8601 with milliseconds.

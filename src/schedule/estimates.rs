@@ -14,7 +14,7 @@ use super::queued::Queued;
 use crate::estimate::Estimation;
 use crate::job::{CurvePoint, EstimateDeclaration, Estimates, Job, Outcome};
 use crate::store::{Added, Reader, Store, StoreError, results_digest};
-use crate::train::{self, StopHandle, TrainingControl, TrainingProgress};
+use crate::train::{self, Afterwards, StopHandle, TrainingControl, TrainingProgress};
 
 /// The most jobs whose estimates are stored in one transaction.
 const TOGETHER: usize = 256;
@@ -146,7 +146,11 @@ fn compute(
         let add = |decision: &_| estimations.iter_mut().for_each(|one| one.add(decision));
         reader.decisions(&job, add).map_err(|error| error.to_string())?;
         let mut estimates: Vec<Estimates> = estimations.iter().map(Estimation::finish).collect();
-        train::add_truths(&job, &mut estimates);
+        let stop = || stop.load(Ordering::Relaxed);
+        let Some(afterwards) = Afterwards::simulate(&job, &queued.estimates, &stop) else {
+            return Ok(None);
+        };
+        afterwards.add_to(&mut estimates);
         return Ok(Some((estimates, None)));
     }
     let deadline = queued.time_limit.and_then(|limit| Instant::now().checked_add(limit));

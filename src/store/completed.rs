@@ -14,6 +14,7 @@ use crate::record::{CompletedRun, DataSet, JobRecord, JobStatus, SharedSettings}
 use super::estimate;
 use super::family;
 use super::job_states::JobStates;
+use super::posterior;
 use super::read::failure_kind;
 use super::state::JobState;
 use super::{Reader, StoreError};
@@ -32,6 +33,8 @@ pub struct Parts {
     pub returns: bool,
     /// Estimates.
     pub estimates: bool,
+    /// Posteriors at the updates of trials.
+    pub posteriors: bool,
 }
 
 impl Parts {
@@ -43,6 +46,7 @@ impl Parts {
             actions: self.actions || other.actions,
             returns: self.returns || other.returns,
             estimates: self.estimates || other.estimates,
+            posteriors: self.posteriors || other.posteriors,
         }
     }
 }
@@ -160,6 +164,9 @@ impl Reader {
                 }
                 if parts.estimates {
                     run.estimates = estimate::of_run(connection, id, &mut shared.declarations)?;
+                }
+                if parts.posteriors {
+                    run.posteriors = posterior::of_run(connection, id)?;
                 }
                 completed.insert(key, Arc::new(run));
             }
@@ -330,6 +337,7 @@ fn head(row: &rusqlite::Row<'_>, shared: &mut SharedNames) -> rusqlite::Result<C
         returns: Vec::new(),
         among: Vec::new(),
         estimates: Vec::new(),
+        posteriors: Vec::new(),
         ended_at: row.get(1)?,
         wall_seconds: row.get(2)?,
         provenance,

@@ -77,6 +77,11 @@ impl DataQuery {
                     .to_owned(),
                 "JOIN estimate ON estimate.job_key = run.job_key".to_owned(),
             ),
+            DataPart::Posteriors => (
+                "posterior.number, posterior.step, posterior.action, posterior.mean, posterior.covariance"
+                    .to_owned(),
+                "JOIN posterior ON posterior.job_key = run.job_key".to_owned(),
+            ),
             DataPart::Participants(range) => (
                 "test.episode, test.total_reward, test.length, test.disengaged".to_owned(),
                 participants(range),

@@ -8,7 +8,7 @@ use rusqlite::types::ValueRef;
 use rusqlite::{Connection, Params};
 use sha2::{Digest, Sha256};
 
-use super::{choice, decision, episode_ending, family, participant};
+use super::{choice, decision, episode_ending, family, participant, posterior};
 
 /// The metrics of run `?1`. This query and the following ones use orders that do not depend on the row ids of
 /// one file.
@@ -65,6 +65,10 @@ pub(super) fn of_run(connection: &Connection, run: i64) -> rusqlite::Result<[u8;
         for sql in family::selects() {
             add_rows(&mut digest, connection, &sql, [run])?;
         }
+    }
+    // Runs without posteriors keep their digest, too.
+    if posterior::are_known(connection)? {
+        add_rows(&mut digest, connection, posterior::SELECT, [run])?;
     }
     Ok(digest.finish())
 }

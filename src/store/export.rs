@@ -4,7 +4,7 @@ use super::error::StoreError;
 use super::read::Reader;
 
 /// The public views, with the order of their rows.
-const ORDERS: [(&str, &str); 12] = [
+const ORDERS: [(&str, &str); 13] = [
     ("run_summary", "experiment, job_key, agent, attempt"),
     ("parameter", "job_key, name"),
     ("metric", "job_key, name"),
@@ -17,6 +17,7 @@ const ORDERS: [(&str, &str); 12] = [
     ("manifest", "experiment, number"),
     ("conflict", "job_key, results_sha256"),
     ("estimate", "job_key, declaration, number"),
+    ("posterior", "job_key, number, action"),
 ];
 
 /// The documentation of the views, which defines their columns.

@@ -31,7 +31,7 @@ pub enum Forgotten {
 
 /// Tables whose rows belong to a run, with the condition for the rows of run `?1`. The ids of recorded
 /// decisions and participants contain the run in their upper bits.
-const OF_RUN: [(&str, &str); 14] = [
+const OF_RUN: [(&str, &str); 15] = [
     ("run_metric", "run = ?1"),
     ("curve_point", "run = ?1"),
     ("test_episode", "run = ?1"),
@@ -43,6 +43,7 @@ const OF_RUN: [(&str, &str); 14] = [
     ("recorded_ending", BY_ID),
     ("recorded_participant", BY_ID),
     ("recorded_step", "run = ?1"),
+    ("recorded_posterior", "run = ?1"),
     ("recorded_description", "run = ?1"),
     ("recorded_estimate", "run = ?1"),
     ("run", "id = ?1"),

@@ -85,6 +85,10 @@ pub(super) const MIGRATIONS: &[Migration] = &[
         name: "0015_record_endings",
         sql: include_str!("../../migrations/0015_record_endings.sql"),
     },
+    Migration {
+        name: "0016_record_posteriors",
+        sql: include_str!("../../migrations/0016_record_posteriors.sql"),
+    },
 ];
 
 /// The version of the schema that this program writes.

@@ -56,6 +56,7 @@ mod migrate;
 mod mount;
 mod participant;
 mod place;
+mod posterior;
 mod query;
 mod read;
 mod recorded;

@@ -11,7 +11,7 @@ use super::read::Reader;
 use crate::job::counted;
 
 /// The public views, which `docs/store.md` describes.
-pub const VIEWS: [&str; 12] = [
+pub const VIEWS: [&str; 13] = [
     "run_summary",
     "parameter",
     "metric",
@@ -24,6 +24,7 @@ pub const VIEWS: [&str; 12] = [
     "manifest",
     "conflict",
     "estimate",
+    "posterior",
 ];
 
 /// Why a query failed.

@@ -14,7 +14,7 @@ use super::insert::insert_rows;
 use super::migrate::MIGRATIONS;
 use super::transaction::NOW;
 use super::writer::Store;
-use super::{choice, decision, digest, episode_ending, estimate, family, participant};
+use super::{choice, decision, digest, episode_ending, estimate, family, participant, posterior};
 
 /// The end of a claimed run.
 #[derive(Clone, Copy, Debug)]
@@ -161,6 +161,7 @@ fn insert_results(connection: &Connection, run: i64, results: &Results) -> rusql
     }
     episode_ending::insert(connection, run, &results.decisions)?;
     participant::insert(connection, run, &results.participants)?;
+    posterior::insert(connection, run, &results.posteriors)?;
     if let Some(weights) = &results.weights {
         connection
             .prepare_cached("INSERT INTO trained_weights VALUES (?1, ?2)")?

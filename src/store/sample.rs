@@ -39,6 +39,7 @@ pub(super) fn results() -> Results {
         decisions: Vec::new(),
         participants: Vec::new(),
         weights: Some(vec![8]),
+        posteriors: Vec::new(),
         estimates: Vec::new(),
     }
 }

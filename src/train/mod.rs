@@ -5,6 +5,8 @@
 //! The module uses no database, no workers and no other jobs. [`Checkpoints`] decides where
 //! checkpoints are kept and when they are due.
 
+mod after_study;
+mod afterwards;
 mod checkpoint;
 mod control;
 mod curve;
@@ -15,12 +17,16 @@ mod outside;
 mod progress;
 mod roll;
 mod run;
+mod sightings;
 mod study;
 mod test;
+mod trace;
 mod training;
 mod truth;
 
 pub use crate::agent::StepObserver;
+pub use after_study::{BanditTrace, NoAfterStudy, after_study_covariance, bandit_trace};
+pub use afterwards::Afterwards;
 pub use checkpoint::{
     CheckpointError, CheckpointFile, Checkpoints, KeptNowhere, ReadCheckpoint, Resumed,
     WriteCheckpoint,
@@ -30,5 +36,7 @@ pub use environment_program::misfit;
 pub use progress::TrainingProgress;
 pub use roll::{RollStreams, Rollout, begin, play, roll};
 pub use run::run;
+pub use sightings::TracedUpdate;
 pub use study::Study;
-pub use truth::{NoTruth, Truth, add_truths, truth};
+pub use trace::{NoTrace, Trace, TracedDecision, trace};
+pub use truth::{NoTruth, Truth, truth};

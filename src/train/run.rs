@@ -3,12 +3,12 @@
 use crate::agent::{External, StartError};
 use crate::env::outside::OutsideModel;
 use crate::job::{Job, Outcome};
+use crate::train::afterwards::Afterwards;
 use crate::train::checkpoint::{self, Resumed};
 use crate::train::control::TrainingControl;
 use crate::train::environment_program;
 use crate::train::outside;
 use crate::train::training::{Stage, Training, out_of_memory};
-use crate::train::truth::add_truths;
 
 /// Trains the job's agent, tests it, and returns the outcome. Continues from a checkpoint if there is one,
 /// and writes one if it is stopped.
@@ -52,8 +52,13 @@ fn train(job: &Job, control: &dyn TrainingControl) -> Outcome {
             return Outcome::Interrupted;
         }
     }
+    let stop = || control.stop_requested();
+    let Some(afterwards) = Afterwards::simulate(job, &training.estimated(), &stop) else {
+        checkpoints.keep(&mut |out| checkpoint::write(&training, control.worked(), out));
+        return Outcome::Interrupted;
+    };
     let results = training.results().map(|mut results| {
-        add_truths(job, &mut results.estimates);
+        afterwards.add_to(&mut results.estimates);
         results
     });
     results.map_or_else(Outcome::Failed, Outcome::Completed)

@@ -5,6 +5,7 @@ use crate::env::{EpisodeStatus, LaneSet, LaneStreams, Reports, Simulated, Vector
 use crate::job::{Calendar, Pooling, Stay, Trial, UpdateData};
 use crate::rng::{Purpose, Stream};
 use crate::state::resumable;
+use crate::train::sightings::TracedUpdate;
 
 /// The calendar of a trial with this seed, and the time of the trial.
 #[derive(Debug)]
@@ -112,7 +113,8 @@ impl Study {
         }
     }
 
-    /// Prepares a step: at the first of a day, people leave, the agent learns, and people enter.
+    /// Prepares a step: at the first of a day, people leave, the agent learns, and people enter. Returns whether the
+    /// agent of everybody has learned.
     ///
     /// **Errors**: as [`Actor::update`].
     pub fn begin_step(
@@ -120,9 +122,9 @@ impl Study {
         environment: &mut Simulated,
         actor: &mut dyn Actor,
         streams: &mut LaneStreams,
-    ) -> Result<(), LearnerError> {
+    ) -> Result<bool, LearnerError> {
         if !self.time.is_multiple_of(self.calendar.per_day) {
-            return Ok(());
+            return Ok(false);
         }
         let (day, _) = self.days();
         for (person, stay) in self.stays.iter().enumerate() {
@@ -130,21 +132,35 @@ impl Study {
                 environment.leave(person);
             }
         }
+        let before = self.policies[0];
         if !self.calendar.is_outage(day) {
             self.update(day, actor)?;
         }
+        let is_updated = self.trial.pooling == Pooling::Full && self.policies[0] > before;
         let entering = self.entering.iter_mut().zip(&self.stays);
         entering.for_each(|(enters, stay)| *enters = stay.start == day);
         if self.entering.contains(&true) {
             environment.reset(LaneSet::Masked(&self.entering), streams);
             actor.reset(LaneSet::Masked(&self.entering));
         }
-        Ok(())
+        Ok(is_updated)
+    }
+
+    /// The update of the agent of everybody that this step began with.
+    pub(super) fn last_update(&self) -> TracedUpdate {
+        let (day, _) = self.days();
+        let people = self.counting.clone();
+        TracedUpdate { time: self.time, before: self.data_before(day), people }
+    }
+
+    /// The step of the trial before which the data of an update on this day end.
+    fn data_before(&self, day: u32) -> u32 {
+        day.saturating_sub(self.trial.update_lag_days) * self.calendar.per_day
     }
 
     /// Updates the agents that are due on a day.
     fn update(&mut self, day: u32, actor: &mut dyn Actor) -> Result<(), LearnerError> {
-        let before = day.saturating_sub(self.trial.update_lag_days) * self.calendar.per_day;
+        let before = self.data_before(day);
         match self.trial.pooling {
             Pooling::Full => {
                 let entered = self.stays.iter().filter(|stay| stay.start < day).count() as u32;

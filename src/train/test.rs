@@ -20,6 +20,7 @@ use crate::state::resumable;
 use crate::train::decision_log::DecisionLog;
 use crate::train::excursions::Excursions;
 use crate::train::roll::{Choose, RollStreams, begin, roll, roll_by};
+use crate::train::sightings::Sightings;
 use crate::train::study::Study;
 
 /// The number of episodes that advance in lockstep. Results depend on it, because lanes share streams.
@@ -49,6 +50,8 @@ pub(super) struct Test {
     recorded: RecordedEpisodes,
     /// What other actions lead to at the decisions of a trial; `None` in jobs.
     pub(super) excursions: Option<Excursions>,
+    /// What the agent of a trial sees; `None` in jobs.
+    pub(super) sightings: Option<Sightings>,
 }
 
 /// The participants of a test. Their parameters do not depend on what happens in it.
@@ -132,6 +135,7 @@ impl Test {
             study,
             recorded: job.evaluation.record_episodes,
             excursions: None,
+            sightings: None,
             batch: Batch { environment: tested, played: Vec::new() },
         }
     }
@@ -192,14 +196,18 @@ impl Test {
     ) -> Result<(), LearnerError> {
         self.begin_batch(|_, _| {})?;
         let mut study = self.study.take().expect("the caller has a trial");
-        let mut excursions = self.excursions.take();
+        let (mut excursions, mut sightings) = (self.excursions.take(), self.sightings.take());
         let (lanes, streams, mut player) = self.player(pause);
         study.assign(lanes);
         let mut actions = vec![Action::default(); lanes.lanes()];
         let mut probabilities = vec![0.0; actions.len() * lanes.action_spec().count];
         let mut rewards = vec![0.0; actions.len()];
         while !study.is_over() && !player.stop_requested() {
-            study.begin_step(lanes, actor, &mut streams.environment)?;
+            let updated = study.begin_step(lanes, actor, &mut streams.environment)?;
+            if let Some(sightings) = &mut sightings {
+                sightings.updates.extend(updated.then(|| study.last_update()));
+                sightings.see(lanes);
+            }
             actor.act(lanes, &mut streams.actions, &mut actions, Some(&mut probabilities));
             if let Some(log) = &mut player.log {
                 log.stand_beside(study.beside());
@@ -211,11 +219,14 @@ impl Test {
             lanes.step(&actions, &mut rewards, &mut streams.environment);
             player.paid(lanes, &rewards);
             study.end_step(&mut rewards, |person| lanes.time(person));
+            if let Some(sightings) = &mut sightings {
+                sightings.paid(&rewards);
+            }
             actor.observe(lanes, &rewards);
         }
         let is_over = study.is_over();
         self.study = Some(study);
-        self.excursions = excursions;
+        (self.excursions, self.sightings) = (excursions, sightings);
         if is_over { Ok(self.end_batch()?) } else { Ok(()) }
     }
 

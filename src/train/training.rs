@@ -4,18 +4,19 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use crate::agent::{
-    Actor, Learner, LearnerError, OutOfMemory, Start, StartError, StepObserver, StudyPlan,
-    TrainedEpisode,
+    Actor, EffectPosterior, Learner, LearnerError, OutOfMemory, Start, StartError, StepObserver,
+    StudyPlan, TrainedEpisode,
 };
 use crate::job::{
     CurvePoint, Decision, EstimateDeclaration, Failure, FailureKind, Job, Metric, Phase, Pooling,
-    RecordedEpisodes, Results,
+    RecordedEpisodes, RecordedPosterior, Results,
 };
 use crate::state::resumable;
 use crate::train::curve::CurveRecorder;
 use crate::train::decision_log::DecisionLog;
 use crate::train::excursions::Excursions;
 use crate::train::progress::TrainingProgress;
+use crate::train::sightings::Sightings;
 use crate::train::test::{Test, Tested};
 
 /// Why there is a learner where training episodes are played or a policy has been trained.
@@ -57,6 +58,7 @@ impl<'j> Training<'j> {
         let plan = job.trial.as_ref().map(|trial| StudyPlan {
             people: trial.people as usize,
             is_pooled: trial.pooling == Pooling::Full,
+            keeps_updates: job.evaluation.record_posteriors,
         });
         let (learner, actor) = match plan {
             Some(plan) => (None, Some(job.agent.in_trial(&job.task(), plan)?)),
@@ -111,6 +113,19 @@ impl<'j> Training<'j> {
         let mut test = self.test;
         let excursions = test.excursions.take().unwrap_or_default();
         (test.finish().decisions, excursions)
+    }
+
+    /// The same trial, which also keeps what its agent sees.
+    pub(super) fn with_sightings(mut self, sightings: Sightings) -> Self {
+        self.test.sightings = Some(sightings);
+        self
+    }
+
+    /// The recorded decisions of a finished trial, and what its agent saw.
+    pub(super) fn into_sightings(self) -> (Vec<Decision>, Sightings) {
+        let mut test = self.test;
+        let sightings = test.sightings.take().unwrap_or_default();
+        (test.finish().decisions, sightings)
     }
 
     /// The same training, with this working time spent before.
@@ -216,12 +231,20 @@ impl<'j> Training<'j> {
             (None, None) => None,
         };
         let weights = weights.map(|weights| weights.to_bytes());
+        let posteriors = self.actor.as_mut().map_or_else(Vec::new, |actor| actor.updates());
         let first = |tested: &Tested, curve: &CurveRecorder| match learns {
             true => curve.first_returns().collect(),
             false => tested.first_returns(wanted).collect(),
         };
-        Ok(assemble(self.test, self.curve, self.log, first, weights))
+        let results = assemble(self.test, self.curve, self.log, first, weights);
+        Ok(Results { posteriors: posteriors.into_iter().map(recorded).collect(), ..results })
     }
+}
+
+/// A posterior as results have it.
+fn recorded(posterior: EffectPosterior) -> RecordedPosterior {
+    let EffectPosterior { update, step, action, mean, covariance } = posterior;
+    RecordedPosterior { update, step, action, mean, covariance }
 }
 
 /// The results of a finished training and its test; `first` returns the metrics of the first episodes.
@@ -248,6 +271,7 @@ pub(super) fn assemble(
         episodes: tested.episodes,
         actions: tested.actions,
         weights,
+        posteriors: Vec::new(),
         estimates: tested.estimates,
     };
     if tested.recorded == RecordedEpisodes::None {

@@ -15,8 +15,7 @@
 use crate::agent::StartError;
 use crate::estimate::{Correction, Layout, NoFit, Sums};
 use crate::job::{
-    Decision, EstimateDeclaration, Estimates, Failure, Job, Messages, ROWS, RecordedDecisions,
-    Treatment,
+    Decision, EstimateDeclaration, Failure, Job, Messages, ROWS, RecordedDecisions, Treatment,
 };
 use crate::key::Content;
 use crate::rng::{Purpose, Stream};
@@ -54,6 +53,9 @@ pub enum NoTruth {
     /// A simulated trial has failed.
     #[error("a simulated trial failed: {}", .0.message)]
     Failed(Failure),
+    /// The simulation was stopped.
+    #[error("the simulation was stopped")]
+    Stopped,
     /// There is no decision to compare.
     #[error("no decision of the simulated trials can have the treatment")]
     Never,
@@ -87,7 +89,7 @@ pub fn truth(job: &Job, declaration: &EstimateDeclaration, trials: u32) -> Resul
     let mut seeds = Stream::new(job.seed, Purpose::Truth);
     for trial in 0..trials as usize {
         paired.job.seed = seeds.bits();
-        paired.add_to(&mut sums, trial)?;
+        paired.add_to(&mut sums, trial, &|| false)?;
     }
     let columns = 1 + declaration.moderators.len();
     let mut truth = Truth { coefficients: Vec::new(), errors: Vec::new() };
@@ -109,31 +111,20 @@ pub fn truth(job: &Job, declaration: &EstimateDeclaration, trials: u32) -> Resul
 /// The coefficients of the effects in a job's own trial, in the order of [`EstimateDeclaration::terms`].
 ///
 /// **Errors**: see [`NoTruth`].
-fn own_truth(job: &Job, declaration: &EstimateDeclaration) -> Result<Vec<f64>, NoTruth> {
+pub(super) fn own_truth(
+    job: &Job,
+    declaration: &EstimateDeclaration,
+    stop: &dyn Fn() -> bool,
+) -> Result<Vec<f64>, NoTruth> {
     let paired = Paired::new(job, declaration)?;
     let mut sums = paired.sums();
-    paired.add_to(&mut sums, 0)?;
+    paired.add_to(&mut sums, 0, stop)?;
     if sums.iter().any(|sums| sums.rows() == 0) {
         return Err(NoTruth::Never);
     }
     let each = sums.iter().map(Sums::coefficients).collect::<Result<Vec<_>, usize>>();
     let dependent = |column: usize| NoTruth::Dependent(declaration.terms(2)[column].clone());
     Ok(each.map_err(dependent)?.concat())
-}
-
-/// Adds the truth of a job's own trial to the estimates that ask for it. An estimate whose truth cannot be simulated has
-/// none.
-pub fn add_truths(job: &Job, estimates: &mut [Estimates]) {
-    for Estimates { declaration, terms } in estimates.iter_mut().filter(|one| one.declaration.truth)
-    {
-        let effects = terms.iter_mut().map(|term| term.effect.as_mut().ok());
-        let truths = own_truth(job, declaration).unwrap_or_default();
-        for (effect, truth) in effects.zip(truths) {
-            if let Some(effect) = effect.filter(|_| truth.abs() < 1e300) {
-                effect.truth = Some(truth);
-            }
-        }
-    }
 }
 
 impl<'d> Paired<'d> {
@@ -171,20 +162,33 @@ impl<'d> Paired<'d> {
     }
 
     /// Simulates the trial and adds its decisions, as those of one person of the sums.
-    fn add_to(&self, sums: &mut [Sums], person: usize) -> Result<(), NoTruth> {
-        self.simulate(&mut |row, effects| {
+    fn add_to(
+        &self,
+        sums: &mut [Sums],
+        person: usize,
+        stop: &dyn Fn() -> bool,
+    ) -> Result<(), NoTruth> {
+        let mut add = |row: &[f64], effects: &[f64]| {
             let each = sums.iter_mut().zip(effects);
             each.for_each(|(sums, effect)| sums.add(person, row, 1.0, *effect));
-        })
+        };
+        self.simulate(&mut add, stop)
     }
 
     /// Simulates the trial. Calls `add` with 1 and the moderators of each decision at which the treatment is possible, and
     /// with the effect of every treatment.
-    fn simulate(&self, add: &mut dyn FnMut(&[f64], &[f64])) -> Result<(), NoTruth> {
+    fn simulate(
+        &self,
+        add: &mut dyn FnMut(&[f64], &[f64]),
+        stop: &dyn Fn() -> bool,
+    ) -> Result<(), NoTruth> {
         let excursions = Excursions::new(self.layout.outcome);
         let mut training = Training::new(&self.job)?.with_excursions(excursions);
         while training.stage() != Stage::Over {
-            training.advance(&|| false).map_err(NoTruth::Failed)?;
+            training.advance(stop).map_err(NoTruth::Failed)?;
+            if stop() {
+                return Err(NoTruth::Stopped);
+            }
         }
         let (decisions, excursions) = training.into_excursions();
         let mut rows = excursions.finish().into_iter();
@@ -235,7 +239,8 @@ mod tests {
         StepNoise, VectorEnvironment,
     };
     use crate::job::{
-        EvaluatedOn, Evaluation, Pooling, REWARD, RecordedEpisodes, STEP, Trial, UpdateData,
+        EvaluatedOn, Evaluation, Pooling, REWARD, RecordedEpisodes, STEP, StandardErrors, Trial,
+        UpdateData,
     };
     use crate::key::{Keyed, Value};
 
@@ -275,6 +280,7 @@ mod tests {
             name: "effect".to_owned(),
             numerator: 0.5,
             outcome: REWARD.to_owned(),
+            standard_errors: StandardErrors::Nominal,
             treatment,
             truth: false,
         }
@@ -385,7 +391,8 @@ mod tests {
     fn forced(job: &Job, person: usize, step: u32, action: Action) -> Option<(f64, Vec<f64>)> {
         let trial = job.trial.as_ref().unwrap();
         let people = trial.people as usize;
-        let plan = StudyPlan { people, is_pooled: trial.pooling == Pooling::Full };
+        let plan =
+            StudyPlan { people, is_pooled: trial.pooling == Pooling::Full, keeps_updates: false };
         let mut actor = job.agent.in_trial(&job.task(), plan).unwrap();
         let mut study = Study::new(trial, job.seed);
         let reports = Study::reports(trial, job.seed).unwrap();
@@ -396,7 +403,7 @@ mod tests {
         let count = job.task().interface().actions;
         let mut probabilities = vec![0.0; people * count];
         while !study.is_over() {
-            study.begin_step(&mut lanes, &mut *actor, &mut streams).unwrap();
+            let _ = study.begin_step(&mut lanes, &mut *actor, &mut streams).unwrap();
             actor.act(&lanes, &mut choices, &mut actions, Some(&mut probabilities));
             let is_here =
                 lanes.statuses()[person] == EpisodeStatus::Running && lanes.times()[person] == step;

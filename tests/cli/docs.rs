@@ -19,7 +19,7 @@ mod questions;
 use examples::{cell, fill_store, jitai, run};
 use questions::questions;
 
-const DOCUMENTS: [&str; 39] = [
+const DOCUMENTS: [&str; 40] = [
     "README.md",
     "CONTRIBUTING.md",
     "docs/agents.md",
@@ -34,6 +34,7 @@ const DOCUMENTS: [&str; 39] = [
     "docs/drawing.md",
     "docs/environment.md",
     "docs/estimates.md",
+    "docs/after-study.md",
     "docs/external.md",
     "docs/fidelity-bots.md",
     "docs/fidelity.md",

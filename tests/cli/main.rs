@@ -12,6 +12,7 @@ mod external;
 mod failures;
 mod forgetting;
 mod installed;
+mod learned;
 mod links;
 mod logging;
 mod memory;

@@ -1,10 +1,12 @@
 //! The library as a program uses it: manifests, jobs, simulations, training and the store.
 
+mod after_study;
 mod checkpoints;
 mod decisions;
 mod determinism;
 mod environments;
 mod imports;
+mod learned;
 mod manifests;
 mod migrations;
 mod optimum;

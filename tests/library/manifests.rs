@@ -120,10 +120,11 @@ fn shipped() -> Vec<(&'static str, u64)> {
 }
 
 /// Manifests that need files of people, which are not shipped.
-const WITH_PEOPLE: [(&str, u64); 3] = [
+const WITH_PEOPLE: [(&str, u64); 4] = [
     ("experiments/oralytics/heat_maps_v2.toml", 120_000),
     ("experiments/oralytics/heat_maps_v3.toml", 60_000),
     ("experiments/oralytics/pooling.toml", 2000),
+    ("experiments/oralytics/learned.toml", 8500),
 ];
 
 #[test]
@@ -156,6 +157,7 @@ fn manifests_with_people_hold_with_invented_ones_and_ask_for_the_files() {
     put("stays.csv", &format!("start_day,end_day\n{stays}"));
     let own_stays = "entry = \"stays.csv\"";
     put("pooling.toml", &read("pooling.toml").replace("entry = \"v4.csv\"", own_stays));
+    put("learned.toml", &read("learned.toml").replace("entry = \"v4.csv\"", own_stays));
     for name in ["published_v2.csv", "published_v3.csv", "published_v4.csv"] {
         put(name, &read(name));
     }

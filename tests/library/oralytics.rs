@@ -3,7 +3,7 @@
 use std::fs;
 use std::path::Path;
 
-use jitai::agent::{Actor, BanditAllocation, LinearThompson, LinearThompsonStudy};
+use jitai::agent::{Actor, BanditAllocation, LinearThompson, LinearThompsonStudy, StudyPlan};
 use jitai::env::oralytics::{Brushing, Oralytics, OralyticsModel, PEOPLE, Rounding, TestBed};
 use jitai::env::{Action, EpisodeStatus, Scenario, Simulated, VectorEnvironment, contract};
 use jitai::job::{Trial, UpdateData};
@@ -150,7 +150,12 @@ fn replayed(calendar: &Trial) -> (Vec<f64>, Vec<f64>) {
     let scenario: Scenario = "time_of_day-brushing-dosage-app".parse().unwrap();
     let lanes = OralyticsModel { parameters: official() }.simulation(&scenario, 1, 70);
     let mut lanes: Simulated = Box::new(lanes);
-    let mut agent = LinearThompsonStudy::new(&algorithm(), &lanes, (70, true), 0);
+    let mut agent = LinearThompsonStudy::new(
+        &algorithm(),
+        &lanes,
+        StudyPlan { people: 70, is_pooled: true, keeps_updates: false },
+        0,
+    );
     let mut study = Study::new(calendar, 0);
     let mut streams = study.streams(0);
     let mut words = Stream::new(0, Purpose::TestActions);

@@ -10,7 +10,10 @@ use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 
+use jitai::estimate::Correction;
 use jitai::store::{Answer, Reader};
+use jitai::train::after_study_covariance;
+use jitai::{manifest, plan};
 
 #[path = "../documents/article.rs"]
 mod article;
@@ -288,6 +291,68 @@ fn intervals_of_excursion_effects_hold_the_exact_effect() {
     }
 }
 
+/// A small trial of Oralytics with invented people, who enter in two groups, and this agent.
+fn pooled_trial(agent: &str) -> String {
+    format!(
+        "format = 1\nname = \"pooled\"\nseeds = 1\n\
+         scenarios = [[\"time_of_day\", \"brushing\", \"app\"]]\n\
+         [trial]\npeople = 16\ndays = 14\ndecisions_per_day = 2\nmissing_outcomes = 0.1\n\
+         entry = {{ every_days = 7, people = 8 }}\nupdate = {{ every_days = 7, first_day = 7 }}\n\
+         [environment]\nfamily = \"oralytics\"\npeople = \"synthetic_v2.csv\"\ndays = 14\n\
+         [evaluation]\non = \"trial\"\n\
+         [[agent]]\nname = \"thompson\"\nalgorithm = \"linear_thompson\"\nprior_sd = 60\nnoise_sd = 60\n{agent}\n\
+         [[estimate]]\nname = \"effect\"\ncontrol = [\"average_brushing\"]\nmoderators = [\"app_before\"]\n\
+         standard_errors = \"after_study\"\n"
+    )
+}
+
+/// A Python that has lifejacket: from `LIFEJACKET_PYTHON`, or from `make analysis`.
+fn lifejacket() -> Option<PathBuf> {
+    let named = env::var_os("LIFEJACKET_PYTHON").map(PathBuf::from);
+    let candidates = [named, Some("target/lifejacket/bin/python".into())];
+    let has = |path: &PathBuf| answers(path.as_os_str(), &["-c", "import lifejacket"]);
+    candidates.into_iter().flatten().find(has)
+}
+
+#[test]
+fn standard_errors_after_a_study_are_those_of_lifejacket() {
+    let Some(python) = lifejacket() else { return missing("lifejacket") };
+    let agents = [
+        "pi_min = 0.1",
+        "features = \"interactions\"\npi_min = 0.05\naction_bias = [0, 10]",
+        "action_centring = true\nallocation = \"logistic\"\nlogistic_slope = 0.1\npi_min = 0.1",
+    ];
+    for agent in agents {
+        let folder = tempfile::tempdir().unwrap();
+        fs::copy("experiments/oralytics/synthetic_v2.csv", folder.path().join("synthetic_v2.csv"))
+            .unwrap();
+        fs::write(folder.path().join("trial.toml"), pooled_trial(agent)).unwrap();
+        let export = ["export", "--after-study", "trial.toml", "--out", "out"];
+        examples::run(folder.path(), &export, 0);
+        let output = Command::new(&python).arg(folder.path().join("out/analysis.py")).output();
+        let output = output.unwrap();
+        assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+        let result = fs::read_to_string(folder.path().join("out/result.json")).unwrap();
+        let theirs: serde_json::Value = serde_json::from_str(&result).unwrap();
+        let manifest = manifest::load(&folder.path().join("trial.toml")).unwrap();
+        let planned = plan::jobs(&manifest).next().unwrap();
+        let declaration = &manifest.estimates_of(&planned.agent)[0];
+        let covariance =
+            after_study_covariance(&planned.job, declaration, Correction::None, &|| false).unwrap();
+        let size = covariance.len().isqrt();
+        let rows = theirs.as_array().unwrap();
+        assert_eq!(rows.len(), size);
+        for (place, row) in rows.iter().enumerate() {
+            let ours = covariance[place * size + place].sqrt();
+            let [after, nominal] =
+                ["after_study", "nominal"].map(|name| row[name].as_f64().unwrap());
+            assert!((ours / after - 1.0).abs() < 1e-6, "{agent}: {ours}, {row}");
+            assert!((after / nominal - 1.0).abs() > 1e-3, "the learning makes a difference: {row}");
+        }
+        print!("lifejacket's standard errors with `{agent}`:\n{result}\n");
+    }
+}
+
 /// A second experiment, which runs while the first is watched.
 const WATCHED: &str = "format = 1
 name = \"watched\"
@@ -385,6 +450,6 @@ fn pandas_reads_the_same_from_parquet_as_from_csv() {
     let output = output.unwrap();
     assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
     let said = String::from_utf8_lossy(&output.stdout);
-    assert_eq!(said.lines().count(), 12, "{said}");
+    assert_eq!(said.lines().count(), 13, "{said}");
     print!("pandas read from Parquet what it reads from CSV:\n{said}");
 }

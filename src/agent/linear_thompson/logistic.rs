@@ -94,6 +94,40 @@ fn over_logistic(centre: f64, spread: f64) -> f64 {
     sum
 }
 
+/// The derivatives of [`mean_of_logistic`] by the centre and by the spread, which is above 0.
+pub fn slopes_of_logistic(centre: f64, spread: f64) -> [f64; 2] {
+    if spread >= LARGE {
+        let [zero, others @ ..] = logistic_weights();
+        let table = NormalTable::shared();
+        let slope = |weight: f64, node: f64| {
+            let z = (centre - node * LOGISTIC_STEP) / spread;
+            let by_centre = weight * table.density(z) / spread;
+            [by_centre, -by_centre * z]
+        };
+        let mut sum = slope(*zero, 0.0);
+        for (node, weight) in (1..).zip(others) {
+            for node in [f64::from(node), -f64::from(node)] {
+                let more = slope(*weight, node);
+                sum = [sum[0] + more[0], sum[1] + more[1]];
+            }
+        }
+        return sum;
+    }
+    // The slope of the logistic function has double poles at the same places.
+    let step = step(spread) / 2.0;
+    let (mut sum, mut weights) = ([0.0; 2], 0.0);
+    let nodes = (REACH / step) as i64;
+    for node in -nodes..=nodes {
+        let x = node as f64 * step;
+        let weight = libm::exp(-x * x / 2.0);
+        let tail = libm::exp(-(centre + spread * x).abs());
+        let slope = weight * tail / ((1.0 + tail) * (1.0 + tail));
+        sum = [sum[0] + slope, sum[1] + x * slope];
+        weights += weight;
+    }
+    sum.map(|sum| sum / weights)
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -112,6 +146,28 @@ mod tests {
             density(x) * logistic(centre + spread * x)
         };
         (-nodes..=nodes).map(at).sum::<f64>() * step
+    }
+
+    #[test]
+    fn slopes_are_those_of_the_mean() {
+        for spread in [0.1, 0.6, 1.7, 4.0, 7.9, 9.0, 26.0] {
+            for centre in [-7.0, -1.0986, 0.0, 2.0, 13.0] {
+                let step = 1e-3;
+                let by_centre =
+                    (plain(centre + step, spread) - plain(centre - step, spread)) / (2.0 * step);
+                let by_spread =
+                    (plain(centre, spread + step) - plain(centre, spread - step)) / (2.0 * step);
+                let found = slopes_of_logistic(centre, spread);
+                assert!(
+                    (found[0] - by_centre).abs() < 1e-6,
+                    "{centre} {spread}: {found:?} {by_centre}"
+                );
+                assert!(
+                    (found[1] - by_spread).abs() < 1e-6,
+                    "{centre} {spread}: {found:?} {by_spread}"
+                );
+            }
+        }
     }
 
     #[test]

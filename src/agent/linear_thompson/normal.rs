@@ -117,6 +117,49 @@ impl Normals {
     }
 }
 
+/// Derivatives of a weighted sum of the probabilities of the variables to be the largest, Σ w_a P(a), by the mean and
+/// by the standard deviation of every variable, \[variables\].
+///
+/// For b ≠ a, dP(a)/dm_b = -∫ φ_a φ_b Π_c Φ_c and dP(a)/ds_b = -∫ φ_a φ_b z_b Π_c Φ_c with the other variables c and
+/// z_b = (u - m_b) / s_b. The derivatives by the own numbers follow, because all probabilities sum to 1, and a shift of all
+/// means changes none.
+pub fn slopes(means: &[f64], sds: &[f64], weights: &[f64]) -> [Vec<f64>; 2] {
+    let table = NormalTable::shared();
+    let count = means.len();
+    let (mut by_mean, mut by_sd) = (vec![0.0; count], vec![0.0; count]);
+    let (mut below, mut densities) = (vec![0.0; count], vec![0.0; count]);
+    let ends = |side: f64| (0..count).map(move |a| means[a] + side * REACH * sds[a]);
+    let mut low = ends(-1.0).fold(f64::NEG_INFINITY, f64::max);
+    let high = ends(1.0).fold(f64::NEG_INFINITY, f64::max);
+    while low < high {
+        let reaching = (0..count).filter(|&a| low < means[a] + REACH * sds[a]);
+        let narrowest = reaching.map(|a| sds[a]).fold(f64::INFINITY, f64::min);
+        let next = (low + PANEL * narrowest).min(high);
+        if next <= low {
+            break;
+        }
+        let (middle, half) = (0.5 * (low + next), 0.5 * (next - low));
+        for (node, weight) in NODES.into_iter().flat_map(|(node, w)| [(-node, w), (node, w)]) {
+            let u = half * node + middle;
+            for a in 0..count {
+                let (cumulated, dense) = table.both((u - means[a]) / sds[a]);
+                (below[a], densities[a]) = (cumulated, dense / sds[a]);
+            }
+            for b in 0..count {
+                for a in (0..count).filter(|a| *a != b) {
+                    let others = (0..count).filter(|c| *c != a && *c != b).map(|c| below[c]);
+                    let pair = densities[a] * densities[b] * others.product::<f64>();
+                    let part = (weights[b] - weights[a]) * weight * half * pair;
+                    by_mean[b] += part;
+                    by_sd[b] += part * (u - means[b]) / sds[b];
+                }
+            }
+        }
+        low = next;
+    }
+    [by_mean, by_sd]
+}
+
 /// The difference of the means of two variables, in standard deviations of the difference.
 fn standardised(means: &[f64], sds: &[f64], one: usize, other: usize) -> f64 {
     let variance = sds[one] * sds[one] + sds[other] * sds[other];
@@ -154,6 +197,11 @@ impl NormalTable {
         let square = d * d;
         let even = a + square * (c + square * (f + square * h));
         even + d * (b + square * (e + square * (g + square * i)))
+    }
+
+    /// The density of the standard normal distribution, within 1e-12.
+    pub fn density(&self, z: f64) -> f64 {
+        self.both(z).1
     }
 
     /// The distribution function and the density of the standard normal distribution, within 1e-12.
@@ -196,6 +244,33 @@ fn coefficients(z: f64) -> [f64; 8] {
 mod tests {
     use super::*;
     use crate::rng::{Purpose, Stream};
+
+    #[test]
+    fn slopes_are_those_of_the_probabilities() {
+        let (means, sds, weights) =
+            ([1.0, -0.5, 2.0, 0.3], [1.0, 0.4, 2.5, 1.7], [0.0, 1.0, -2.0, 0.5]);
+        let sum = |means: [f64; 4], sds: [f64; 4]| {
+            let mut normals =
+                Normals { means: means.to_vec(), sds: sds.to_vec(), ..Normals::default() };
+            let mut probabilities = [0.0; 4];
+            normals.win_probabilities(&mut probabilities);
+            weights.iter().zip(probabilities).map(|(one, other)| one * other).sum::<f64>()
+        };
+        let [by_mean, by_sd] = slopes(&means, &sds, &weights);
+        let step = 1e-4;
+        for at in 0..4 {
+            let moved = |by: f64, of: [f64; 4]| {
+                let mut moved = of;
+                moved[at] += by;
+                moved
+            };
+            let mean =
+                (sum(moved(step, means), sds) - sum(moved(-step, means), sds)) / (2.0 * step);
+            let sd = (sum(means, moved(step, sds)) - sum(means, moved(-step, sds))) / (2.0 * step);
+            assert!((by_mean[at] - mean).abs() < 1e-7, "{at}: {} {mean}", by_mean[at]);
+            assert!((by_sd[at] - sd).abs() < 1e-7, "{at}: {} {sd}", by_sd[at]);
+        }
+    }
 
     #[test]
     fn the_table_is_the_normal_distribution() {

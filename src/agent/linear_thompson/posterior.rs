@@ -171,14 +171,13 @@ impl Posterior {
     }
 
     /// The regressions.
-    #[cfg(test)]
     pub fn regressions(&self) -> &[Regression] {
         &self.regressions
     }
 }
 
 /// The number of regressions of an agent, and the number of regressors of each.
-fn regressors(parameters: &LinearThompson, features: Shape) -> (usize, usize) {
+pub(super) fn regressors(parameters: &LinearThompson, features: Shape) -> (usize, usize) {
     Design::regressors(features.inputs, features.actions, parameters.action_centring)
 }
 
@@ -204,7 +203,7 @@ fn prior(parameters: &LinearThompson, features: usize, width: usize) -> Regressi
 /// Writes the regressors of a step with action centring: the features f; p_k f for each message k;
 /// and (1\[A = k\] - p_k) f for each message k.
 #[inline(always)]
-fn centred(Made { features, probabilities, action }: Made<'_>, row: &mut Vec<f64>) {
+pub(super) fn centred(Made { features, probabilities, action }: Made<'_>, row: &mut Vec<f64>) {
     row.clear();
     row.extend_from_slice(features);
     for probability in &probabilities[1..] {
@@ -273,6 +272,30 @@ impl Acting {
     /// The regressions as last factored.
     pub fn factored(&mut self) -> &mut [Factored] {
         &mut self.factored
+    }
+
+    /// The posterior of the effect of each message, as last factored: the mean and the covariance of the coefficients
+    /// of the state's features, of this number.
+    pub fn effects(&self, features: usize) -> Vec<(Vec<f64>, DMatrix<f64>)> {
+        if let [joint] = &self.factored[..] {
+            let covariance = joint.covariance();
+            // Behind the baseline and as many blocks of probabilities.
+            let messages = (joint.mean().len() / features - 1) / 2;
+            let effect = |message| {
+                let first = (1 + messages + message) * features;
+                let block = covariance.view((first, first), (features, features)).into_owned();
+                (joint.mean()[first..first + features].to_vec(), block)
+            };
+            return (0..messages).map(effect).collect();
+        }
+        // Regressions of different actions are independent.
+        let (nothing, messages) = self.factored.split_first().expect("there is an action 0");
+        let without = nothing.covariance();
+        let effect = |message: &Factored| {
+            let means = message.mean().iter().zip(nothing.mean());
+            (means.map(|(with, without)| with - without).collect(), message.covariance() + &without)
+        };
+        messages.iter().map(effect).collect()
     }
 
     /// The reward that the posterior means predict for a decision.

@@ -222,9 +222,9 @@ fn subject<'n>(names: impl Iterator<Item = &'n str>, one_hot: usize, actions: us
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::agent::Shape;
     use crate::agent::linear_thompson::posterior::{Decision, Posterior};
     use crate::agent::linear_thompson::{LinearThompson, LinearThompsonStudy};
+    use crate::agent::{Shape, StudyPlan};
     use crate::env::{Environment, Scenario, StepCount};
     use crate::key::Content;
     use crate::rng::{Purpose, Stream};
@@ -405,7 +405,12 @@ mod tests {
         let people = environment.testing(&scenario, 1, 2);
         let expected: Vec<f64> = posterior.weights().doubles["mean"].values.clone();
         for is_pooled in [true, false] {
-            let mut study = LinearThompsonStudy::new(&parameters, &people, (2, is_pooled), 1);
+            let mut study = LinearThompsonStudy::new(
+                &parameters,
+                &people,
+                StudyPlan { people: 2, is_pooled, keeps_updates: false },
+                1,
+            );
             for person in 0..2 {
                 for (ours, expected) in study.means(person).iter().zip(&expected) {
                     assert!((ours - expected).abs() < 1e-9 * expected.abs().max(1.0));

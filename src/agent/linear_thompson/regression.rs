@@ -116,9 +116,19 @@ impl Factored {
         Ok(())
     }
 
+    /// The covariance of the coefficients.
+    pub fn covariance(&self) -> DMatrix<f64> {
+        self.root.inverse()
+    }
+
     /// The mean of the coefficients.
     pub fn mean(&self) -> &[f64] {
         self.mean.as_slice()
+    }
+
+    /// Λ⁻¹x, for some regressors x.
+    pub fn solve(&self, regressors: &[f64]) -> Vec<f64> {
+        self.root.solve(&DVector::from_column_slice(regressors)).as_slice().to_vec()
     }
 
     /// The predicted mean for some regressors.

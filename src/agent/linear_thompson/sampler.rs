@@ -38,15 +38,15 @@ pub struct Sampler {
 
 /// The generalised logistic function L + (U - L) / (1 + C exp(-B z)) of an effect z.
 #[derive(Clone, Copy, Debug)]
-struct Logistic {
-    lower: f64,
-    upper: f64,
-    slope: f64,
-    log_odds: f64,
+pub(super) struct Logistic {
+    pub(super) lower: f64,
+    pub(super) upper: f64,
+    pub(super) slope: f64,
+    pub(super) log_odds: f64,
 }
 
 impl Logistic {
-    fn of(parameters: &LinearThompson) -> Option<Logistic> {
+    pub(super) fn of(parameters: &LinearThompson) -> Option<Logistic> {
         let logistic = Logistic {
             lower: parameters.logistic_lower,
             upper: parameters.logistic_upper,

@@ -4,11 +4,14 @@ use pulp::{Simd, WithSimd};
 
 use crate::agent::Actions;
 use crate::agent::actor::{Actor, StudyUpdate};
+use crate::agent::effect_posterior::EffectPosterior;
 use crate::agent::layers::Shape;
 use crate::agent::learner::LearnerError;
 use crate::agent::linear_thompson::posterior::{Acting, Decision, Made};
 use crate::agent::linear_thompson::sampler::Sampler;
+use crate::agent::linear_thompson::updates::Updates;
 use crate::agent::linear_thompson::{BanditDraw, Design, LinearThompson, Posterior};
+use crate::agent::registry::StudyPlan;
 use crate::agent::unavailable::Unavailable;
 use crate::agent::weights::Weights;
 use crate::env::{Action, EpisodeStatus, Observations, Simulated, VectorEnvironment};
@@ -37,6 +40,8 @@ pub struct LinearThompsonStudy {
     letters: Vec<f64>,
     /// Coefficients of an episode, which trials do not have.
     drawn: Vec<f64>,
+    /// What an agent for everybody learned at its updates; `None` if it is not kept.
+    updates: Option<Updates>,
 }
 
 /// The data of a person.
@@ -128,12 +133,11 @@ impl WithSimd for Sum<'_> {
 }
 
 impl LinearThompsonStudy {
-    /// The agent before the first step of a trial with this number of people; with one posterior for everybody, or
-    /// one per person.
+    /// The agent before the first step of a trial with this plan; with one posterior for everybody, or one per person.
     pub fn new(
         parameters: &LinearThompson,
         environment: &Simulated,
-        (people, is_pooled): (usize, bool),
+        StudyPlan { people, is_pooled, keeps_updates }: StudyPlan,
         seed: u64,
     ) -> Self {
         let spec = environment.observation_spec();
@@ -157,6 +161,7 @@ impl LinearThompsonStudy {
             observes: spec.one_hot > 0 || environment.exact_features_read_observations(),
             letters: Vec::new(),
             drawn: Vec::new(),
+            updates: (is_pooled && keeps_updates).then(Updates::default),
             prior,
             design,
         }
@@ -244,7 +249,15 @@ impl Actor for LinearThompsonStudy {
         let (posterior, steps) = self.posterior(update.people, update.before);
         let acting = &mut self.acting[update.agent.unwrap_or(0)];
         acting.begin(&posterior);
-        acting.refresh().map_err(|_| LearnerError::Singular { steps })
+        acting.refresh().map_err(|_| LearnerError::Singular { steps })?;
+        if let Some(updates) = &mut self.updates {
+            updates.push(self.time, acting, self.design.width());
+        }
+        Ok(())
+    }
+
+    fn updates(&mut self) -> Vec<EffectPosterior> {
+        self.updates.take().map_or_else(Vec::new, |updates| updates.0)
     }
 
     /// The posterior of the prior and all data of everybody; `None` if each person has one.
@@ -268,5 +281,6 @@ resumable!([] LinearThompsonStudy {
     each acting;
     check factors, "posteriors of a trial";
     each people, decisions, chooses;
-    parts time
+    parts time;
+    each updates
 });

@@ -184,6 +184,8 @@ pub struct StudyPlan {
     pub people: usize,
     /// Whether one agent learns from everybody; otherwise each person has an agent.
     pub is_pooled: bool,
+    /// Whether the agent keeps what it has learned at every update; see [`Actor::updates`].
+    pub keeps_updates: bool,
 }
 
 /// The arithmetic of an agent in multiply-adds, if no episode ends early. Other operations count as

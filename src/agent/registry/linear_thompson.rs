@@ -270,12 +270,11 @@ impl AlgorithmParameters for LinearThompson {
     }
 
     fn in_trial(&self, task: &Task, plan: StudyPlan) -> Result<Box<dyn Actor>, StartError> {
-        let StudyPlan { people, is_pooled } = plan;
-        let environment = task.tested(people);
+        let environment = task.tested(plan.people);
         if let Some(unsuited) = self.unsuited(&environment.interface()) {
             return Err(unsuited.into());
         }
-        let study = LinearThompsonStudy::new(self, &environment, (people, is_pooled), task.seed);
+        let study = LinearThompsonStudy::new(self, &environment, plan, task.seed);
         Ok(Box::new(study))
     }
 

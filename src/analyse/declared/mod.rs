@@ -12,6 +12,7 @@ mod contrast;
 mod curve;
 mod heat_map;
 mod inference_error;
+mod learned;
 mod learning_curve;
 mod operating;
 mod pairs;
@@ -27,6 +28,7 @@ pub use contrast::{ContrastFigure, ContrastRow, Family};
 pub use curve::{ALPHA, Apart, CurveFigure, CurveLine, CurvePoint, Ends, Trends};
 pub use heat_map::{HeatFigure, HeatTile, Lead, Scale, heat_range};
 pub use inference_error::{ErrorFigure, ErrorPoint};
+pub use learned::{LearnedFigure, LearnedPanel, LearnedPoint, OverTrials};
 pub use learning_curve::{HighestEnd, LearningFigure, LearningLine, LearningPanel};
 pub use operating::{OperatingFigure, OperatingRow, Sought, Term};
 pub use recovery::{RecoveryRow, ScenarioOptimum};
@@ -76,6 +78,8 @@ pub enum Content {
     Recovery(Vec<RecoveryRow>),
     /// The behaviour of estimates over trials.
     Operating(OperatingFigure),
+    /// What trials learned about states.
+    Learned(LearnedFigure),
     /// The rate at which the most likely context is wrong.
     InferenceError(ErrorFigure),
 }
@@ -92,6 +96,7 @@ impl Content {
             | Content::Selection(_)
             | Content::Recovery(_)
             | Content::Operating(_)
+            | Content::Learned(_)
             | Content::InferenceError(_) => None,
         }
     }
@@ -186,6 +191,7 @@ fn content_of(analysis: &Analysis, jobs: &[&JobRecord], published: Option<&Publi
         AnalysisKind::OperatingCharacteristics(kind) => {
             Content::Operating(operating::figure(kind, jobs))
         }
+        AnalysisKind::DidItLearn(kind) => Content::Learned(learned::figure(kind, jobs)),
         AnalysisKind::InferenceError(_) => {
             Content::InferenceError(inference_error::figure(jobs, published))
         }

@@ -32,6 +32,8 @@ pub struct Term {
     pub estimate: String,
     /// The term of its effect.
     pub term: String,
+    /// The outcome of the estimate.
+    pub outcome: String,
 }
 
 /// The estimates of one term over the trials of an arm.
@@ -95,7 +97,8 @@ pub fn figure(kind: &OperatingCharacteristics, jobs: &[&JobRecord]) -> Operating
     let arms = arms(jobs, &along);
     let mut rows = Vec::new();
     for term in terms(jobs, &kind.estimates.0) {
-        for arm in &arms {
+        // An estimate can be declared for some agents alone.
+        for arm in arms.iter().filter(|arm| has_estimate(arm, &term)) {
             let places: Vec<(Option<f64>, Vec<&JobRecord>)> = match &axis {
                 Some(axis) if arm.jobs.iter().any(|job| job.number(axis).is_some()) => {
                     let places = by_value(axis, &arm.jobs).into_iter();
@@ -120,13 +123,20 @@ fn terms(jobs: &[&JobRecord], chosen: &[String]) -> Vec<Term> {
             continue;
         }
         for Estimate { term, .. } in &estimates.terms {
-            let term = Term { estimate: name.clone(), term: term.clone() };
+            let outcome = estimates.declaration.outcome.clone();
+            let term = Term { estimate: name.clone(), term: term.clone(), outcome };
             if !terms.contains(&term) {
                 terms.push(term);
             }
         }
     }
     terms
+}
+
+/// Whether a trial of an arm has the estimate of a term.
+fn has_estimate(arm: &Arm<'_>, term: &Term) -> bool {
+    let mut runs = arm.jobs.iter().filter_map(|job| job.completed());
+    runs.any(|run| run.estimates.iter().any(|one| one.declaration.name == term.estimate))
 }
 
 fn row(arm: &Arm<'_>, x: Option<f64>, jobs: &[&JobRecord], term: &Term) -> OperatingRow {

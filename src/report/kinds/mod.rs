@@ -6,21 +6,23 @@ mod curve;
 mod forest;
 mod heat_map;
 mod inference_error;
+mod learned;
 mod learning_curve;
 mod operating;
 mod recovery;
 mod selection;
 
-use super::data_table::{DataTable, p_value, shown, shown_ends, signed};
+use super::data_table::{DataTable, Entry, p_value, shown, shown_ends, signed};
 use super::figure::{Looks, Numbers, Panels, Style};
 use super::names::Names;
 use super::scene::Scene;
 use super::words::unit_numbers;
 use crate::analyse::declared::{ArmId, Content, Finding};
-use crate::analyse::{Design, Interval};
+use crate::analyse::{Design, Interval, Simulated, Undefined};
 use crate::job::counted;
 use crate::job::{Measure, MetricUnit, Scalar};
 use crate::report::symbols;
+use crate::report::tables::range;
 
 /// Inputs that all figures of a finding share.
 pub(super) struct Sheet<'s> {
@@ -90,6 +92,7 @@ pub(super) fn drawn(content: &Content) -> &dyn Drawn {
         Content::Selection(rankings) => rankings,
         Content::Recovery(rows) => rows,
         Content::Operating(figure) => figure,
+        Content::Learned(figure) => figure,
         Content::InferenceError(figure) => figure,
     }
 }
@@ -213,6 +216,22 @@ fn related(p: f64) -> String {
     }
 }
 
+/// A share with its percentage.
+fn percent(share: Result<Simulated, Undefined>) -> Entry {
+    match share {
+        Ok(Simulated { value, .. }) => Entry::Number { value, shown: shown(100.0 * value, 1) },
+        Err(reason) => Entry::Missing(reason.to_string()),
+    }
+}
+
+/// The ends of an interval, times a factor.
+fn scaled(ends: Result<Interval, Undefined>, (factor, decimals): (f64, usize)) -> Entry {
+    match ends {
+        Ok(Interval { low, high }) => Entry::text(range(factor * low, factor * high, decimals)),
+        Err(reason) => Entry::Missing(reason.to_string()),
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use std::slice;
@@ -222,11 +241,10 @@ mod tests {
         ActionPanel, BinShares, Candidate, ContrastFigure, ContrastRow, CurveFigure, CurveLine,
         CurvePoint, Family, JobCounts, LearningFigure, LearningLine, LearningPanel, Ranking,
     };
-    use crate::analyse::{Contrast, Corrected, Design, Sample, Undefined};
+    use crate::analyse::{Contrast, Corrected, Design, Sample};
     use crate::job::ParticipantRange;
     use crate::job::metric::{DISENGAGEMENT_RATE, MEAN_RETURN};
     use crate::manifest::FigureKeys;
-    use crate::report::data_table::Entry;
     use crate::report::scene::Shape;
 
     const RETURN: Measure = MEAN_RETURN.in_unit("points");

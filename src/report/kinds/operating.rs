@@ -1,9 +1,9 @@
 //! Operating characteristics of estimates: power, coverage and bias over trials.
 
-use super::{Drawn, Sheet, parameter};
+use super::{Drawn, Sheet, parameter, percent, scaled};
 use crate::analyse::declared::{ArmId, OperatingFigure, OperatingRow, Sought, Term};
 use crate::analyse::{Interval, LEVEL, Simulated, Undefined};
-use crate::job::{Measure, counted};
+use crate::job::{CONSTANT, Measure, REWARD, counted};
 use crate::report::data_table::{DataTable, Entry, shown};
 use crate::report::figure::{
     AxisScale, Chart, Line, Numbers, Panels, Place, Spread, arm_label, axes_of, draw, facets,
@@ -61,7 +61,7 @@ impl Drawn for OperatingFigure {
                 }
                 let scale = sheet.style.x_scale(AxisScale::Linear);
                 let (title, numbers) = match group[0] {
-                    Shown::Bias => ("bias".to_owned(), Numbers::Plain),
+                    Shown::Bias => (bias_title(term, sheet.metric), Numbers::Plain),
                     _ => ("share of trials, %".to_owned(), Numbers::Percent),
                 };
                 let x = (symbols::quantity(axis), Numbers::Plain, scale);
@@ -226,8 +226,9 @@ impl OperatingFigure {
                 Some(Place { x, y: found.value, interval, is_single: false, tip })
             };
             let points: Vec<Place> = rows.filter_map(place).collect();
-            // The level stands once, in the look of the first line.
-            let level = level.filter(|_| lines.is_empty() && !points.is_empty());
+            // The level stands once, in the look of the first line with points.
+            let is_drawn = lines.iter().any(|line| !line.reference.is_empty());
+            let level = level.filter(|_| !is_drawn && !points.is_empty());
             lines.push(Line {
                 label: panels.labels[at].clone(),
                 look: looks.look(&panels.arms[at]),
@@ -252,32 +253,17 @@ impl OperatingFigure {
         Chart { heading: Some(heading), description, lines, note }
     }
 
-    /// Whether intervals hold the truth as often as they should.
+    /// Whether intervals hold the truth as often as they should, for each estimate.
     fn covers(&self) -> Option<String> {
-        let known: Vec<Simulated> =
-            self.rows.iter().filter_map(|row| row.operating.coverage.ok()).collect();
-        let share = |of: &Simulated| {
-            let ends = of.interval.map_or_else(
-                |_| String::new(),
-                |Interval { low, high }| format!(" ({} %)", range(100.0 * low, 100.0 * high, 1)),
-            );
-            format!("{} %{ends}", shown(100.0 * of.value, 1))
+        let mut names: Vec<&str> = self.rows.iter().map(|row| row.term.estimate.as_str()).collect();
+        names.dedup();
+        let of = |name: &&str| {
+            let rows = self.rows.iter().filter(|row| row.term.estimate == **name);
+            let said = coverage_of(&rows.collect::<Vec<_>>())?;
+            Some(if names.len() == 1 { said } else { format!("{name}: {said}") })
         };
-        match known.as_slice() {
-            [] => None,
-            [one] => Some(format!("Of the 95 % intervals, {} hold the true effect", share(one))),
-            all => {
-                let nominal =
-                    |one: &&Simulated| one.interval.is_ok_and(|ends| ends.contains(LEVEL));
-                let least = all.iter().min_by(|a, b| a.value.total_cmp(&b.value))?;
-                Some(format!(
-                    "{} of {} coverages agree with 95 %; the least is {}",
-                    all.iter().filter(nominal).count(),
-                    all.len(),
-                    share(least)
-                ))
-            }
-        }
+        let all: Vec<String> = names.iter().filter_map(of).collect();
+        (!all.is_empty()).then(|| all.join("; "))
     }
 
     /// The number of people of a line, beside that of the formula.
@@ -318,6 +304,47 @@ impl OperatingFigure {
     }
 }
 
+/// Whether the intervals of some rows hold the truth as often as they should.
+fn coverage_of(rows: &[&OperatingRow]) -> Option<String> {
+    let known: Vec<Simulated> = rows.iter().filter_map(|row| row.operating.coverage.ok()).collect();
+    let share = |of: &Simulated| {
+        let ends = of.interval.map_or_else(
+            |_| String::new(),
+            |Interval { low, high }| format!(" ({} %)", range(100.0 * low, 100.0 * high, 1)),
+        );
+        format!("{} %{ends}", shown(100.0 * of.value, 1))
+    };
+    match known.as_slice() {
+        [] => None,
+        [one] => {
+            Some(format!("95 % intervals hold the true effect in {} of the trials", share(one)))
+        }
+        all => {
+            let nominal = |one: &&Simulated| one.interval.is_ok_and(|ends| ends.contains(LEVEL));
+            let least = all.iter().min_by(|a, b| a.value.total_cmp(&b.value))?;
+            Some(format!(
+                "{} of {} coverages agree with 95 %; the least is {}",
+                all.iter().filter(nominal).count(),
+                all.len(),
+                share(least)
+            ))
+        }
+    }
+}
+
+/// The title of the axis of a bias, with its unit: that of the outcome, for a moderator per unit of the moderator.
+fn bias_title(term: &Term, metric: Measure) -> String {
+    let unit = match term.outcome.as_str() {
+        REWARD => metric.unit_word().unwrap_or("reward"),
+        state => state,
+    };
+    // With several treatments, the name of a term begins with its action.
+    match term.term.rsplit(": ").next().unwrap_or(CONSTANT) {
+        CONSTANT => format!("bias, {unit}"),
+        moderator => format!("bias, {unit} per unit of {moderator}"),
+    }
+}
+
 /// A number of people that suffices.
 fn people(number: f64) -> String {
     shown(number.ceil(), 0)
@@ -328,15 +355,7 @@ fn cells(row: &OperatingRow, decimals: usize, names: &Names) -> Vec<Entry> {
     let ends = |value: Result<Simulated, Undefined>| value.and_then(|value| value.interval);
     let plain =
         |value: Result<Simulated, Undefined>| Entry::of(value.map(|value| value.value), decimals);
-    let percent = |value: Result<Simulated, Undefined>| match value {
-        Ok(Simulated { value, .. }) => Entry::Number { value, shown: shown(100.0 * value, 1) },
-        Err(reason) => Entry::Missing(reason.to_string()),
-    };
-    let between =
-        |value: Result<Simulated, Undefined>, (factor, decimals): (f64, usize)| match ends(value) {
-            Ok(Interval { low, high }) => Entry::text(range(factor * low, factor * high, decimals)),
-            Err(reason) => Entry::Missing(reason.to_string()),
-        };
+    let between = |value, how| scaled(ends(value), how);
     let mut cells = vec![
         arm(&row.name, names),
         Entry::text(row.term.estimate.clone()),

@@ -10,7 +10,7 @@ use rusqlite::{CachedStatement, Connection};
 use crate::job::MetricName;
 use crate::store::digest::ResultsDigest;
 use crate::store::results::metric_id;
-use crate::store::{choice, decision, episode_ending, family, participant};
+use crate::store::{choice, decision, episode_ending, family, participant, posterior};
 
 use super::sql::{Written, read_rows, read_values, written};
 
@@ -108,6 +108,8 @@ pub(super) struct ResultRows {
     endings: Vec<Value>,
     /// The rows of each table that only runs in environments of other families have; empty for others.
     of_family: Vec<Vec<Value>>,
+    /// Posteriors at the updates of a trial.
+    posteriors: Vec<Value>,
     metrics: Arc<MetricNames>,
 }
 
@@ -141,8 +143,21 @@ impl ResultRows {
             true => of_others.iter().map(table).collect::<Option<_>>()?,
             false => Vec::new(),
         };
+        let posteriors = match posterior::are_known(from).ok()? {
+            true => read_values(from, posterior::SELECT, run)?,
+            false => Vec::new(),
+        };
         let metrics = metrics.clone();
-        Some(ResultRows { tables, decisions, participants, choices, endings, of_family, metrics })
+        Some(ResultRows {
+            tables,
+            decisions,
+            participants,
+            choices,
+            endings,
+            of_family,
+            posteriors,
+            metrics,
+        })
     }
 
     /// The digest of these results for the job with this key, equal to [`crate::store::digest::of_run`];
@@ -183,8 +198,8 @@ impl ResultRows {
                 }
             }
         }
-        let recorded = recorded.iter().copied().chain(&self.of_family).flatten();
-        recorded.for_each(|value| digest.add(value.into()));
+        let recorded = recorded.iter().copied().chain(&self.of_family).chain([&self.posteriors]);
+        recorded.flatten().for_each(|value| digest.add(value.into()));
         Some(digest.finish())
     }
 
@@ -210,8 +225,8 @@ impl ResultRows {
         let rows = TABLES.iter().zip(&self.tables);
         let rows: usize = rows.map(|(table, values)| values.len() / table.columns.len()).sum();
         let decisions = (self.decisions.len() + self.participants.len()) * BYTES_PER_NUMBER;
-        let recorded = self.choices.iter().chain(&self.endings);
-        let values = self.tables.iter().chain(&self.of_family).flatten().chain(recorded);
+        let recorded = [&self.choices, &self.endings, &self.posteriors];
+        let values = self.tables.iter().chain(&self.of_family).chain(recorded).flatten();
         let blobs = values.map(|value| match value {
             Value::Blob(bytes) => bytes.len(),
             Value::Text(text) => text.len(),
@@ -249,7 +264,8 @@ impl ResultRows {
             decision::insert_copied(target, own, &self.decisions)
                 .and_then(|()| participant::insert_copied(target, own, &self.participants))
                 .and_then(|()| choice::insert_copied(target, own, &self.choices))
-                .and_then(|()| episode_ending::insert_copied(target, own, &self.endings)),
+                .and_then(|()| episode_ending::insert_copied(target, own, &self.endings))
+                .and_then(|()| posterior::insert_copied(target, own, &self.posteriors)),
         )
     }
 

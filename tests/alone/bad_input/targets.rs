@@ -200,7 +200,8 @@ pub fn store(bytes: &[u8]) {
         let _ = reader.failed_jobs();
         let _ = reader.paces();
         let _ = reader.manifest("fuzzed");
-        let parts = Parts { curve: true, actions: true, returns: true, estimates: true };
+        let parts =
+            Parts { curve: true, actions: true, returns: true, estimates: true, posteriors: true };
         let _ = reader.data_set_of("fuzzed", plan::jobs(&declared()), |_| parts, |_| ());
     }
     match store::examine(&path, &check_weights) {

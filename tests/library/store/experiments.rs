@@ -247,7 +247,8 @@ fn a_data_set_has_the_planned_jobs_with_what_became_of_them() {
     sample.run(&jobs[3], &completed());
     let planned =
         jobs.clone().map(|job| PlannedJob { agent: job.algorithm().into(), form: job.form(), job });
-    let parts = Parts { curve: true, actions: true, returns: true, estimates: true };
+    let parts =
+        Parts { curve: true, actions: true, returns: true, estimates: true, posteriors: true };
     let mut seen = 0;
     let reader = Reader::open(&sample.path).unwrap();
     let data = reader.data_set_of("sweep", planned, |_| parts, |_| seen += 1).unwrap();

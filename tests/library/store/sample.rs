@@ -144,6 +144,7 @@ pub fn results() -> Results {
         participants: Vec::new(),
         weights: Some(vec![8, 0, 0, 0]),
         estimates: Vec::new(),
+        posteriors: Vec::new(),
     }
 }
 
@@ -202,5 +203,6 @@ pub fn realistic(job: &Job) -> Results {
         participants: Vec::new(),
         weights: Some((0..weights).map(|_| (256.0 * uniform()) as u8).collect()),
         estimates: Vec::new(),
+        posteriors: Vec::new(),
     }
 }

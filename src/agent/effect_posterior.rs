@@ -1,0 +1,20 @@
+//! What an agent in a trial knows about the effect of a message after an update.
+
+use crate::state::resumable;
+
+/// The posterior of the effect of a message after an update.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct EffectPosterior {
+    /// The number of the update, from 1.
+    pub update: u32,
+    /// The number of steps of the trial before the update.
+    pub step: u32,
+    /// The message: the number of an action above 0.
+    pub action: u8,
+    /// The means of the coefficients, \[features\].
+    pub mean: Vec<f64>,
+    /// Their covariances, \[features, features\].
+    pub covariance: Vec<f64>,
+}
+
+resumable!([] EffectPosterior { parts update, step, action; grown mean, covariance });

@@ -1,0 +1,183 @@
+//! Whether what trials learn about the effect of a message in a state is more than chance.
+
+use std::collections::HashSet;
+
+use super::arm::{ArmId, arms, decided_by};
+use crate::analyse::{Interval, Simulated};
+use crate::analyse::{Undefined, monte_carlo_p, quantile, wilson};
+use crate::job::{Condition, Scalar};
+use crate::key::{Parameter, Value};
+use crate::manifest::DidItLearn;
+use crate::record::JobRecord;
+
+/// The key that removes the effect of messages in a state.
+const NO_EFFECT_AT: &str = "environment.no_effect_at";
+
+/// Trials whose p-value is at most this show more than chance.
+const ALPHA: f64 = 0.05;
+
+/// What trials learned about some states.
+#[derive(Clone, Debug, PartialEq)]
+pub struct LearnedFigure {
+    /// One panel per arm and state.
+    pub panels: Vec<LearnedPanel>,
+    /// Completed trials without posteriors, or whose agent does not see such states.
+    pub lacking: usize,
+}
+
+/// What the trials of an arm learned about a state: the posterior mean of the effect there, divided by its standard
+/// deviation.
+#[derive(Clone, Debug, PartialEq)]
+pub struct LearnedPanel {
+    /// The arm, without the keys that remove the effect.
+    pub name: ArmId,
+    /// The state.
+    pub state: Vec<f64>,
+    /// The numbers of trials, and of trials without the effect.
+    pub trials: [usize; 2],
+    /// The statistic after every update.
+    pub points: Vec<LearnedPoint>,
+    /// The p-values of the trials after their last update.
+    pub p_values: Vec<f64>,
+}
+
+/// The statistic after an update.
+#[derive(Clone, Debug, PartialEq)]
+pub struct LearnedPoint {
+    /// The number of the update.
+    pub update: u32,
+    /// The day of the trial.
+    pub day: f64,
+    /// Over the trials, and over the trials without the effect.
+    pub over: [OverTrials; 2],
+}
+
+/// The distribution of the statistic over trials: its 2.5 %, 50 % and 97.5 % quantiles.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct OverTrials {
+    /// The lower quantile.
+    pub low: f64,
+    /// The median.
+    pub median: f64,
+    /// The upper quantile.
+    pub high: f64,
+}
+
+impl OverTrials {
+    fn of(values: &[f64]) -> Option<OverTrials> {
+        let at = |share| quantile(values, share).ok();
+        Some(OverTrials { low: at(0.025)?, median: at(0.5)?, high: at(0.975)? })
+    }
+}
+
+impl LearnedPanel {
+    /// The share of trials whose p-value is at most 5 %, with Wilson's interval.
+    pub fn rejected(&self) -> Result<Simulated, Undefined> {
+        let (count, all) =
+            (self.p_values.iter().filter(|p| **p <= ALPHA).count(), self.p_values.len());
+        if all == 0 {
+            return Err(Undefined::NoSeeds);
+        }
+        let interval: Result<Interval, Undefined> = Ok(wilson(count, all));
+        Ok(Simulated { value: count as f64 / all as f64, interval })
+    }
+
+    /// The median p-value of the trials.
+    pub fn median_p(&self) -> Result<f64, Undefined> {
+        quantile(&self.p_values, 0.5)
+    }
+}
+
+/// What the jobs learned about the states.
+pub fn figure(kind: &DidItLearn, jobs: &[&JobRecord]) -> LearnedFigure {
+    let mut aside: Vec<String> = match &kind.without {
+        Some(conditions) => conditions.iter().map(Condition::name).collect(),
+        None => vec![NO_EFFECT_AT.to_owned()],
+    };
+    // What follows from these keys, such as a zipped key, removes the effect, too.
+    let implied: Vec<String> = aside.iter().flat_map(|name| decided_by(name, jobs)).collect();
+    aside.extend(implied);
+    let aside: Vec<&str> = aside.iter().map(String::as_str).collect();
+    let (mut panels, mut lacking) = (Vec::new(), HashSet::new());
+    for arm in arms(jobs, &aside) {
+        for state in &kind.states.0 {
+            let (with, without) = sides(kind, state, &arm.jobs);
+            let mut curves = |jobs: Vec<&JobRecord>| {
+                let curve = |job: &JobRecord| {
+                    let found = curve(job, kind.action, state);
+                    if found.is_none() && job.completed().is_some() {
+                        lacking.insert(job.job_key);
+                    }
+                    found
+                };
+                jobs.into_iter().filter_map(curve).collect::<Vec<_>>()
+            };
+            let sides = [curves(with), curves(without)];
+            let name = arm.name.clone();
+            if sides.iter().any(|curves| !curves.is_empty()) {
+                panels.push(panel(name, state, &sides));
+            }
+        }
+    }
+    LearnedFigure { panels, lacking: lacking.len() }
+}
+
+/// The trials of an arm, and its trials without an effect in a state; each seed once.
+fn sides<'j>(
+    kind: &DidItLearn,
+    state: &[f64],
+    jobs: &[&'j JobRecord],
+) -> (Vec<&'j JobRecord>, Vec<&'j JobRecord>) {
+    let removed = |state: &[f64]| Scalar::from(&Value::Reals(state.to_vec()));
+    let (none, here) = (removed(&[]), removed(state));
+    let is_on = |without: bool, job: &&JobRecord| match &kind.without {
+        Some(conditions) => conditions.iter().all(|one| one.is_met_by(job)) == without,
+        None => match job.setting(NO_EFFECT_AT) {
+            Some(found) => *found == if without { here.clone() } else { none.clone() },
+            None => !without,
+        },
+    };
+    let side = |without| {
+        let mut seen = HashSet::new();
+        let jobs = jobs.iter().filter(|job| is_on(without, job));
+        jobs.filter(|job| seen.insert(job.seed)).copied().collect()
+    };
+    (side(false), side(true))
+}
+
+/// The update, the day, and the statistic after each update of a trial; `None` without posteriors of such states.
+fn curve(job: &JobRecord, action: u32, state: &[f64]) -> Option<Vec<(u32, f64, f64)>> {
+    let per_day = job.number(&Parameter::Trial("decisions_per_day").to_string())?;
+    let posteriors = job.completed()?.posteriors.iter();
+    let of_action = posteriors.filter(|one| u32::from(one.action) == action);
+    let point = |one: &crate::job::RecordedPosterior| {
+        let statistic = one.standardised_effect(state).filter(|one| one.is_finite())?;
+        Some((one.update, f64::from(one.step) / per_day, statistic))
+    };
+    let points: Vec<(u32, f64, f64)> = of_action.map(point).collect::<Option<_>>()?;
+    (!points.is_empty()).then_some(points)
+}
+
+fn panel(name: ArmId, state: &[f64], sides: &[Vec<Vec<(u32, f64, f64)>>; 2]) -> LearnedPanel {
+    // Realities such as an outage are the same in all trials of an arm.
+    let updates = sides.iter().flatten().map(Vec::len).max().unwrap_or(0);
+    let at = |place: usize, curves: &Vec<Vec<(u32, f64, f64)>>| -> Vec<f64> {
+        curves.iter().filter_map(|curve| Some(curve.get(place)?.2)).collect()
+    };
+    let point = |place: usize| {
+        let (update, day, _) = *sides.iter().flatten().find_map(|curve| curve.get(place))?;
+        let [with, without] = sides.each_ref().map(|curves| OverTrials::of(&at(place, curves)));
+        Some(LearnedPoint { update, day, over: [with?, without?] })
+    };
+    let last = |curves: &Vec<Vec<(u32, f64, f64)>>| -> Vec<f64> {
+        curves.iter().filter_map(|curve| Some(curve.last()?.2)).collect()
+    };
+    let [with, without] = sides.each_ref().map(last);
+    LearnedPanel {
+        name,
+        state: state.to_vec(),
+        trials: sides.each_ref().map(Vec::len),
+        points: (0..updates).filter_map(point).collect(),
+        p_values: with.iter().filter_map(|one| monte_carlo_p(*one, &without).ok()).collect(),
+    }
+}
