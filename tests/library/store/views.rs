@@ -9,7 +9,7 @@ use rusqlite::Connection;
 
 use super::sample::{Sample, completed, dqn, failed, number, realistic, reinforce, results};
 
-const VIEWS: [&str; 12] = [
+const VIEWS: [&str; 13] = [
     "run_summary",
     "parameter",
     "metric",
@@ -22,6 +22,7 @@ const VIEWS: [&str; 12] = [
     "manifest",
     "conflict",
     "estimate",
+    "posterior",
 ];
 
 fn documentation() -> String {
