@@ -183,9 +183,12 @@ impl Reader<'_> {
 
     /// Reports lists, zips and exclusions that do not go with a search.
     fn shape(&mut self, draft: &Draft, search: &Located<Search>) {
-        if draft.agents.iter().all(|agent| agent.settings.draws.is_empty())
-            && !draft.invalid_agents()
-        {
+        // A draw that could not be read leaves its key without values.
+        let has_all = |agent: &AgentDraft| {
+            let mut given = agent.settings.given.values();
+            agent.settings.draws.is_empty() && given.all(|values| !values.value.is_empty())
+        };
+        if draft.agents.iter().all(has_all) && !draft.invalid_agents() {
             let fault = Fault::at(search.span, "[search]: no agent draws a value");
             self.faults.add(
                 fault.help("write learning_rate = { log_uniform = [1e-5, 1e-2] } in an [[agent]]"),

@@ -9,7 +9,7 @@ use super::{Reader, StoreError, decision, family};
 
 /// The columns that every family has.
 const COLUMNS: &str = "episode, step, available, coalesce(can_send, available), coalesce(chosen_action, action), action,
-    action_probability, action_probabilities, reward";
+    action_probability, action_probabilities, reward, terminated, truncated";
 
 impl Reader {
     /// The job with the description of its environment in its completed run; the job itself if there is none.

@@ -40,8 +40,9 @@ impl Afterwards {
                 .then(|| standard_errors(job, declaration, stop));
             all.push(OfEstimate { declaration: declaration.clone(), truths, errors });
         }
+        let is_simulated = |of: &OfEstimate| of.declaration.truth || of.errors.is_some();
         // What was interrupted is no result.
-        (!stop()).then_some(Afterwards(all))
+        (!all.iter().any(is_simulated) || !stop()).then_some(Afterwards(all))
     }
 
     /// Adds what was simulated to the estimates. An estimate without a standard error fails, and one without a truth has

@@ -54,7 +54,7 @@ fn train(job: &Job, control: &dyn TrainingControl) -> Outcome {
     }
     let stop = || control.stop_requested();
     let Some(afterwards) = Afterwards::simulate(job, &training.estimated(), &stop) else {
-        checkpoints.keep(&mut |out| checkpoint::write(&training, control.worked(), out));
+        // The last checkpoint is of the trial, which takes less time than what follows it.
         return Outcome::Interrupted;
     };
     let results = training.results().map(|mut results| {
