@@ -11,6 +11,9 @@ use crate::manifest::{Leaving, Manifest, Search};
 use crate::plan::{Cost, Entrant, Fate, Outcome, Race, Races, Reference};
 use crate::store::{Reader, StoreError};
 
+/// Values by the place of the seed in the list of seeds.
+type BySeed = Vec<(usize, f64)>;
+
 /// The races of an experiment.
 #[derive(Clone, Debug)]
 pub struct ReportedRace {
@@ -143,8 +146,8 @@ impl Told<'_> {
         Some(out + &declared.chosen(value))
     }
 
-    /// The arm that has won, its values in the race, and its fresh values by the place of the seed.
-    fn won(&self) -> Option<(usize, Vec<f64>, Vec<(usize, f64)>)> {
+    /// The arm that has won, its values in the race, and its fresh values.
+    fn won(&self) -> Option<(usize, Vec<f64>, BySeed)> {
         let Outcome::Won { arm, fresh } = &self.race.outcome else { return None };
         let last = self.race.rungs.last()?;
         let winner = last.entrants.iter().find(|one| one.arm == *arm)?;
@@ -263,7 +266,7 @@ fn mean_of(values: &[f64]) -> Result<f64, Undefined> {
 }
 
 /// The values among scores, with the places of their seeds.
-fn known(scores: &[Score]) -> Vec<(usize, f64)> {
+fn known(scores: &[Score]) -> BySeed {
     let value = |(seed, score): (usize, &Score)| match score {
         Score::Value(value) => Some((seed, *value)),
         Score::Open | Score::Lost => None,

@@ -321,7 +321,7 @@ impl Sweep<'_, '_> {
                 return Ok(self.tally);
             }
             match inbox.recv_timeout(patience) {
-                Ok(Message::Ended(report)) => self.gather(report),
+                Ok(Message::Ended(report)) => self.gather(*report),
                 Ok(Message::Noted { worker, note }) => {
                     let queued = self.workers[worker].job();
                     self.sink.on_event(Event::Checkpoint { worker, queued, note: &note });

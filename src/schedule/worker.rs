@@ -58,7 +58,7 @@ impl Slot {
 /// A message from a worker.
 pub(super) enum Message {
     /// The worker's job has ended.
-    Ended(Report),
+    Ended(Box<Report>),
     /// An event of a checkpoint of the worker's job.
     Noted { worker: usize, note: CheckpointNote },
 }
@@ -117,7 +117,7 @@ impl<'scope> Worker<'scope> {
             // The loop ends when the sweep drops its end of the channel.
             for training in inbox {
                 let report = work(index, &training, slot, &shared);
-                if shared.messages.send(Message::Ended(report)).is_err() {
+                if shared.messages.send(Message::Ended(Box::new(report))).is_err() {
                     break;
                 }
             }

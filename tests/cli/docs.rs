@@ -16,6 +16,7 @@ mod examples;
 #[path = "../documents/questions.rs"]
 mod questions;
 
+pub use examples::LEARNED;
 use examples::{cell, fill_store, jitai, run};
 use questions::questions;
 

@@ -172,21 +172,6 @@ fn a_query_writes_nothing() {
     assert!(!folder.path("other.sqlite").exists());
 }
 
-/// A trial whose agent learns on its third and fifth day.
-const LEARNED: &str = r#"format = 1
-name = "learned"
-scenarios = ["C"]
-seeds = 1
-environment = { sigma = 0.4, horizon = 5 }
-evaluation = { on = "trial", record_posteriors = true }
-trial = { people = 3, days = 5, update = { every_days = 2 } }
-[[agent]]
-name = "thompson"
-algorithm = "linear_thompson"
-prior_sd = 100
-noise_sd = 100
-"#;
-
 #[test]
 fn export_writes_every_view_with_its_columns_and_rows() {
     let folder = completed();
@@ -198,7 +183,7 @@ fn export_writes_every_view_with_its_columns_and_rows() {
     );
     let estimate = "[[estimate]]\nname = \"effect\"\nagents = \"reinforce\"\n";
     folder.write("recorded.toml", recorded + estimate);
-    folder.write("learned.toml", LEARNED);
+    folder.write("learned.toml", crate::docs::LEARNED);
     folder.jitai(["run", "recorded.toml", "learned.toml", "--quiet"]).succeeded();
     // The results of another machine, which a merge found.
     let conflict = "INSERT INTO recorded_conflict

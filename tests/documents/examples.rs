@@ -113,6 +113,21 @@ rule = \"tailored\"
 "
 }
 
+/// A trial whose agent learns on its third and fifth day.
+pub const LEARNED: &str = r#"format = 1
+name = "learned"
+scenarios = ["C"]
+seeds = 1
+environment = { sigma = 0.4, horizon = 5 }
+evaluation = { on = "trial", record_posteriors = true }
+trial = { people = 3, days = 5, update = { every_days = 2 } }
+[[agent]]
+name = "thompson"
+algorithm = "linear_thompson"
+prior_sd = 100
+noise_sd = 100
+"#;
+
 /// Creates `jitai.sqlite` in a folder, with the experiments of the documents' questions: two share
 /// jobs, and one fails and is run again.
 pub fn fill_store(folder: &Path) {
@@ -126,6 +141,7 @@ pub fn fill_store(folder: &Path) {
         ),
         ("reference", manifest_of_the_optimum(), 0),
         ("trial", manifest_of_the_trial(), 0),
+        ("learned", LEARNED.to_owned(), 0),
         ("population", manifest_of_people().to_owned(), 0),
         ("too-fast", manifest_that_diverges(), 1),
     ];

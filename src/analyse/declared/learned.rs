@@ -145,8 +145,11 @@ fn sides<'j>(
     (side(false), side(true))
 }
 
+/// The updates of a trial: their numbers, days and statistics.
+type Updates = Vec<(u32, f64, f64)>;
+
 /// The update, the day, and the statistic after each update of a trial; `None` without posteriors of such states.
-fn curve(job: &JobRecord, action: u32, state: &[f64]) -> Option<Vec<(u32, f64, f64)>> {
+fn curve(job: &JobRecord, action: u32, state: &[f64]) -> Option<Updates> {
     let per_day = job.number(&Parameter::Trial("decisions_per_day").to_string())?;
     let posteriors = job.completed()?.posteriors.iter();
     let of_action = posteriors.filter(|one| u32::from(one.action) == action);
@@ -154,14 +157,14 @@ fn curve(job: &JobRecord, action: u32, state: &[f64]) -> Option<Vec<(u32, f64, f
         let statistic = one.standardised_effect(state).filter(|one| one.is_finite())?;
         Some((one.update, f64::from(one.step) / per_day, statistic))
     };
-    let points: Vec<(u32, f64, f64)> = of_action.map(point).collect::<Option<_>>()?;
+    let points: Updates = of_action.map(point).collect::<Option<_>>()?;
     (!points.is_empty()).then_some(points)
 }
 
-fn panel(name: ArmId, state: &[f64], sides: &[Vec<Vec<(u32, f64, f64)>>; 2]) -> LearnedPanel {
+fn panel(name: ArmId, state: &[f64], sides: &[Vec<Updates>; 2]) -> LearnedPanel {
     // Realities such as an outage are the same in all trials of an arm.
     let updates = sides.iter().flatten().map(Vec::len).max().unwrap_or(0);
-    let at = |place: usize, curves: &Vec<Vec<(u32, f64, f64)>>| -> Vec<f64> {
+    let at = |place: usize, curves: &Vec<Updates>| -> Vec<f64> {
         curves.iter().filter_map(|curve| Some(curve.get(place)?.2)).collect()
     };
     let point = |place: usize| {
@@ -169,7 +172,7 @@ fn panel(name: ArmId, state: &[f64], sides: &[Vec<Vec<(u32, f64, f64)>>; 2]) -> 
         let [with, without] = sides.each_ref().map(|curves| OverTrials::of(&at(place, curves)));
         Some(LearnedPoint { update, day, over: [with?, without?] })
     };
-    let last = |curves: &Vec<Vec<(u32, f64, f64)>>| -> Vec<f64> {
+    let last = |curves: &Vec<Updates>| -> Vec<f64> {
         curves.iter().filter_map(|curve| Some(curve.last()?.2)).collect()
     };
     let [with, without] = sides.each_ref().map(last);
