@@ -25,7 +25,7 @@ pub struct Decision {
     pub action: Action,
 }
 
-/// A decision that is stored elsewhere; see [`Decision`].
+/// A decision that is stored elsewhere; see `Decision`.
 #[derive(Clone, Copy, Debug)]
 pub struct Made<'a> {
     pub features: &'a [f64],
