@@ -205,7 +205,7 @@ test-slurm: ## submissions on real Slurm clusters with faults, as root (minutes;
 slurm: ## install what test-slurm needs, on Debian: Slurm, without starting its services
 	.ci/install slurmctld slurmd slurm-client munge
 
-release: ## what users download, in target/dist, each tried in an empty environment (half an hour; REPOSITORY=address)
+release: ## what users download, in target/dist, each tried in an empty environment (long; REPOSITORY=address)
 	.ci/release
 
 docs: ## the documentation as a site, target/site, by mkdocs in target/docs (seconds)
