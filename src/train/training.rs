@@ -57,6 +57,7 @@ impl<'j> Training<'j> {
     pub(super) fn new(job: &'j Job) -> Result<Self, StartError> {
         let plan = job.trial.as_ref().map(|trial| StudyPlan {
             people: trial.people as usize,
+            decisions: (trial.days * trial.decisions_per_day) as usize,
             is_pooled: trial.pooling == Pooling::Full,
             keeps_updates: job.evaluation.record_posteriors,
         });

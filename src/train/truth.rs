@@ -391,8 +391,12 @@ mod tests {
     fn forced(job: &Job, person: usize, step: u32, action: Action) -> Option<(f64, Vec<f64>)> {
         let trial = job.trial.as_ref().unwrap();
         let people = trial.people as usize;
-        let plan =
-            StudyPlan { people, is_pooled: trial.pooling == Pooling::Full, keeps_updates: false };
+        let plan = StudyPlan {
+            people,
+            decisions: 0,
+            is_pooled: trial.pooling == Pooling::Full,
+            keeps_updates: false,
+        };
         let mut actor = job.agent.in_trial(&job.task(), plan).unwrap();
         let mut study = Study::new(trial, job.seed);
         let reports = Study::reports(trial, job.seed).unwrap();

@@ -153,7 +153,7 @@ fn replayed(calendar: &Trial) -> (Vec<f64>, Vec<f64>) {
     let mut agent = LinearThompsonStudy::new(
         &algorithm(),
         &lanes,
-        StudyPlan { people: 70, is_pooled: true, keeps_updates: false },
+        StudyPlan { people: 70, decisions: 140, is_pooled: true, keeps_updates: false },
         0,
     );
     let mut study = Study::new(calendar, 0);

@@ -408,7 +408,7 @@ mod tests {
             let mut study = LinearThompsonStudy::new(
                 &parameters,
                 &people,
-                StudyPlan { people: 2, is_pooled, keeps_updates: false },
+                StudyPlan { people: 2, decisions: 1, is_pooled, keeps_updates: false },
                 1,
             );
             for person in 0..2 {

@@ -59,15 +59,16 @@ struct Person {
 }
 
 impl Person {
-    fn new(known: Posterior) -> Person {
+    /// A person before the first decision, with memory for this number of decisions.
+    fn new(known: Posterior, decisions: usize, shape: Shape) -> Person {
         Person {
             known,
             counted: 0,
-            times: Vec::new(),
-            actions: Vec::new(),
-            rewards: Vec::new(),
-            features: Vec::new(),
-            probabilities: Vec::new(),
+            times: Vec::with_capacity(decisions),
+            actions: Vec::with_capacity(decisions),
+            rewards: Vec::with_capacity(decisions),
+            features: Vec::with_capacity(decisions * shape.inputs),
+            probabilities: Vec::with_capacity(decisions * shape.actions),
         }
     }
 
@@ -137,7 +138,7 @@ impl LinearThompsonStudy {
     pub fn new(
         parameters: &LinearThompson,
         environment: &Simulated,
-        StudyPlan { people, is_pooled, keeps_updates }: StudyPlan,
+        StudyPlan { people, decisions, is_pooled, keeps_updates }: StudyPlan,
         seed: u64,
     ) -> Self {
         let spec = environment.observation_spec();
@@ -148,7 +149,7 @@ impl LinearThompsonStudy {
         let acting = Acting::new(prior.clone()).expect("a prior is positive definite");
         // Coefficients are drawn for each step: a trial has no episodes that begin together.
         let by_step = LinearThompson { draw: BanditDraw::Step, ..parameters.clone() };
-        let person = || Person::new(prior.without_data());
+        let person = || Person::new(prior.without_data(), decisions, shape);
         LinearThompsonStudy {
             sampler: Sampler::new(&by_step, actions, seed),
             unavailable: parameters.unavailable,

@@ -182,6 +182,8 @@ pub type Trained = Result<Box<dyn Actor>, WeightsError>;
 pub struct StudyPlan {
     /// Number of people.
     pub people: usize,
+    /// The largest number of decisions of a person.
+    pub decisions: usize,
     /// Whether one agent learns from everybody; otherwise each person has an agent.
     pub is_pooled: bool,
     /// Whether the agent keeps what it has learned at every update; see [`Actor::updates`].

@@ -140,6 +140,7 @@ impl Brushing {
 
     /// The average of the last decisions before a lane's decision, of seconds or prompts. In the evening, the same
     /// morning is left out, except on the first day.
+    #[inline(always)]
     fn average(&self, lane: usize, of: &[f64]) -> f64 {
         let time = self.times[lane] as usize;
         let count = if self.is_morning(lane) || time == 1 { time } else { time - 1 };
@@ -153,6 +154,7 @@ impl Brushing {
     }
 
     /// Computes the averages before a lane's decision.
+    #[inline(always)]
     fn derive(&mut self, lane: usize) {
         self.average_brushing[lane] = self.average(lane, &self.seconds);
         self.average_prompts[lane] = self.average(lane, &self.prompts);
@@ -260,7 +262,7 @@ impl Brushing {
 
     /// Takes a decision whose outcome and next day are given: the seconds, and whether the app is opened on the next
     /// day if it begins. Returns the reward to learn from.
-    #[inline]
+    #[inline(always)]
     pub fn force(&mut self, lane: usize, is_prompted: bool, seconds: f64, opens: bool) -> f64 {
         let cost = if is_prompted { self.cost(lane) } else { 0.0 };
         self.habituate(lane);
