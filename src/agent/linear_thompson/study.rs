@@ -59,8 +59,9 @@ struct Person {
 }
 
 impl Person {
-    /// A person before the first decision, with memory for this number of decisions.
+    /// A person before the first decision, with memory for this number of decisions, but no more than for 256.
     fn new(known: Posterior, decisions: usize, shape: Shape) -> Person {
+        let decisions = decisions.min(256);
         Person {
             known,
             counted: 0,
