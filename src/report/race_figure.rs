@@ -23,12 +23,12 @@ const HEIGHT: f64 = 100.0;
 /// The winner, and arms in the race.
 const IN_RACE: Color = COLORS[0];
 
-/// What the figures of races show; a sentence.
+/// What the figures of races show, in sentences.
 pub(super) fn caption(metric: Measure) -> String {
     format!(
-        "Mean of {} over the seeds so far, after each rung. Blue: the winner with its 95 % interval, or arms in the race. \
-         Grey: arms that left, to their last complete rung; a diamond: a job failed. Dashed: means on the fresh seeds, \
-         which no arm raced with.",
+        "Mean of {} over the seeds so far, after each rung. Blue: the winner, with its 95 % interval after the last rung, \
+         or arms in the race. Grey: arms that left, to their last complete rung; a diamond: a job failed. Dashed: means \
+         on the fresh seeds, which no arm raced with.",
         metric_words(metric)
     )
 }
@@ -82,7 +82,9 @@ fn of_arm(context: &RaceContext<'_>, (_, last, entrant): (usize, &Rung, &Entrant
         );
         let mean_words = amount(mean, context.metric);
         let tip = format!("{name} ({settings}): {mean_words}{spread}, {n}; {fate}");
-        let interval = interval.ok().map(|interval| (interval.low, interval.high));
+        // Those of few seeds would stretch the axis.
+        let is_end = entrant.fate == Fate::Won && std::ptr::eq(one, entrant);
+        let interval = interval.ok().filter(|_| is_end).map(|one| (one.low, one.high));
         let x = context.search.rungs[at] as f64;
         Some(Place { x, y: mean, interval, is_single: false, tip })
     };
