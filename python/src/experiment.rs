@@ -543,7 +543,8 @@ fn not_written(path: &Path, error: std::io::Error) -> PyErr {
     PyOSError::new_err(format!("failed to write `{}`: {error}", path.display()))
 }
 
-/// The figures of a report: analysis, name, SVG and caption of each; and the names of all analyses.
+/// The figures of a report: analysis, name, SVG and caption of each; and the names of all analyses, among them `race`
+/// for the race of a search.
 #[pyfunction]
 #[allow(clippy::type_complexity)]
 pub(crate) fn figures(
@@ -554,7 +555,10 @@ pub(crate) fn figures(
     assembled(py, &asked, |_, experiments| {
         let figures = results::figures(&experiments).into_iter();
         let figures = figures.map(|one| (one.analysis, one.name, one.svg, one.caption));
-        let findings = experiments.iter().flat_map(|one| &one.findings);
-        Ok((figures.collect(), findings.map(|(finding, _)| finding.name.clone()).collect()))
+        let names = experiments.iter().flat_map(|one| {
+            let race = one.race.iter().map(|_| "race".to_owned());
+            race.chain(one.findings.iter().map(|(finding, _)| finding.name.clone()))
+        });
+        Ok((figures.collect(), names.collect()))
     })
 }

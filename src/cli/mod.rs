@@ -30,6 +30,7 @@ mod parquet;
 mod plan;
 mod progress;
 mod query;
+mod races;
 mod replacing;
 mod replay;
 mod report;

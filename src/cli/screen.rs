@@ -25,7 +25,7 @@ const LOOK: Duration = Duration::from_millis(100);
 /// The colours of the chosen arm and of the arms beside it.
 const COLOURS: [Color; 6] =
     [Color::Cyan, Color::Yellow, Color::Magenta, Color::Green, Color::Blue, Color::Red];
-/// Maximum numbers of lines for running jobs, failures and submissions.
+/// Maximum numbers of lines for running jobs, failures, races and submissions.
 const LINES: usize = 3;
 
 /// What is on the screen.
@@ -333,7 +333,7 @@ fn draw_chart(view: &View, frame: &mut Frame<'_>, area: Rect) {
     frame.render_widget(Chart::new(sets).block(block).x_axis(x).y_axis(y), area);
 }
 
-/// Running jobs, failures and submissions, below the arms.
+/// Running jobs, failures, races and submissions, below the arms.
 fn below(view: &View, failures: bool) -> Vec<Line<'static>> {
     let mut lines = Vec::new();
     let more = |all: usize| match all.saturating_sub(LINES) {
@@ -356,7 +356,9 @@ fn below(view: &View, failures: bool) -> Vec<Line<'static>> {
             Line::styled(format!("failed {jobs}×: {name}: {reason}{more}"), Color::Red)
         }));
     }
-    lines.extend(view.submissions.iter().take(LINES).map(|line| Line::from(line.clone())));
+    for notes in [&view.races, &view.submissions] {
+        lines.extend(notes.iter().take(LINES).map(|line| Line::from(line.clone())));
+    }
     lines
 }
 
@@ -439,6 +441,10 @@ mod tests {
                     .to_owned(),
                 jobs: 12,
             }],
+            races: vec![
+                "drawn: rung 2 of 3: 1 of 4 arms open; next, the best 2 go on to 8 seeds"
+                    .to_owned(),
+            ],
             submissions: Vec::new(),
             held: 0,
             chart: Curves {
@@ -483,11 +489,13 @@ mod tests {
             all.chars().filter(|c| ('\u{2801}'..='\u{28ff}').contains(c)).count() > 60,
             "{all}"
         );
-        assert_eq!(lines[20].trim_end(), " 46% dqn P-H-D sigma=0.4 (1a2b3c4d)");
-        assert_eq!(lines[21].trim_end(), "   … reinforce P-H-D sigma=0.4 (5e6f7a8b)");
+        assert_eq!(lines[19].trim_end(), " 46% dqn P-H-D sigma=0.4 (1a2b3c4d)");
+        assert_eq!(lines[20].trim_end(), "   … reinforce P-H-D sigma=0.4 (5e6f7a8b)");
         assert!(
-            lines[22].starts_with("failed 12×: reinforce P-H-D sigma=0.4 seed=3: diverged (the")
+            lines[21].starts_with("failed 12×: reinforce P-H-D sigma=0.4 seed=3: diverged (the")
         );
+        let race = "drawn: rung 2 of 3: 1 of 4 arms open; next, the best 2 go on to 8 seeds";
+        assert_eq!(lines[22].trim_end(), race);
         assert!(lines[23].contains("q quit"));
     }
 

@@ -10,6 +10,7 @@ use serde_json::{Value, json};
 
 use crate::cli::changes::Changes;
 use crate::cli::output::{Field, Format, Rows, counted};
+use crate::cli::races::SearchRaces;
 use crate::cli::{Error, Exit, StoreArgument, counts, submissions, summary};
 use crate::cluster::{self, Cluster, Look};
 use crate::key::Parameter;
@@ -19,7 +20,7 @@ use crate::schedule::{self, Left, Speeds};
 use crate::store::{ExperimentCounts, FailedJob, Reader};
 use crate::watch::failures::{self, SameFailure};
 
-/// Show the experiments of a store: jobs by state, and failures with their reasons
+/// Show the experiments of a store: jobs by state, races of searches, and failures with their reasons
 ///
 /// The remaining seconds are estimated from earlier runs: for the workers that run jobs now, or, if
 /// none does, for one worker per core, the default of `jitai run`. Equal failures are listed once, with
@@ -109,16 +110,17 @@ struct Unfinished {
 fn show(reader: &Reader, format: Format) -> Result<Unfinished, Error> {
     let speeds = Speeds::of(reader)?;
     let failed = Failed::read(reader)?;
-    // CSV output has no place for changes.
-    let changes = (format != Format::Csv).then(|| Changes::read(reader)).transpose()?;
+    // CSV output has no place for changes and races.
+    let is_csv = format == Format::Csv;
+    let changes = (!is_csv).then(|| Changes::read(reader)).transpose()?;
+    let races = (!is_csv).then(|| SearchRaces::read(reader)).transpose()?;
     let experiments = reader.experiment_counts()?;
     // A running job of several experiments takes one worker.
     let workers = usize::try_from(reader.running()?).ok().filter(|running| *running > 0);
     let workers = workers.unwrap_or_else(|| schedule::one_per_core().get());
     let mut columns = counts::COLUMNS.map(str::to_owned).to_vec();
     if format == Format::Json {
-        columns.push("failures".to_owned());
-        columns.push("manifest_changes".to_owned());
+        columns.extend(["failures", "manifest_changes", "races"].map(str::to_owned));
     }
     let mut rows = Rows::new(format, &columns, io::stdout().lock())?;
     let mut unfinished = Unfinished::default();
@@ -135,12 +137,15 @@ fn show(reader: &Reader, format: Format) -> Result<Unfinished, Error> {
             fields.push(Field::Nested(failed.described(&experiment)));
             let described = changes.as_ref().map(|changes| changes.described(&experiment));
             fields.push(Field::Nested(described.unwrap_or_default()));
+            let described = races.as_ref().map(|races| races.described(&experiment));
+            fields.push(Field::Nested(described.unwrap_or_default()));
         }
         rows.row(&fields)?;
     }
     rows.finish()?;
     match format {
         Format::Table => {
+            races.iter().try_for_each(SearchRaces::list)?;
             failed.list()?;
             changes.iter().try_for_each(Changes::list)?;
         }

@@ -316,6 +316,7 @@ impl Submitting<'_> {
                 continue;
             }
             if draft.chunks.is_empty() {
+                self.say_races()?;
                 return Ok(self.end(&draft));
             }
             if !self.ours(&look).last().is_some_and(|(_, survey)| may_submit_again(survey)) {

@@ -174,6 +174,7 @@ impl Reader<'_> {
             return;
         };
         self.shape(draft, &search);
+        self.cells_of_race(draft);
         let mut values_left = Vec::new();
         for agent in &mut draft.agents {
             values_left.extend(self.draw_settings(agent, &search.value));
@@ -181,7 +182,7 @@ impl Reader<'_> {
         draft.seeds = Some(Located { value: search.value.seeds(), span: search.span });
     }
 
-    /// Reports lists, zips and exclusions that do not go with a search.
+    /// Reports lists that do not go with a search.
     fn shape(&mut self, draft: &Draft, search: &Located<Search>) {
         // A draw that could not be read leaves its key without values.
         let has_all = |agent: &AgentDraft| {
@@ -210,16 +211,30 @@ impl Reader<'_> {
             let message = format!("agent `{}`: {says}", agent.name.value);
             self.faults.add(Fault::at(swept.span, message).help(help));
         }
+    }
+
+    /// Reports zips and exclusions of what a race decides, and removes them, so that no rule of the grid reports them
+    /// again.
+    fn cells_of_race(&mut self, draft: &mut Draft) {
         let drawn: HashSet<Parameter> = draft.agents.iter().flat_map(drawn_parameters).collect();
         let is_raced =
             |parameter: &Parameter| *parameter == Parameter::SEED || drawn.contains(parameter);
-        let zips = draft.zips.iter().flatten();
-        let zips =
-            zips.filter_map(|zip| Some((zip.span, zip.value.iter().copied().find(is_raced)?)));
-        let exclusions = draft.exclusions.iter().flat_map(|exclusion| &exclusion.value);
-        let exclusions = exclusions.map(|one| (one.span, one.value.parameter));
-        let exclusions = exclusions.filter(|(_, parameter)| is_raced(parameter));
-        for (span, parameter) in zips.chain(exclusions) {
+        let mut raced: Vec<(Span, Parameter)> = Vec::new();
+        if let Some(zips) = &mut draft.zips {
+            zips.retain(|zip| {
+                let found = zip.value.iter().copied().find(is_raced);
+                raced.extend(found.map(|parameter| (zip.span, parameter)));
+                found.is_none()
+            });
+        }
+        draft.exclusions.retain(|exclusion| {
+            let conditions = exclusion.value.iter().map(|one| (one.span, one.value.parameter));
+            let before = raced.len();
+            raced.extend(conditions.filter(|(_, parameter)| is_raced(parameter)));
+            raced.len() == before
+        });
+        draft.invalid_cells |= !raced.is_empty();
+        for (span, parameter) in raced {
             let message = format!(
                 "the race decides which arms have which seeds, and `{parameter}` is part of it"
             );

@@ -10,11 +10,11 @@
 //! seeds, which no arm has raced with.
 
 use std::borrow::Cow;
-use std::collections::HashMap;
+use std::collections::{HashMap, HashSet};
 use std::fmt;
 
 use super::expand::of_agent;
-use super::rung::{Rung, kept, mean_score};
+use super::rung::{Entrant, Rung, kept, mean_score};
 use crate::job::{JobKey, MetricName, Score, counted};
 use crate::key::{Parameter, Value, printable};
 use crate::manifest::{Grid, Leaving, Manifest, Search, Stage};
@@ -325,18 +325,54 @@ impl Race {
         self.stage.seeds[arm]
     }
 
-    /// Where the race stands, in words.
+    /// Every arm in its last rung, with the number of the rung from 0: those of the last rung first, each rung with its
+    /// best arms first.
+    pub fn arms(&self) -> Vec<(usize, &Rung, &Entrant)> {
+        let mut known = HashSet::new();
+        let rungs = self.rungs.iter().enumerate().rev();
+        let arms =
+            rungs.flat_map(|(at, rung)| rung.entrants.iter().map(move |one| (at, rung, one)));
+        arms.filter(|(_, _, entrant)| known.insert(entrant.arm)).collect()
+    }
+
+    /// An arm in each of its rungs, with the number of the rung from 0.
+    pub fn course(&self, arm: usize) -> Vec<(usize, &Entrant)> {
+        let rungs = self.rungs.iter().enumerate();
+        let entrants = rungs.flat_map(|(at, rung)| rung.entrants.iter().map(move |one| (at, one)));
+        entrants.filter(|(_, entrant)| entrant.arm == arm).collect()
+    }
+
+    /// The number of arms in the race: those of its last rung, or the winner.
+    pub fn arms_left(&self) -> usize {
+        match self.outcome {
+            Outcome::Running => self.rungs.last().map_or(0, |rung| rung.entrants.len()),
+            Outcome::Won { .. } => 1,
+            Outcome::Lost => 0,
+        }
+    }
+
+    /// The fresh seeds of the winner whose jobs have not ended.
+    pub fn open_fresh_seeds(&self) -> usize {
+        match &self.outcome {
+            Outcome::Won { fresh, .. } => {
+                fresh.iter().filter(|score| **score == Score::Open).count()
+            }
+            Outcome::Running | Outcome::Lost => 0,
+        }
+    }
+
+    /// Where the race stands and what comes next, in words.
     pub fn state(&self, search: &Search) -> String {
-        let (at, of) = (self.rungs.len(), search.rungs.len());
-        let arms = self.rungs.last().map_or(0, |rung| rung.entrants.len());
         match &self.outcome {
             Outcome::Running => {
+                let (at, of) = (self.rungs.len(), search.rungs.len());
                 let open = self.rungs.last().map_or(0, |rung| rung.open);
-                format!("rung {at} of {of}: {open} of {} not complete", counted(arms, "arm"))
+                let arms = counted(self.arms_left(), "arm");
+                let next = self.next(search);
+                format!("rung {at} of {of}: {open} of {arms} open; next, {next}")
             }
-            Outcome::Won { arm, fresh } => {
-                let open = fresh.iter().filter(|score| **score == Score::Open).count();
-                let left = match open {
+            Outcome::Won { arm, .. } => {
+                let left = match self.open_fresh_seeds() {
                     0 => String::new(),
                     open => format!("; {} open", counted(open, "fresh seed")),
                 };
@@ -346,11 +382,27 @@ impl Race {
         }
     }
 
+    /// What follows the present rung, in words.
+    fn next(&self, search: &Search) -> String {
+        let seeds = search.rungs.get(self.rungs.len()).map(|seeds| counted(*seeds, "seed"));
+        match (seeds, search.leaving) {
+            (Some(seeds), Leaving::Evidence(_)) => {
+                format!("arms shown to be worse leave, and the others go on to {seeds}")
+            }
+            (Some(seeds), Leaving::Share(keep)) if kept(keep, self.arms_left()) > 1 => {
+                format!("the best {} go on to {seeds}", kept(keep, self.arms_left()))
+            }
+            (Some(_), Leaving::Share(_)) | (None, _) => {
+                format!("the best gets {}", counted(search.fresh.len(), "fresh seed"))
+            }
+        }
+    }
+
     /// Whether all of its jobs have ended.
     pub fn has_ended(&self) -> bool {
-        match &self.outcome {
+        match self.outcome {
             Outcome::Running => false,
-            Outcome::Won { fresh, .. } => !fresh.contains(&Score::Open),
+            Outcome::Won { .. } => self.open_fresh_seeds() == 0,
             Outcome::Lost => true,
         }
     }

@@ -83,8 +83,14 @@ fn the_best_share_of_a_rung_goes_on() {
     assert_eq!(race_jobs(&manifest), Some(RaceJobs { least: 10, most: 10 }));
     let mut table = Table::new(&manifest, values(&[]));
     assert_eq!(table.wanted(&manifest), 4);
+    let search = manifest.search.as_ref().unwrap();
+    let state = |table: &Table| table.races(&manifest).races[0].state(search);
+    table.scores = values(&[&[1.0], &[4.0], &[3.0]]);
+    let first = "rung 1 of 2: 1 of 4 arms open; next, the best 2 go on to 3 seeds";
+    assert_eq!(state(&table), first);
     table.scores = values(&[&[1.0], &[4.0], &[3.0], &[2.0]]);
     assert_eq!(table.wanted(&manifest), 8);
+    assert_eq!(state(&table), "rung 2 of 2: 2 of 2 arms open; next, the best gets 2 fresh seeds");
     assert_eq!(
         fates(&table.races(&manifest), 0),
         [(1, Fate::GoesOn), (2, Fate::GoesOn), (3, Fate::Behind), (0, Fate::Behind)]
@@ -97,6 +103,15 @@ fn the_best_share_of_a_rung_goes_on() {
     let open = vec![Score::Open; 2];
     assert_eq!(races.races[0].outcome, Outcome::Won { arm: 2, fresh: open });
     assert!(!races.have_ended());
+    assert_eq!(state(&table), "arm 3 of 4 has won; 2 fresh seeds open");
+    // The winner, then its rival; of the arms that left, the better one first.
+    let arms: Vec<(usize, usize)> =
+        races.races[0].arms().iter().map(|(rung, _, one)| (*rung, one.arm)).collect();
+    assert_eq!(arms, [(1, 2), (1, 1), (0, 3), (0, 0)]);
+    let course = races.races[0].course(1);
+    let course: Vec<(usize, Option<f64>)> =
+        course.into_iter().map(|(rung, one)| (rung, one.mean())).collect();
+    assert_eq!(course, [(0, Some(4.0)), (1, Some(2.0))]);
     // The grid has 4 arms with 3 seeds; the race 4 + 2 × 2.
     let cost = races.races[0].cost(&manifest);
     assert_eq!((cost.jobs, cost.grid_jobs), (8, 12));

@@ -17,7 +17,7 @@ use super::names::Names;
 use super::page::{self, Hosts};
 use super::race::ReportedRace;
 use super::scene::{Scene, pdf, png, svg};
-use super::section::{ArmTables, ReportedExperiment, Section, Shown};
+use super::section::{ArmTables, ReportedExperiment, Section, Shown, ShownRace};
 use super::tables;
 use crate::analyse::declared::{Comparison, Finding, Reproduction, summarise_agents};
 
@@ -55,9 +55,7 @@ pub fn report(experiments: &[ReportedExperiment], store: &str, hosts: Hosts) -> 
         for (stem, table) in [&section.tables.arms, &section.tables.agents] {
             write_table(&format!("tables/{stem}"), table, &mut files);
         }
-        if let Some(race) = &section.experiment.race {
-            write_race(&section.race, race, &mut files);
-        }
+        section.race.iter().for_each(|race| write_race(race, &mut files));
     }
     let reproduction = merged(experiments);
     if !reproduction.comparisons.is_empty() {
@@ -74,7 +72,7 @@ pub fn report(experiments: &[ReportedExperiment], store: &str, hosts: Hosts) -> 
 pub struct ReportFigure {
     /// The experiment.
     pub experiment: String,
-    /// The analysis.
+    /// The analysis; `race` for the race of a search.
     pub analysis: String,
     /// The name of its file in the report, without extension.
     pub name: String,
@@ -96,8 +94,22 @@ pub fn figures(experiments: &[ReportedExperiment]) -> Vec<ReportFigure> {
         };
         one.scenes.iter().map(figure).collect::<Vec<_>>()
     };
+    let of_race = |section: &Section<'_>, one: &ShownRace<'_>| {
+        let figure = |(name, scene): &(String, &Scene)| ReportFigure {
+            experiment: section.experiment.name.clone(),
+            analysis: "race".to_owned(),
+            name: name.clone(),
+            svg: svg(scene),
+            caption: one.race.caption.clone(),
+        };
+        one.scenes.iter().map(figure).collect::<Vec<_>>()
+    };
     let sections = sections(experiments);
-    sections.iter().flat_map(|one| one.shown.iter().flat_map(|shown| of(one, shown))).collect()
+    let of_section = |one: &Section<'_>| {
+        let races = one.race.iter().flat_map(|race| of_race(one, race));
+        races.chain(one.shown.iter().flat_map(|shown| of(one, shown))).collect::<Vec<_>>()
+    };
+    sections.iter().flat_map(of_section).collect()
 }
 
 /// The experiments in displayed form.
@@ -132,7 +144,9 @@ fn sections(experiments: &[ReportedExperiment]) -> Vec<Section<'_>> {
         let agents = arm_tables::agents(&summaries, names, &experiment.words);
         let tables = ArmTables { arms: (named.arms, arms), agents: (named.agents, agents) };
         let legend = Legend::of(shown.iter().flat_map(|one| &one.scenes), &looks);
-        let (anchor, race) = (named.anchor, named.race);
+        let race = experiment.race.as_ref().zip(named.race);
+        let race = race.map(|(race, stem)| shown_race(race, stem, &mut figures));
+        let anchor = named.anchor;
         sections.push(Section { experiment, anchor, shown, race, tables, legend });
     }
     sections
@@ -150,7 +164,7 @@ struct Named {
     anchor: String,
     arms: String,
     agents: String,
-    race: String,
+    race: Option<String>,
     findings: Vec<String>,
 }
 
@@ -177,7 +191,7 @@ impl Stems {
             let findings = findings.collect();
             // An experiment without a search has no such files, and its analyses keep their names.
             let race = experiment.race.as_ref().map(|_| take(format!("{} race", experiment.name)));
-            Named { anchor, arms, agents, race: race.unwrap_or_default(), findings }
+            Named { anchor, arms, agents, race, findings }
         });
         let named = named.collect();
         Stems { named, taken }
@@ -234,6 +248,16 @@ fn shown<'e>(
     }
 }
 
+/// The races of an experiment in displayed form. `taken` holds the stems of all figures, to which it adds its own.
+fn shown_race<'e>(race: &'e ReportedRace, stem: String, taken: &mut Vec<String>) -> ShownRace<'e> {
+    let figure = |(agent, scene): &'e (String, Scene)| {
+        let name = unused_stem(taken, &format!("{stem} {agent}"));
+        taken.push(name.clone());
+        (name, scene)
+    };
+    ShownRace { race, scenes: race.figures.iter().map(figure).collect(), stem }
+}
+
 /// Figures with the stems of their files.
 type Scenes = Vec<(String, Scene)>;
 
@@ -286,14 +310,7 @@ fn figures_of(finding: &Finding, sheet: &Sheet<'_>, taken: &mut Vec<String>) -> 
 fn write_finding(shown: &Shown<'_>, files: &mut Vec<ReportFile>) {
     let panels = shown.scenes.iter().map(|(stem, scene)| (stem, scene));
     for (stem, scene) in panels.chain(shown.wholes.iter().map(|(stem, whole)| (stem, whole))) {
-        let mut push = |extension: &str, bytes: Vec<u8>| {
-            files.push(ReportFile { name: format!("figures/{stem}.{extension}"), bytes });
-        };
-        push("svg", svg(scene).into_bytes());
-        push("pdf", pdf(scene));
-        if let Some(bytes) = png(scene) {
-            push("png", bytes);
-        }
+        write_figure(stem, scene, files);
     }
     write_table(&format!("tables/{}", shown.stem), &shown.table, files);
     let name = format!("sql/{}.sql", shown.stem);
@@ -304,8 +321,21 @@ fn write_finding(shown: &Shown<'_>, files: &mut Vec<ReportFile>) {
     }
 }
 
+/// Adds the files of a figure.
+fn write_figure(stem: &str, scene: &Scene, files: &mut Vec<ReportFile>) {
+    let mut push = |extension: &str, bytes: Vec<u8>| {
+        files.push(ReportFile { name: format!("figures/{stem}.{extension}"), bytes });
+    };
+    push("svg", svg(scene).into_bytes());
+    push("pdf", pdf(scene));
+    if let Some(bytes) = png(scene) {
+        push("png", bytes);
+    }
+}
+
 /// Adds the files of an experiment's races.
-fn write_race(stem: &str, race: &ReportedRace, files: &mut Vec<ReportFile>) {
+fn write_race(ShownRace { race, stem, scenes }: &ShownRace<'_>, files: &mut Vec<ReportFile>) {
+    scenes.iter().for_each(|(stem, scene)| write_figure(stem, scene, files));
     write_table(&format!("tables/{stem}"), &race.table, files);
     if let Some(winners) = &race.winners {
         let name = format!("tables/{stem}.toml");

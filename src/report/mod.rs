@@ -15,6 +15,8 @@ mod names;
 mod optima;
 mod page;
 mod race;
+mod race_context;
+mod race_figure;
 mod reproduction;
 mod scene;
 mod section;

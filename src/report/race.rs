@@ -1,24 +1,28 @@
 //! The race of a search in the report: which arm left when and why, the winner as a table for other manifests, its
-//! return on fresh seeds, and what a grid would have cost.
+//! return on fresh seeds, and what a grid would have cost. [`super::race_figure`] draws it.
 
 use super::data_table::{DataTable, Entry};
 use super::kinds::{amount, ends, gap, gap_ends};
+use super::race_context::{RaceContext, end, known, mean_of};
+use super::race_figure::{caption, race_figure};
+use super::scene::Scene;
 use super::tables::{high, low};
-use crate::analyse::{Interval, Moments, Undefined, mean_interval, paired_t_test};
-use crate::job::{Measure, Score, counted, short_name};
-use crate::key::{Parameter, Value, printable, shortened};
+use crate::analyse::{Interval, Undefined, mean_interval, paired_t_test};
+use crate::job::{Measure, counted};
+use crate::key::{Parameter, printable, shortened};
 use crate::manifest::{Leaving, Manifest, Search};
-use crate::plan::{Cost, Entrant, Fate, Outcome, Race, Races, Reference};
+use crate::plan::{Cost, Entrant, Fate, Outcome, Races, Reference, Rung};
 use crate::store::{Reader, StoreError};
-
-/// Values by the place of the seed in the list of seeds.
-type BySeed = Vec<(usize, f64)>;
 
 /// The races of an experiment.
 #[derive(Clone, Debug)]
 pub struct ReportedRace {
     /// Where each race stands, what its winner reached, and what it cost.
     pub sentences: Vec<String>,
+    /// The figure of each race that has a complete arm, with the agent's name.
+    pub figures: Vec<(String, Scene)>,
+    /// What the figures show.
+    pub caption: String,
     /// One row per arm, winners first.
     pub table: DataTable,
     /// The winners as tables `[[agent]]`; `None` without a winner.
@@ -47,19 +51,21 @@ fn reported(
 ) -> ReportedRace {
     let metric = search.metric.in_unit(return_unit);
     let mut table = empty_table(search, metric);
-    let (mut sentences, mut winners) = (Vec::new(), Vec::new());
+    let (mut sentences, mut figures, mut winners) = (Vec::new(), Vec::new(), Vec::new());
     for race in &races.races {
-        let told = Told { race, manifest, search, metric, references: &races.references };
-        let cost = race.cost(manifest);
-        sentences.extend(told.sentences(cost));
-        winners.extend(told.winner(cost));
-        table.rows.extend(told.rows());
+        let context = RaceContext { race, manifest, search, metric, references: &races.references };
+        let cost = context.cost();
+        sentences.extend(context.sentences(&cost));
+        figures.extend(race_figure(&context).map(|scene| (race.agent.clone(), scene)));
+        winners.extend(context.winner(cost));
+        table.rows.extend(context.rows());
     }
     let winners = (!winners.is_empty()).then(|| winners.join("\n"));
-    ReportedRace { sentences, table, winners }
+    ReportedRace { sentences, figures, caption: caption(metric), table, winners }
 }
 
 fn empty_table(search: &Search, metric: Measure) -> DataTable {
+    let means: Vec<String> = search.rungs.iter().map(|seeds| format!(".mean_{seeds}")).collect();
     let columns = [
         ("agent", "Agent"),
         ("arm", "Arm"),
@@ -73,6 +79,9 @@ fn empty_table(search: &Search, metric: Measure) -> DataTable {
         (".high", ""),
         ("end", "End"),
     ];
+    // What the figure draws: the mean at each rung, by its number of seeds.
+    let of_rungs = means.iter().map(|name| (name.as_str(), ""));
+    let columns: Vec<(&str, &str)> = columns.into_iter().chain(of_rungs).collect();
     let level = match search.leaving {
         Leaving::Share(_) => "at 95 %, without correction".to_owned(),
         Leaving::Evidence(level) => format!(
@@ -88,22 +97,13 @@ fn empty_table(search: &Search, metric: Measure) -> DataTable {
     DataTable::new(caption, &columns)
 }
 
-/// A race with what its words need.
-struct Told<'r> {
-    race: &'r Race,
-    manifest: &'r Manifest,
-    search: &'r Search,
-    metric: Measure,
-    references: &'r [Reference],
-}
-
-impl Told<'_> {
+impl RaceContext<'_> {
     /// Where the race stands, its winner, and its cost.
-    fn sentences(&self, cost: Cost) -> Vec<String> {
+    fn sentences(&self, cost: &str) -> Vec<String> {
         let agent = printable(&self.race.agent);
         let Some((arm, raced, fresh)) = self.won() else {
             let state = self.race.state(self.search);
-            return vec![format!("{agent}: {state}."), format!("{}.", of_cost(cost))];
+            return vec![format!("{agent}: {state}."), format!("{cost}.")];
         };
         let mut sentences = vec![
             format!(
@@ -115,12 +115,12 @@ impl Told<'_> {
             format!("On the seeds of the race: {}.", self.mean(&raced)),
         ];
         sentences.extend(self.on_fresh_seeds(&raced, &fresh).into_iter().map(|line| line + "."));
-        sentences.push(format!("{}.", of_cost(cost)));
+        sentences.push(format!("{cost}."));
         sentences
     }
 
     /// The winner as a table for other manifests, with its numbers in comments.
-    fn winner(&self, cost: Cost) -> Option<String> {
+    fn winner(&self, cost: String) -> Option<String> {
         let (arm, raced, fresh) = self.won()?;
         let (experiment, agent) = (&self.manifest.name, &self.race.agent);
         let mut lines = vec![
@@ -133,7 +133,7 @@ impl Told<'_> {
             format!("On the seeds of the race: {}", self.mean(&raced)),
         ];
         lines.extend(self.on_fresh_seeds(&raced, &fresh));
-        lines.push(of_cost(cost));
+        lines.push(cost);
         let mut out = String::new();
         for line in lines {
             out += &format!("# {}\n", printable(&shortened(&line)));
@@ -144,14 +144,6 @@ impl Told<'_> {
             settings.find(|(drawn, _)| *drawn == parameter).map(|(_, value)| value.clone())
         };
         Some(out + &declared.chosen(value))
-    }
-
-    /// The arm that has won, its values in the race, and its fresh values.
-    fn won(&self) -> Option<(usize, Vec<f64>, BySeed)> {
-        let Outcome::Won { arm, fresh } = &self.race.outcome else { return None };
-        let last = self.race.rungs.last()?;
-        let winner = last.entrants.iter().find(|one| one.arm == *arm)?;
-        Some((*arm, winner.values.clone(), known(fresh)))
     }
 
     /// What the winner reached on fresh seeds, its shrinkage, and its difference to agents without draws.
@@ -208,38 +200,28 @@ impl Told<'_> {
         format!("{mean}{}, n = {}", interval.unwrap_or_default(), values.len())
     }
 
-    /// The drawn values of an arm: `learning_rate=0.001 batch=32`.
-    fn settings(&self, arm: usize) -> String {
-        let written = |(parameter, value): &(Parameter, Value)| {
-            format!("{}={}", short_name(&parameter.to_string()), shortened(&value.to_string()))
-        };
-        self.race.settings[arm].iter().map(written).collect::<Vec<_>>().join(" ")
-    }
-
-    /// One row per arm: those of the last rung first, each rung with its best arms first.
+    /// One row per arm.
     fn rows(&self) -> Vec<Vec<Entry>> {
-        let mut rows = Vec::new();
-        let mut known = std::collections::HashSet::new();
-        for (rung, of) in self.race.rungs.iter().enumerate().rev() {
-            for entrant in of.entrants.iter().filter(|one| known.insert(one.arm)) {
-                rows.push(self.row(rung, of.seeds, of.entrants.len(), entrant));
-            }
-        }
-        rows
+        self.race.arms().into_iter().map(|arm| self.row(arm)).collect()
     }
 
-    fn row(&self, rung: usize, seeds: usize, arms: usize, entrant: &Entrant) -> Vec<Entry> {
+    fn row(&self, (rung, of, entrant): (usize, &Rung, &Entrant)) -> Vec<Entry> {
         let mean = entrant.mean().ok_or("not complete");
+        let course = self.race.course(entrant.arm);
         let is_best = matches!(entrant.fate, Fate::Won);
         let none = if is_best { "the best" } else { "no interval" };
         let interval = entrant.lead.map(|lead| Interval { low: lead.low, high: lead.high });
         let no_interval = Undefined::NoVariance;
-        vec![
+        let of_rung = |rung: usize| {
+            let known = course.iter().find(|(at, _)| *at == rung);
+            Entry::of(known.and_then(|(_, one)| one.mean()).ok_or("not in the rung"), 1)
+        };
+        let row = vec![
             Entry::text(&self.race.agent),
             Entry::number(entrant.arm as f64 + 1.0, 0),
             Entry::text(self.settings(entrant.arm)),
             Entry::number(rung as f64 + 1.0, 0),
-            Entry::number(seeds as f64, 0),
+            Entry::number(of.seeds as f64, 0),
             Entry::of(mean, 1),
             Entry::of(entrant.lead.map(|lead| lead.mean).ok_or(none), 1),
             match interval {
@@ -248,39 +230,22 @@ impl Told<'_> {
             },
             low(interval.ok_or(no_interval)),
             high(interval.ok_or(no_interval)),
-            Entry::text(match entrant.fate {
-                Fate::Undecided => "in the race".to_owned(),
-                Fate::GoesOn => "goes on".to_owned(),
-                Fate::Won => "has won".to_owned(),
-                Fate::Failed => "a job failed".to_owned(),
-                Fate::Behind => format!("not among the best of {arms}"),
-                Fate::Worse => "worse than the best: the interval excludes 0".to_owned(),
-                Fate::NotShownWorse => "behind in the last rung, not shown to be worse".to_owned(),
-            }),
-        ]
+            Entry::text(end(entrant.fate, of.entrants.len())),
+        ];
+        row.into_iter().chain((0..self.search.rungs.len()).map(of_rung)).collect()
     }
-}
 
-fn mean_of(values: &[f64]) -> Result<f64, Undefined> {
-    Moments::of(values).map(|moments| moments.mean)
-}
-
-/// The values among scores, with the places of their seeds.
-fn known(scores: &[Score]) -> BySeed {
-    let value = |(seed, score): (usize, &Score)| match score {
-        Score::Value(value) => Some((seed, *value)),
-        Score::Open | Score::Lost => None,
-    };
-    scores.iter().enumerate().filter_map(value).collect()
-}
-
-/// What the race cost beside a grid of its settings.
-fn of_cost(cost: Cost) -> String {
-    let Cost { jobs, work, grid_jobs, grid_work } = cost;
-    let share = 100.0 * work as f64 / (grid_work as f64).max(1.0);
-    format!(
-        "The race has {} so far; a grid of its settings with all of its seeds has {grid_jobs}, and the race has {share:.0} % \
-         of the grid's work",
-        counted(jobs, "job")
-    )
+    /// What the race costs beside a grid of its settings.
+    fn cost(&self) -> String {
+        let Cost { jobs, work, grid_jobs, grid_work } = self.race.cost(self.manifest);
+        let share = 100.0 * work as f64 / (grid_work as f64).max(1.0);
+        let [jobs, grid_jobs] = [jobs, grid_jobs].map(|jobs| counted(jobs, "job"));
+        let has = match self.race.outcome {
+            Outcome::Running => format!("So far, the race has {jobs}"),
+            Outcome::Won { .. } | Outcome::Lost => format!("The race took {jobs}"),
+        };
+        format!(
+            "{has} and {share:.0} % of the work of a grid of its settings with all of its seeds, which has {grid_jobs}"
+        )
+    }
 }

@@ -58,7 +58,8 @@ impl ReportedExperiment {
                 if missing == 1 { "has" } else { "have" }
             ));
         }
-        if self.findings.is_empty() {
+        let is_drawn = self.race.as_ref().is_some_and(|race| !race.figures.is_empty());
+        if self.findings.is_empty() && !is_drawn {
             notes.push(format!(
                 "no figures of {}, because it declares no [[analysis]]; the page has tables of its arms and agents",
                 self.name
@@ -105,6 +106,15 @@ pub struct Shown<'e> {
     pub lacks_figure: bool,
 }
 
+/// The races of an experiment in displayed form.
+pub struct ShownRace<'e> {
+    pub race: &'e ReportedRace,
+    /// The stem of the files of all races together.
+    pub stem: String,
+    /// The figure of each race, with the stem of its files.
+    pub scenes: Vec<(String, &'e Scene)>,
+}
+
 /// The tables of an experiment's arms, by file name.
 pub struct ArmTables {
     pub arms: (String, DataTable),
@@ -117,8 +127,7 @@ pub struct Section<'e> {
     /// Its place on the page.
     pub anchor: String,
     pub shown: Vec<Shown<'e>>,
-    /// The stem of the files of its races.
-    pub race: String,
+    pub race: Option<ShownRace<'e>>,
     pub tables: ArmTables,
     pub legend: Legend,
 }

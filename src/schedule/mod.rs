@@ -45,7 +45,7 @@ pub use manifests::{dropped_note, register_experiment, removal, run_manifests, r
 pub use preview::Preview;
 pub use provenance::{command, of_this_process};
 pub use queued::Queued;
-pub use race::{at_stage, race_notes, races_ended};
+pub use race::{at_stage, race_lines, race_notes, races, races_ended};
 pub use selection::Selection;
 pub use survey::{Change, Reason, Remaining, Sharing, Survey, Surveyed};
 pub use sweep::{Context, MOST_WORKERS, OnFailure, Options, SweepError, Tally, one_per_core, run};

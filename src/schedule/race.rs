@@ -5,7 +5,7 @@ use std::borrow::Cow;
 use crate::job::{JobKey, MetricName, Score};
 use crate::key::printable;
 use crate::manifest::Manifest;
-use crate::plan::{self, Races};
+use crate::plan::{self, Race, Races};
 use crate::store::{Reader, StoreError};
 
 /// The manifests, and in place of each search the manifest at the stage that its races have come to in the store;
@@ -19,6 +19,13 @@ pub fn at_stage<'m>(
     plan::at_stage(manifests, |keys, metric| scores(reader, keys, metric))
 }
 
+/// The races of a manifest, as far as they have come in the store; `None` if it has no search.
+///
+/// **Errors**: the store fails.
+pub fn races(manifest: &Manifest, reader: Option<&Reader>) -> Result<Option<Races>, StoreError> {
+    Races::of(manifest, |keys, metric| scores(reader, keys, metric))
+}
+
 /// Where the races of manifests stand, a sentence for each.
 ///
 /// **Errors**: the store fails.
@@ -28,14 +35,21 @@ pub fn race_notes(
 ) -> Result<Vec<String>, StoreError> {
     let mut notes = Vec::new();
     for manifest in manifests {
-        let races = Races::of(manifest, |keys, metric| scores(reader, keys, metric))?;
-        let (Some(races), Some(search)) = (races, &manifest.search) else { continue };
-        notes.extend(races.races.iter().map(|race| {
-            let (name, agent) = (printable(&manifest.name), printable(&race.agent));
-            format!("search {name}, agent {agent}: {}", race.state(search))
-        }));
+        let name = printable(&manifest.name);
+        let lines = race_lines(manifest, reader)?.into_iter();
+        notes.extend(lines.map(|line| format!("search {name}, agent {line}")));
     }
     Ok(notes)
+}
+
+/// Where the races of a manifest stand, a line for each: its agent and its state.
+///
+/// **Errors**: the store fails.
+pub fn race_lines(manifest: &Manifest, reader: Option<&Reader>) -> Result<Vec<String>, StoreError> {
+    let races = races(manifest, reader)?;
+    let (Some(races), Some(search)) = (races, &manifest.search) else { return Ok(Vec::new()) };
+    let line = |race: &Race| format!("{}: {}", printable(&race.agent), race.state(search));
+    Ok(races.races.iter().map(line).collect())
 }
 
 /// Whether all jobs that the races of manifests will ever want have ended.
@@ -43,8 +57,7 @@ pub fn race_notes(
 /// **Errors**: the store fails.
 pub fn races_ended(manifests: &[Manifest], reader: &Reader) -> Result<bool, StoreError> {
     for manifest in manifests {
-        let races = Races::of(manifest, |keys, metric| reader.scores(keys, metric))?;
-        if races.is_some_and(|races| !races.have_ended()) {
+        if races(manifest, Some(reader))?.is_some_and(|races| !races.have_ended()) {
             return Ok(false);
         }
     }

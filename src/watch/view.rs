@@ -37,6 +37,8 @@ pub struct View {
     pub running: Vec<RunningView>,
     /// Its different failures.
     pub failures: Vec<FailureView>,
+    /// Where the races of its search stand, one line for each.
+    pub races: Vec<String>,
     /// The state of its submissions to a cluster, one line for each.
     pub submissions: Vec<String>,
     /// The number of chunks of its submissions that may still hand in results.
@@ -46,6 +48,11 @@ pub struct View {
 }
 
 impl View {
+    /// The lines about its races and submissions.
+    pub fn notes(&self) -> impl Iterator<Item = &String> {
+        self.races.iter().chain(&self.submissions)
+    }
+
     /// The jobs by state, and the time left.
     pub fn summary(&self) -> String {
         let counts = &self.counts;

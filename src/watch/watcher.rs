@@ -8,9 +8,9 @@ use crate::cluster::{self, ChunkState, Cluster, ClusterError, HandedIn, Look, Pa
 use crate::job::metric::{MEAN_RETURN, metrics_with};
 use crate::job::{JobKey, MetricName, MetricPlace, counted};
 use crate::key::printable;
-use crate::manifest;
+use crate::manifest::{self, Manifest};
 use crate::plan::Swept;
-use crate::schedule::{CheckpointFolder, Left, RunningCurve, Speeds};
+use crate::schedule::{self, CheckpointFolder, Left, RunningCurve, Speeds};
 use crate::store::{Counts, FailedJob, JobState, Reader, StoreError, StoredArm};
 use crate::watch::band::band;
 use crate::watch::failures::{self, SameFailure};
@@ -77,6 +77,8 @@ struct Jobs {
     arms: Vec<StoredArm>,
     names: Vec<String>,
     swept: Swept,
+    /// The manifest of a search.
+    search: Option<Manifest>,
 }
 
 /// The results that tasks of a cluster have handed in.
@@ -152,7 +154,8 @@ impl Watcher {
         let swept = Swept::of(manifest.as_slice());
         let arms = self.reader.arms(experiment)?;
         let names = arms.iter().map(|arm| swept.arm(&arm.agent, &arm.job)).collect();
-        Ok(Jobs { experiment: experiment.to_owned(), total, arms, names, swept })
+        let search = manifest.filter(|manifest| manifest.search.is_some());
+        Ok(Jobs { experiment: experiment.to_owned(), total, arms, names, swept, search })
     }
 
     /// Looks at the submissions from time to time, and at the parts that are new.
@@ -302,6 +305,9 @@ impl Watcher {
             view.left = Some(speeds.time(&left, workers));
         }
         view.failures = self.failures(jobs, states)?;
+        if let Some(search) = &jobs.search {
+            view.races = schedule::race_lines(search, Some(&self.reader))?;
+        }
         (view.submissions, view.held) = self.submissions(&jobs.experiment);
         view.chart = self.chart(choice, jobs, states, &live)?;
         Ok(view)

@@ -2,6 +2,8 @@
 
 use std::fs;
 
+use serde_json::Value;
+
 use crate::support::{Folder, assert_same_rows, until};
 
 /// A race of four learning rates in two rungs, and an agent without draws.
@@ -54,9 +56,12 @@ fn a_race_runs_to_its_end_and_says_before_it_how_long_it_can_be() {
     folder.jitai(longer).succeeded().prints("20 jobs");
     let plan = folder.jitai(["plan", "sweep.toml"]).succeeded();
     // The first rung, and the fresh seeds of the agent without draws.
-    plan.says("11 jobs to run").says("18 jobs").says("rung 1 of 2: 4 of 4 arms not complete");
+    plan.says("11 jobs to run")
+        .says("18 jobs")
+        .says("rung 1 of 2: 4 of 4 arms open; next, the best 2 go on to 4 seeds");
     let ran = folder.jitai(["run", "sweep.toml"]).succeeded();
-    ran.says("rung 2 of 2: 2 of 2 arms not complete").says("18 jobs run, 18 completed in all");
+    ran.says("rung 2 of 2: 2 of 2 arms open; next, the best gets 3 fresh seeds")
+        .says("18 jobs run, 18 completed in all");
     assert_eq!(jobs(&folder, "jitai.sqlite"), JOBS);
     let again = folder.jitai(["run", "sweep.toml"]).succeeded();
     again.says("nothing to run: all 18 jobs are completed").says("has won");
@@ -115,6 +120,33 @@ fn more_samples_run_only_what_they_add() {
 }
 
 #[test]
+fn status_and_watch_say_where_a_race_stands_and_what_comes_next() {
+    let folder = folder(RACE);
+    folder.jitai(["run", "sweep.toml", "--shard", "1/2"]).succeeded();
+    let race = |folder: &Folder| {
+        let status = folder.jitai(["status", "--format", "json"]).succeeded().json();
+        status[0]["races"][0].clone()
+    };
+    let first = race(&folder);
+    let open = first["arms_open"].as_u64().unwrap();
+    assert!((1..=4).contains(&open), "{first}");
+    let state = format!("rung 1 of 2: {open} of 4 arms open; next, the best 2 go on to 4 seeds");
+    assert_eq!(
+        (&first["rung"], &first["arms_left"], &first["winner"]),
+        (&1.into(), &4.into(), &Value::Null)
+    );
+    assert_eq!(first["state"], state);
+    folder.jitai(["status"]).succeeded().prints("\nraces:\n").prints(&state);
+
+    folder.jitai(["run", "sweep.toml"]).succeeded();
+    let last = race(&folder);
+    let won = format!("arm {} of 4 has won", last["winner"]);
+    assert_eq!((&last["state"], &last["fresh_seeds_open"]), (&won.as_str().into(), &0.into()));
+    folder.jitai(["status"]).succeeded().prints(&won);
+    folder.jitai(["watch"]).succeeded().prints(&format!("\n  drawn: {won}\n"));
+}
+
+#[test]
 fn the_report_has_the_race_and_its_winner_for_another_manifest() {
     let folder = Folder::completed(RACE);
     let answer = folder.jitai(["report", "sweep.toml", "--out", "report"]).succeeded();
@@ -124,7 +156,7 @@ fn the_report_has_the_race_and_its_winner_for_another_manifest() {
         "# Race of experiment `race`: drawn\n",
         "# Best of 4 settings drawn, by the mean of mean return per episode, steps walked\n",
         "# On 3 fresh seeds shared with declared, winner minus declared: ",
-        "# The race has 12 jobs so far; a grid of its settings with all of its seeds has 16,",
+        "# The race took 12 jobs and 75 % of the work of a grid of its settings with all of its seeds, which has 16 jobs\n",
     ] {
         assert!(winner.contains(line), "{line} in {winner}");
     }
@@ -137,7 +169,18 @@ fn the_report_has_the_race_and_its_winner_for_another_manifest() {
         (2, 1),
         "{rows}"
     );
-    assert!(folder.read("report/index.html").contains("The race"));
+    // The means after both rungs, which the figure draws; two arms have left after the first.
+    assert!(rows.starts_with("agent,arm,settings,rung,seeds,mean,"), "{rows}");
+    assert!(rows.lines().next().unwrap().ends_with(",end,mean_2,mean_4"), "{rows}");
+    assert_eq!(rows.lines().filter(|row| row.ends_with(',')).count(), 2, "{rows}");
+    let page = folder.read("report/index.html");
+    assert!(page.contains("The race") && page.contains("seeds per arm"));
+    assert!(!answer.stderr.contains("no figures"), "{}", answer.stderr);
+    let svg = folder.read("report/figures/race-race-drawn.svg");
+    assert_eq!(svg.matches(">declared, fresh<").count(), 1, "{svg}");
+    for extension in ["pdf", "png"] {
+        assert!(folder.path(&format!("report/figures/race-race-drawn.{extension}")).exists());
+    }
 
     // The winner's return on the fresh seeds, as SQL finds it.
     let sql = "SELECT avg(mean_return) FROM run_summary WHERE agent = 'drawn' AND seed > 4";

@@ -113,8 +113,8 @@ fn shipped() -> Vec<(&'static str, u64)> {
         ("experiments/paper/disengagement.toml", 192),
         ("experiments/paper/hyperparameters.toml", 780),
         ("experiments/paper/learning_curves.toml", 18),
-        // All that the races may come to: 2 agents × 32 arms × 19 seeds, and 2 agents with 10 fresh seeds.
-        ("experiments/paper/search.toml", 1236),
+        // All that the races may come to: 2 agents × 64 arms × 19 seeds, and 2 agents with 10 fresh seeds.
+        ("experiments/paper/search.toml", 2452),
         ("experiments/paper/ten_seeds.toml", 480),
     ]
 }

@@ -17,7 +17,7 @@ from jitai import _jitai
 class Figure:
     """A figure of a report."""
 
-    #: The analysis.
+    #: The analysis; ``race`` for the race of a search.
     analysis: str
     #: The name of its file in the report, without extension.
     name: str

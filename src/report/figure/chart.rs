@@ -86,7 +86,7 @@ pub fn draw(charts: &[Chart], axes: &(Axis, Axis), style: &Style) -> Vec<Scene> 
     let bottom = BOTTOM + style.note() + beneath;
     let of_labels = match placing {
         Placing::Beside { .. } => {
-            GAP * charts.iter().map(|chart| chart.lines.len()).max().unwrap_or(0) as f64
+            GAP * charts.iter().map(|chart| chart.labelled().count()).max().unwrap_or(0) as f64
         }
         Placing::Below { .. } => LEAST_HEIGHT,
     };
@@ -195,7 +195,7 @@ fn line_marks(
         let width = match line.spread {
             Spread::Bars => 1.6,
             Spread::Band => 1.3,
-            Spread::Points | Spread::Exact => 1.0,
+            Spread::Points | Spread::Exact | Spread::Level => 1.0,
         };
         let stroke = Stroke {
             color,

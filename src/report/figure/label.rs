@@ -37,8 +37,9 @@ pub(super) fn placing(charts: &[Chart], (style, left): (&Style, f64)) -> Placing
     /// Maximum width of a figure that is widened for its labels: 105 mm.
     const WIDEST: f64 = 397.0;
     let is_crowded = charts.iter().any(is_crowded);
-    let lines = charts.iter().flat_map(|chart| &chart.lines);
-    let room = lines.map(|line| width(&line.label, TEXT, Weight::SemiBold)).fold(0.0, f64::max);
+    let lines = charts.iter().flat_map(Chart::labelled);
+    let room =
+        lines.map(|(_, line)| width(&line.label, TEXT, Weight::SemiBold)).fold(0.0, f64::max);
     let room = room + 12.0 + if is_crowded { SAMPLE } else { 0.0 };
     let most = if style.has_width() { style.width() } else { WIDEST };
     match left + LEAST_PLOT + room <= most {
@@ -55,7 +56,7 @@ fn rows(chart: &Chart, style: &Style) -> Vec<Vec<(usize, f64)>> {
     const BETWEEN: f64 = 12.0;
     let mut rows: Vec<Vec<(usize, f64)>> = Vec::new();
     let mut left = f64::INFINITY;
-    for (series, line) in chart.lines.iter().enumerate() {
+    for (series, line) in chart.labelled() {
         let wide = SAMPLE + 3.0 + width(&line.label, TEXT, Weight::SemiBold);
         if left + wide > style.width() - 4.0 {
             rows.push(Vec::new());
@@ -115,7 +116,7 @@ fn letters(chart: &Chart, series: usize, at: Point, (size, rim): (f64, Option<St
 /// The labels beside the frame, each with a sample of its line.
 pub(super) fn beside(chart: &Chart, axes: (&Axis, &Axis), frame: &Frame) -> Vec<Mark> {
     let right = frame.left + frame.width;
-    let ends = chart.lines.iter().enumerate().filter_map(|(series, line)| {
+    let ends = chart.labelled().filter_map(|(series, line)| {
         let last = line.points.last()?;
         let end = frame.place(axes, (last.x, last.y));
         Some((series, end, end.1))
@@ -134,7 +135,7 @@ pub(super) fn beside(chart: &Chart, axes: (&Axis, &Axis), frame: &Frame) -> Vec<
 
 /// Whether more lines end early than can be labelled at their ends.
 fn is_crowded(chart: &Chart) -> bool {
-    chart.lines.iter().filter(|line| ends_early(chart, line)).count() > MOST_INSIDE
+    chart.labelled().filter(|(_, line)| ends_early(chart, line)).count() > MOST_INSIDE
 }
 
 /// Whether a line ends before another line of the chart.
@@ -155,7 +156,7 @@ pub(super) fn end_labels(
     let right = frame.left + frame.width;
     let mut ends: Vec<(usize, Point, f64)> = Vec::new();
     let mut inside: Vec<(usize, Point, f64)> = Vec::new();
-    for (series, line) in chart.lines.iter().enumerate() {
+    for (series, line) in chart.labelled() {
         if let Some(last) = line.points.last() {
             let end = frame.place(axes, (last.x, last.y));
             match ends_early(chart, line) && end.0 < right - FAR {

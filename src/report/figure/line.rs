@@ -19,8 +19,16 @@ pub struct Chart {
     pub note: String,
 }
 
+impl Chart {
+    /// The lines that have a label, with their numbers.
+    pub(super) fn labelled(&self) -> impl Iterator<Item = (usize, &Line)> {
+        self.lines.iter().enumerate().filter(|(_, line)| !line.label.is_empty())
+    }
+}
+
 /// A line of a chart.
 pub struct Line {
+    /// Its label; empty for one of many lines that a note describes together.
     pub label: String,
     pub look: Look,
     pub points: Vec<Place>,
@@ -42,6 +50,8 @@ pub enum Spread {
     Points,
     /// A line without marks or intervals, for exact values.
     Exact,
+    /// A thin line across to compare with, which may be close to other lines: it has no stripes.
+    Level,
 }
 
 /// A point of a line.

@@ -11,7 +11,7 @@ use crate::report::scene::{Color, Facets};
 
 /// The colours of Okabe and Ito, which colour-blind readers can distinguish. Black and yellow are
 /// left out: they are hard to separate from text and paper.
-const COLORS: [Color; 6] = [
+pub const COLORS: [Color; 6] = [
     Color(0, 114, 178),
     Color(213, 94, 0),
     Color(0, 158, 115),
@@ -43,7 +43,7 @@ const OF_AGENTS: [Color; 8] = [
 ];
 
 /// Dashes of the agents, in the manifest's order. None are dots, as the lines of optima are.
-const DASHES: [Option<(f64, f64)>; 4] =
+pub const DASHES: [Option<(f64, f64)>; 4] =
     [None, Some((5.0, 2.5)), Some((2.6, 1.6)), Some((10.0, 3.0))];
 
 /// The look of an arm.

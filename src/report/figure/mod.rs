@@ -18,7 +18,9 @@ mod ticks;
 pub use axis::{Axis, AxisScale, round_range};
 pub use chart::{axes, axes_of, draw};
 pub use line::{Chart, Line, Place, Spread, marker};
-pub use look::{Look, Looks, Marker, arm_key, arm_label, facets, settings_key, settings_label};
+pub use look::{
+    COLORS, DASHES, Look, Looks, Marker, arm_key, arm_label, facets, settings_key, settings_label,
+};
 pub use optimum::optimum_lines;
 pub use panel::{MOST_ARMS, Panel, Panels};
 pub use style::Style;

@@ -30,14 +30,15 @@ pub(super) fn dodges(lines: &[Line]) -> Vec<f64> {
 }
 
 /// How much wider each line of those is drawn that run on one another. Of two, the one that is drawn first is
-/// wider, so that each shows as a stripe. `placed` holds the points of each line.
+/// wider, so that each shows as a stripe. Lines without labels look the same and stay thin. `placed` holds the points of
+/// each line.
 pub(super) fn widenings(lines: &[Line], placed: &[Vec<Point>]) -> Vec<Option<f64>> {
     /// Maximum difference between successive lines, and between the first and the last line.
     const STEP: f64 = 2.8;
     const WHOLE: f64 = 8.4;
     let mut groups: Vec<Vec<usize>> = Vec::new();
     for (at, line) in lines.iter().enumerate() {
-        if line.spread == Spread::Points {
+        if matches!(line.spread, Spread::Points | Spread::Level) || line.label.is_empty() {
             continue;
         }
         let covers = |one: &usize| covers(&placed[*one], &placed[at]);
@@ -85,7 +86,7 @@ mod tests {
         let place =
             |x: &f64| Place { x: *x, y: 0.0, interval: None, is_single: false, tip: String::new() };
         Line {
-            label: String::new(),
+            label: "arm".to_owned(),
             look: Look { color: INK, dash: None, marker: Marker::Ring },
             points: xs.iter().map(place).collect(),
             reference: Vec::new(),
@@ -120,6 +121,14 @@ mod tests {
             Vec::new(),
         ];
         assert_eq!(widenings(&lines, &placed), [Some(2.8), Some(0.0), None, None]);
+        // Lines without labels and levels keep their widths.
+        let of = |spread| line(&[0.0, 1.0], spread);
+        let thin = [
+            Line { label: String::new(), ..of(Spread::Exact) },
+            of(Spread::Level),
+            of(Spread::Bars),
+        ];
+        assert_eq!(widenings(&thin, &vec![level(5.0); 3]), [None; 3]);
         let equal: Vec<Line> = (0..8).map(|_| line(&[0.0, 1.0], Spread::Bars)).collect();
         let wider = widenings(&equal, &vec![level(5.0); 8]);
         let wider: Vec<f64> = wider.into_iter().flatten().collect();

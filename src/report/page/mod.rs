@@ -131,8 +131,8 @@ fn contents(sections: &[Section<'_>], reproduction: &Reproduction) -> Markup {
                         li {
                             a href={ "#" (anchor) } { (experiment.name) }
                             ul {
-                                @if experiment.race.is_some() {
-                                    li { a href={ "#" (race) } { "The race" } }
+                                @if let Some(race) = race {
+                                    li { a href={ "#" (race.stem) } { "The race" } }
                                 }
                                 @for one in shown {
                                     li { a href={ "#" (one.stem) } { (one.finding.title) } }
@@ -192,13 +192,13 @@ fn section(section: &Section<'_>) -> Markup {
                 (counts.completed) " of " (counts.total()) " jobs completed, "
                 (counts.failed) " failed, " (counts.open) " unfinished."
             }
-            @if shown.is_empty() {
+            @if shown.is_empty() && race.is_none() {
                 p {
                     "There are no figures, because the manifest declares no " code { "[[analysis]]" }
                     ". The tables below have the results of every arm and agent."
                 }
             }
-            @if let Some(told) = &experiment.race { (parts::race_card(race, told)) }
+            @if let Some(race) = race { (parts::race_card(race)) }
             (parts::switches(legend))
             div.cards { @for one in shown { (figure_card(one, legend)) } }
             (parts::arm_tables(tables))

@@ -8,18 +8,19 @@ use crate::analyse::declared::Content;
 use crate::report::data_table::{DataTable, Entry};
 use crate::report::latex::is_printed;
 use crate::report::legend::{Legend, LegendValue};
-use crate::report::race::ReportedRace;
 use crate::report::scene::{Color, Level, inline_svg, runs};
-use crate::report::section::{ArmTables, ReportedExperiment, Shown};
+use crate::report::section::{ArmTables, ReportedExperiment, Shown, ShownRace};
 
 /// Maximum number of rows of a table on the page; the CSV file has all rows.
 const MOST_ROWS: usize = 400;
+
+/// The files of a figure, by extension.
+const IMAGES: [(&str, &str); 3] = [("svg", "SVG"), ("pdf", "PDF"), ("png", "PNG")];
 
 /// A finding: title, figures, caption, data.
 pub fn figure_card(shown: &Shown<'_>, legend: &Legend) -> Markup {
     // The text of maps names their colours, so a dark theme must not change them.
     let is_map = matches!(shown.finding.content, Content::HeatMap(_));
-    let files = [("svg", "SVG"), ("pdf", "PDF"), ("png", "PNG")];
     let size = match shown.scenes.len() {
         1 if shown.table.shown_columns().count() <= 10 => "card",
         _ => "card wide",
@@ -31,7 +32,7 @@ pub fn figure_card(shown: &Shown<'_>, legend: &Legend) -> Markup {
                 @for (stem, scene) in &shown.scenes {
                     figure.map[is_map] {
                         (PreEscaped(inline_svg(scene, &|series| legend.classes(series))))
-                        figcaption.links { (links(&format!("figures/{stem}"), &files)) }
+                        figcaption.links { (links(&format!("figures/{stem}"), &IMAGES)) }
                     }
                 }
                 @if shown.lacks_figure {
@@ -44,7 +45,7 @@ pub fn figure_card(shown: &Shown<'_>, legend: &Legend) -> Markup {
             @for (stem, _) in &shown.wholes {
                 p.links {
                     @if shown.wholes.len() == 1 { "All panels: " } @else { "Panels, " (stem) ": " }
-                    (links(&format!("figures/{stem}"), &files))
+                    (links(&format!("figures/{stem}"), &IMAGES))
                 }
             }
             p.links {
@@ -96,12 +97,23 @@ pub fn arm_tables(tables: &ArmTables) -> Markup {
     }
 }
 
-/// The races of an experiment: where they stand, the winners, and when and why each arm left.
-pub fn race_card(stem: &str, race: &ReportedRace) -> Markup {
+/// The races of an experiment: their courses, where they stand, the winners, and when and why each arm left.
+pub fn race_card(ShownRace { race, stem, scenes }: &ShownRace<'_>) -> Markup {
     html! {
         article.card.wide id=(stem) {
             h3 { "The race" }
             @for sentence in &race.sentences { p.seen { (sentences(sentence)) } }
+            @if !scenes.is_empty() {
+                div.figures {
+                    @for (stem, scene) in scenes {
+                        figure {
+                            (PreEscaped(inline_svg(scene, &|_| String::new())))
+                            figcaption.links { (links(&format!("figures/{stem}"), &IMAGES)) }
+                        }
+                    }
+                }
+                p.seen { (sentences(&race.caption)) }
+            }
             p.links {
                 (table_links(&format!("tables/{stem}"), &race.table))
                 @if race.winners.is_some() {

@@ -103,6 +103,45 @@ fn an_array_larger_than_max_array_size() {
     assert_eq!(lab.submissions()[0]["chunks"], 8);
 }
 
+/// A race of four settings in two rungs: 4 × 2 jobs and 3 of the agent without draws, then 2 × 2, then 3 of the winner.
+const RACE: &str = r#"
+format = 1
+name = "race"
+scenarios = ["P-H-D"]
+environment.sigma = 0.6
+environment.horizon = 10
+evaluation.test_episodes = 20
+search = { samples = 4, rungs = [2, 4], keep = 0.5, fresh = 3 }
+[[agent]]
+name = "drawn"
+algorithm = "reinforce"
+episodes = 200
+layers = [4]
+learning_rate = { log_uniform = [1e-6, 1e-2] }
+[[agent]]
+name = "declared"
+algorithm = "reinforce"
+episodes = 200
+layers = [8]
+"#;
+
+#[test]
+fn a_rung_of_a_race_is_a_submission() {
+    let Some(lab) = Lab::with(RACE, "chunk_minutes = 0.01") else { return };
+    let first = lab.submit(&[]).succeeded().prints("11 jobs in");
+    let first = first.says("drawn: rung 1 of 2: 4 of 4 arms open; next, the best 2 go on");
+    first.says("submit again when the tasks have ended");
+    until("the first rung has ended", || lab.submissions()[0]["state"] == "finished");
+    let second = lab.submit(&[]).succeeded().prints("4 jobs in");
+    second.says("merged 11 runs").says("rung 2 of 2: 2 of 2 arms open");
+    // It waits for the second rung, and submits the fresh seeds.
+    let last = lab.submit(&["--wait"]).succeeded();
+    last.says(": 3 jobs in").says("has won\n").says("18 completed, 0 failed");
+    let jobs = lab.submissions().iter().map(|one| one["jobs"].as_u64()).collect::<Vec<_>>();
+    assert_eq!(jobs, [Some(11), Some(4), Some(3)]);
+    lab.assert_as_on_one_machine();
+}
+
 #[test]
 fn sbatch_absent() {
     let Some(lab) = Lab::with(&jobs("1", Effort::Trivial), "") else { return };

@@ -1,0 +1,80 @@
+//! The races of the searches in a store.
+
+use std::io::{self, Write};
+
+use serde_json::{Value, json};
+
+use crate::cli::Error;
+use crate::cli::output::{Field, Format, Rows};
+use crate::manifest::{self, Manifest, Search};
+use crate::plan::{Outcome, Race};
+use crate::schedule;
+use crate::store::Reader;
+
+/// The races of every experiment that is a search.
+pub(super) struct SearchRaces(Vec<(String, Search, Vec<Race>)>);
+
+impl SearchRaces {
+    pub(super) fn read(reader: &Reader) -> Result<SearchRaces, Error> {
+        let mut searches = Vec::new();
+        for (experiment, text) in reader.manifests()? {
+            let Some(manifest) = search_of(&experiment, &text) else { continue };
+            let races = schedule::races(&manifest, Some(reader))?;
+            if let (Some(races), Some(search)) = (races, manifest.search) {
+                searches.push((experiment, search, races.races));
+            }
+        }
+        Ok(SearchRaces(searches))
+    }
+
+    /// The races of an experiment as JSON.
+    pub(super) fn described(&self, experiment: &str) -> Value {
+        let ours = self.0.iter().filter(|(name, ..)| name == experiment);
+        let races =
+            ours.flat_map(|(_, search, races)| races.iter().map(move |race| (search, race)));
+        races.map(|(search, race)| described(search, race)).collect()
+    }
+
+    /// Lists where the races stand.
+    pub(super) fn list(&self) -> Result<(), Error> {
+        if self.0.is_empty() {
+            return Ok(());
+        }
+        let mut out = io::stdout().lock();
+        writeln!(out, "\nraces:")?;
+        let columns = ["experiment", "agent", "state"].map(str::to_owned);
+        let mut rows = Rows::new(Format::Table, &columns, &mut out)?;
+        for (experiment, search, races) in &self.0 {
+            for race in races {
+                let state = race.state(search);
+                rows.row(&[experiment, &race.agent, &state].map(Field::text))?;
+            }
+        }
+        Ok(rows.finish()?)
+    }
+}
+
+/// The manifest of a text that declares a search. A manifest of another release may be unreadable in this release.
+fn search_of(experiment: &str, text: &str) -> Option<Manifest> {
+    // The manifest of a large sweep takes long to read.
+    let may_be = text.contains("search");
+    may_be.then(|| manifest::parse(experiment, text.as_bytes()).ok()).flatten()
+}
+
+fn described(search: &Search, race: &Race) -> Value {
+    let winner = match race.outcome {
+        Outcome::Won { arm, .. } => Some(arm + 1),
+        Outcome::Running | Outcome::Lost => None,
+    };
+    json!({
+        "agent": race.agent,
+        "rung": race.rungs.len(),
+        "rungs": search.rungs.len(),
+        "arms": race.settings.len(),
+        "arms_left": race.arms_left(),
+        "arms_open": race.rungs.last().map_or(0, |rung| rung.open),
+        "winner": winner,
+        "fresh_seeds_open": race.open_fresh_seeds(),
+        "state": race.state(search),
+    })
+}
