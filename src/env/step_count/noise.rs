@@ -106,6 +106,49 @@ impl DrawnNoise {
         }
     }
 
+    /// Calls `step` with the parameters of every lane's step and the lane's item.
+    #[inline(always)]
+    pub(super) fn for_each<T>(
+        &self,
+        dynamics: &Dynamics,
+        items: impl Iterator<Item = T>,
+        step: impl Fn(&Dynamics, T),
+    ) {
+        if self.parameters.words().is_empty() {
+            items.for_each(|item| step(dynamics, item));
+        } else {
+            let items = items.enumerate();
+            items.for_each(|(lane, item)| step(&self.dynamics(lane, dynamics), item));
+        }
+    }
+
+    /// Draws habituation in every lane, given its noise-free value.
+    #[inline(always)]
+    pub(super) fn habituations(&self, dynamics: &Dynamics, values: &mut [f64]) {
+        self.states::<0>(dynamics.state_spread, dynamics.kappa_h, values);
+    }
+
+    /// Draws disengagement risk in every lane, given its noise-free value.
+    #[inline(always)]
+    pub(super) fn risks(&self, dynamics: &Dynamics, values: &mut [f64]) {
+        self.states::<1>(dynamics.state_spread, dynamics.kappa_d, values);
+    }
+
+    /// Draws a part of the state in every lane, given its noise-free value, from the word at a place.
+    #[inline(always)]
+    fn states<const PLACE: usize>(&self, width: f64, concentration: f64, values: &mut [f64]) {
+        let all = values.iter_mut().zip(self.state.words().as_chunks::<2>().0);
+        match self.state_noise {
+            StateNoise::None => {}
+            StateNoise::Uniform => all.for_each(|(value, words)| {
+                *value = around_up_to_one(*value, width, words[PLACE]);
+            }),
+            StateNoise::Beta => all.for_each(|(value, words)| {
+                *value = beta_around(*value, concentration, words[PLACE]);
+            }),
+        }
+    }
+
     /// Draws the words of the next step.
     pub(super) fn draw(&mut self, drawn: &[bool], streams: &LaneStreams) {
         for words in [&mut self.parameters, &mut self.state, &mut self.steps] {
@@ -124,10 +167,7 @@ impl Noise for DrawnNoise {
         else {
             return *dynamics;
         };
-        let near = |value: f64, word: u64| {
-            let drawn = around(value, dynamics.parameter_spread, word);
-            if drawn < 1.0 { drawn } else { 1.0 }
-        };
+        let near = |value, word| around_up_to_one(value, dynamics.parameter_spread, word);
         let mut drawn = *dynamics;
         drawn.delta_h = near(dynamics.delta_h, *delta_h);
         drawn.epsilon_h = near(dynamics.epsilon_h, *epsilon_h);
@@ -169,6 +209,13 @@ impl Noise for DrawnNoise {
 fn around(value: f64, width: f64, word: u64) -> f64 {
     let (low, high) = ((1.0 - 0.5 * width) * value, (1.0 + 0.5 * width) * value);
     low + (high - low) * unit_from_bits(word)
+}
+
+/// The same, cut at 1.
+#[inline(always)]
+fn around_up_to_one(value: f64, width: f64, word: u64) -> f64 {
+    let drawn = around(value, width, word);
+    if drawn < 1.0 { drawn } else { 1.0 }
 }
 
 /// A beta variate with the given mean and sum of parameters; both parameters are at least `FLOOR`.
