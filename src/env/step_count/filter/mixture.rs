@@ -117,9 +117,10 @@ impl Mixture {
     /// Takes successors that have the same risk in both contexts.
     #[inline(always)]
     fn take(&mut self, successors: &[Successor; 2]) {
-        self.risk.copy_from_slice(&successors[0].risk);
-        for (own, successor) in self.weights.iter_mut().zip(successors) {
-            own.copy_from_slice(&successor.weight);
+        self.clear(successors[0].risk.len().max(successors[1].risk.len()));
+        for (own, Successor { risk, weight, .. }) in self.weights.iter_mut().zip(successors) {
+            self.risk[..risk.len()].copy_from_slice(risk);
+            own[..weight.len()].copy_from_slice(weight);
         }
     }
 
@@ -147,10 +148,12 @@ impl Mixture {
         self.clear(self.most);
         for (own, successor) in self.weights.iter_mut().zip(successors) {
             successor.place(dynamics, self.most);
+            // Of equal lengths, so that a single check of the bounds is enough.
+            let (weights, firsts) = (&mut own[..self.most], &mut self.risk[..self.most]);
             let Successor { risk, weight, cell, .. } = successor;
             for ((risk, weight), cell) in risk.iter().zip(weight).zip(cell) {
-                own[*cell as usize] += *weight;
-                self.risk[*cell as usize] += *weight * risk;
+                weights[*cell as usize] += *weight;
+                firsts[*cell as usize] += *weight * risk;
             }
         }
         let [zero, one] = &self.weights;
@@ -208,6 +211,11 @@ impl Successor {
             let weight = weight * likelihood;
             if evidence.agrees(dynamics, *risk) & (weight > LEAST) { weight } else { 0.0 }
         }));
+        // Many of the last risks of merged atoms are dropped, because the cells are in order.
+        while self.weight.last_chunk() == Some(&[0.0; SIDE]) {
+            self.risk.truncate(self.risk.len() - SIDE);
+            self.weight.truncate(self.weight.len() - SIDE);
+        }
     }
 
     /// The number of atoms with a weight.

@@ -61,15 +61,18 @@ impl Sums {
         habituation: &Block,
         risk: &Block,
     ) {
-        for i in 0..SIDE {
-            let weight = zero[i] + one[i];
-            self.weight[i] += weight;
-            self.squares[i] += weight * weight;
-            self.zero[i] += zero[i];
-            self.near[i] += if is_near(dynamics, risk[i]) { weight } else { 0.0 };
-            self.habituation.add(i, weight, habituation[i]);
-            self.risk.add(i, weight, risk[i]);
-        }
+        let weight = of([zero, one], |[zero, one]| zero + one);
+        let near = of(
+            [&weight, risk],
+            |[weight, risk]| if is_near(dynamics, risk) { weight } else { 0.0 },
+        );
+        let squares = of([&weight, &weight], |[x, y]| x * y);
+        add(&mut self.weight, &weight);
+        add(&mut self.squares, &squares);
+        add(&mut self.zero, zero);
+        add(&mut self.near, &near);
+        self.habituation.add(&weight, habituation);
+        self.risk.add(&weight, risk);
     }
 
     /// The sum of the weights.
@@ -88,7 +91,10 @@ impl Sums {
     #[inline(always)]
     pub(super) fn moments(&self) -> Option<Moments> {
         let weight = self.weight();
-        (weight > 0.0).then(|| Moments {
+        if weight <= 0.0 {
+            return None;
+        }
+        Some(Moments {
             zero: share(total(&self.zero), weight),
             habituation: self.habituation.moments(weight),
             risk: self.risk.moments(weight),
@@ -104,10 +110,21 @@ fn share(part: f64, weight: f64) -> f64 {
     if share < 1.0 { share } else { 1.0 }
 }
 
+/// A function of the numbers of each state.
+#[inline(always)]
+fn of([x, y]: [&Block; 2], of: impl Fn([f64; 2]) -> f64) -> Block {
+    [of([x[0], y[0]]), of([x[1], y[1]]), of([x[2], y[2]]), of([x[3], y[3]])]
+}
+
+#[inline(always)]
+fn add(sums: &mut Block, terms: &Block) {
+    *sums = of([sums, terms], |[sum, term]| sum + term);
+}
+
 /// The sum of the accumulators.
 #[inline(always)]
 fn total([first, second, third, fourth]: &Block) -> f64 {
-    (first + second) + (third + fourth)
+    (first + third) + (second + fourth)
 }
 
 /// The largest of numbers, a multiple of [`SIDE`].
@@ -116,9 +133,12 @@ pub(super) fn largest(numbers: &[f64]) -> f64 {
     let larger = |x: f64, y: f64| if x > y { x } else { y };
     let mut most = [f64::NEG_INFINITY; SIDE];
     for block in numbers.as_chunks::<SIDE>().0 {
-        most.iter_mut().zip(block).for_each(|(most, x)| *most = larger(*most, *x));
+        for (most, x) in most.iter_mut().zip(block) {
+            *most = larger(*most, *x);
+        }
     }
-    most.into_iter().fold(f64::NEG_INFINITY, larger)
+    let [first, second, third, fourth] = most;
+    larger(larger(first, second), larger(third, fourth))
 }
 
 /// Sums for a mean and a standard deviation.
@@ -132,12 +152,13 @@ struct Spread {
 }
 
 impl Spread {
-    /// Adds a value to the accumulators at a place.
     #[inline(always)]
-    fn add(&mut self, place: usize, weight: f64, value: f64) {
-        let distance = value - self.origin;
-        self.first[place] += weight * distance;
-        self.second[place] += weight * distance * distance;
+    fn add(&mut self, weight: &Block, value: &Block) {
+        let distance = of([value, value], |[value, _]| value - self.origin);
+        let first = of([weight, &distance], |[weight, distance]| weight * distance);
+        let second = of([&first, &distance], |[first, distance]| first * distance);
+        add(&mut self.first, &first);
+        add(&mut self.second, &second);
     }
 
     #[inline(always)]

@@ -65,7 +65,9 @@ impl Draws {
     pub(super) fn expand(&mut self, word: u64) {
         let mut words = Expansion(word);
         self.resample = words.bits();
-        self.contexts.iter_mut().for_each(|word| *word = words.bits());
+        for word in &mut self.contexts {
+            *word = words.bits();
+        }
         self.noise.expand(&mut words);
     }
 }
@@ -160,14 +162,15 @@ impl Particles {
     ) {
         let Particles { habituation, zero: zeros, one: ones, .. } = self;
         for ((zero, one), habituation) in zeros.iter_mut().zip(&mut *ones).zip(habituation) {
-            [*zero, *one] = expected(person, dynamics, action, *habituation)
-                .map(|expected| ln_density(dynamics, expected, steps));
+            let expected = expected(person, dynamics, action, *habituation);
+            *zero = ln_density(dynamics, expected[0], steps);
+            *one = ln_density(dynamics, expected[1], steps);
         }
         let most = f64::max(largest(zeros), largest(ones));
         for (own, before) in [(zeros, &before.zero), (ones, &before.one)] {
-            own.iter_mut()
-                .zip(before)
-                .for_each(|(own, before)| *own = before * relative(*own - most));
+            for (own, before) in own.iter_mut().zip(before) {
+                *own = before * relative(*own - most);
+            }
         }
     }
 
@@ -191,10 +194,10 @@ impl Particles {
         action: Action,
     ) {
         let all = self.risk.iter_mut().zip(&before.risk).zip(&self.one);
-        noise.for_each(dynamics, all, |dynamics, ((after, before), one)| {
-            let [in_zero, in_one] =
-                [0, 1].map(|context| dynamics.apply(context, action, 0.0, *before).disengagement);
-            *after = if *one > 0.0 { in_one } else { in_zero };
+        noise.for_each(dynamics, all, |dynamics, ((after, before), weight)| {
+            let zero = dynamics.apply(0, action, 0.0, *before).disengagement;
+            let one = dynamics.apply(1, action, 0.0, *before).disengagement;
+            *after = if *weight > 0.0 { one } else { zero };
         });
     }
 
@@ -204,7 +207,7 @@ impl Particles {
         for ((zero, one), risk) in self.zero.iter_mut().zip(&mut self.one).zip(&self.risk) {
             let next = seen.after([*zero, *one]);
             let agrees = evidence.agrees(dynamics, *risk);
-            [*zero, *one] = next.map(|weight| if agrees { weight } else { 0.0 });
+            [*zero, *one] = if agrees { next } else { [0.0; 2] };
         }
     }
 
@@ -222,7 +225,11 @@ impl Particles {
     /// Multiplies all weights.
     #[inline(always)]
     fn scale(&mut self, by: f64) {
-        self.zero.iter_mut().chain(&mut self.one).for_each(|weight| *weight *= by);
+        for weights in [&mut self.zero, &mut self.one] {
+            for weight in weights {
+                *weight *= by;
+            }
+        }
     }
 
     /// Takes particles in proportion to their weights, whose sum is `sum`, each with the same weight: those at evenly
