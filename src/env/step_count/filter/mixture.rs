@@ -10,7 +10,7 @@
 
 use super::contexts::Feature;
 use super::evidence::Evidence;
-use super::moments::{Moments, SIDE, Sums, is_near};
+use super::moments::{Moments, SIDE, Sums, is_near, of};
 use crate::env::step_count::dynamics::Dynamics;
 use crate::env::vector::Action;
 use crate::kernel::math;
@@ -248,7 +248,8 @@ impl Successors {
         let mut sums = Sums::from(0.0, *origin);
         for Successor { risk, weight, next, .. } in &self.of {
             for (risk, weight) in risk.as_chunks().0.iter().zip(weight.as_chunks().0) {
-                let [zero, one] = next.map(|next| weight.map(|weight| weight * next));
+                let zero = of([weight, weight], |[weight, _]| weight * next[0]);
+                let one = of([weight, weight], |[weight, _]| weight * next[1]);
                 sums.add(dynamics, [&zero, &one], &[0.0; SIDE], risk);
             }
         }

@@ -25,7 +25,7 @@ pub(super) fn is_near(dynamics: &Dynamics, risk: f64) -> bool {
 
 /// The number of states that sums add side by side, each to an accumulator of its own: the order of additions is the
 /// same on every instruction set.
-pub(super) const SIDE: usize = 4;
+pub(super) const SIDE: usize = 8;
 
 /// Numbers of states side by side.
 pub(super) type Block = [f64; SIDE];
@@ -112,8 +112,9 @@ fn share(part: f64, weight: f64) -> f64 {
 
 /// A function of the numbers of each state.
 #[inline(always)]
-fn of([x, y]: [&Block; 2], of: impl Fn([f64; 2]) -> f64) -> Block {
-    [of([x[0], y[0]]), of([x[1], y[1]]), of([x[2], y[2]]), of([x[3], y[3]])]
+pub(super) fn of([x, y]: [&Block; 2], of: impl Fn([f64; 2]) -> f64) -> Block {
+    let at = |i: usize| of([x[i], y[i]]);
+    [at(0), at(1), at(2), at(3), at(4), at(5), at(6), at(7)]
 }
 
 #[inline(always)]
@@ -121,10 +122,11 @@ fn add(sums: &mut Block, terms: &Block) {
     *sums = of([sums, terms], |[sum, term]| sum + term);
 }
 
-/// The sum of the accumulators.
+/// The sum of the accumulators, by halves.
 #[inline(always)]
-fn total([first, second, third, fourth]: &Block) -> f64 {
-    (first + third) + (second + fourth)
+fn total(sums: &Block) -> f64 {
+    let half = |i: usize| sums[i] + sums[i + 4];
+    (half(0) + half(2)) + (half(1) + half(3))
 }
 
 /// The largest of numbers, a multiple of [`SIDE`].
@@ -137,8 +139,11 @@ pub(super) fn largest(numbers: &[f64]) -> f64 {
             *most = larger(*most, *x);
         }
     }
-    let [first, second, third, fourth] = most;
-    larger(larger(first, second), larger(third, fourth))
+    let mut largest = most[0];
+    for most in most {
+        largest = larger(largest, most);
+    }
+    largest
 }
 
 /// Sums for a mean and a standard deviation.
