@@ -394,6 +394,21 @@ mod tests {
     }
 
     #[test]
+    fn first_trials_are_those_of_beta_variates() {
+        let mut words = Stream::new(10, Purpose::Environment);
+        let mut accepted = 0;
+        for _ in 0..2000 {
+            for shapes in [[1.5, 8.5], [9.5, 0.5], [0.05, 0.5], [65.0, 35.0], [1e-5, 10.0]] {
+                let word = words.bits();
+                let (first, is_accepted) = first_beta(shapes, word);
+                assert!(!is_accepted || first.to_bits() == beta(shapes, word).to_bits());
+                accepted += u32::from(is_accepted);
+            }
+        }
+        assert!((9000..10_000).contains(&accepted), "{accepted}");
+    }
+
+    #[test]
     fn extreme_shapes_give_finite_numbers() {
         let mut words = Stream::new(9, Purpose::Environment);
         let mut away = 0;

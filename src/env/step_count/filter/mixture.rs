@@ -126,7 +126,7 @@ impl Mixture {
 
     /// Takes the successors of both contexts that have a weight, whose number is `count`.
     ///
-    /// Which have one is unpredictable, so the loop has no branches: what follows replaces successors without.
+    /// Which have one is unpredictable, so the loop has no branches: the next successor replaces one without.
     #[inline(always)]
     fn append(&mut self, successors: &[Successor; 2], count: usize) {
         self.clear(count + SIDE);
@@ -169,8 +169,8 @@ impl Mixture {
         let [from_zero, from_one] = [0, 1].map(|i: usize| successors[i].next.map(|x| x * scale));
         let [zeros, ones] = &mut self.weights;
         for (zero, one) in zeros.iter_mut().zip(ones) {
-            [*zero, *one] =
-                [0, 1].map(|next: usize| *zero * from_zero[next] + *one * from_one[next]);
+            let of = |next: usize| *zero * from_zero[next] + *one * from_one[next];
+            (*zero, *one) = (of(0), of(1));
         }
     }
 }
