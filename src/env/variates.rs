@@ -69,32 +69,81 @@ impl Scaled {
     }
 }
 
-/// A gamma variate with shape above 0 and scale 1.
+/// A trial of a gamma variate with a shape of at least 1 and scale 1, by a deviate and a uniform number.
 ///
-/// **Source**: Marsaglia and Tsang, "A simple method for generating gamma variables", 2000. For a shape below
-/// 1, the variate of shape + 1 is multiplied by U^(1/shape).
+/// **Source**: Marsaglia and Tsang, "A simple method for generating gamma variables", 2000.
+struct Trial {
+    d: f64,
+    root: f64,
+    /// The square of the deviate.
+    square: f64,
+    u: f64,
+}
+
+impl Trial {
+    #[inline(always)]
+    fn new(shape: f64, words: &mut Expansion) -> Trial {
+        let d = shape - 1.0 / 3.0;
+        let x = words.normal();
+        let root = 1.0 + 1.0 / (9.0 * d).sqrt() * x;
+        Trial { d, root, square: x * x, u: words.open_unit() }
+    }
+
+    #[inline(always)]
+    fn v(&self) -> f64 {
+        self.root * self.root * self.root
+    }
+
+    /// The variate, if the trial is accepted.
+    #[inline(always)]
+    fn variate(&self) -> f64 {
+        self.d * self.v()
+    }
+
+    /// Whether a trial with a positive root is accepted by the test that is quick, and nearly always enough.
+    #[inline(always)]
+    fn is_soon_accepted(&self) -> bool {
+        self.u < 1.0 - 0.0331 * self.square * self.square
+    }
+
+    /// Whether a trial with a positive root is accepted.
+    #[inline(always)]
+    fn is_accepted(&self) -> bool {
+        let v = self.v();
+        math::ln(self.u) < 0.5 * self.square + self.d * (1.0 - v + math::ln(v))
+    }
+}
+
+/// The shape of the trials for a shape: for one below 1, that of a variate that is multiplied by U^(1/shape).
+#[inline(always)]
+fn raised(shape: f64) -> f64 {
+    if shape < 1.0 { shape + 1.0 } else { shape }
+}
+
+/// A gamma variate with shape above 0 and scale 1.
 #[inline(always)]
 fn standard_gamma(shape: f64, words: &mut Expansion) -> Scaled {
-    let raised = if shape < 1.0 { shape + 1.0 } else { shape };
-    let d = raised - 1.0 / 3.0;
-    let c = 1.0 / (9.0 * d).sqrt();
     let factor = loop {
-        let x = words.normal();
-        let root = 1.0 + c * x;
-        let u = words.open_unit();
-        if root <= 0.0 {
-            continue;
-        }
-        let v = root * root * root;
-        let square = x * x;
-        if u < 1.0 - 0.0331 * square * square
-            || math::ln(u) < 0.5 * square + d * (1.0 - v + math::ln(v))
-        {
-            break d * v;
+        let trial = Trial::new(raised(shape), words);
+        if trial.root > 0.0 && (trial.is_soon_accepted() || trial.is_accepted()) {
+            break trial.variate();
         }
     };
     let exponent = if shape < 1.0 { math::ln(words.open_unit()) / shape } else { 0.0 };
     Scaled { factor, exponent }
+}
+
+/// The variate of [`standard_gamma`] if its first trial is accepted, and whether it is. There are no branches.
+#[inline(always)]
+fn first_standard_gamma(shape: f64, words: &mut Expansion) -> (Scaled, bool) {
+    let trial = Trial::new(raised(shape), words);
+    let is_accepted = (trial.root > 0.0) & (trial.is_soon_accepted() | trial.is_accepted());
+    let is_low = shape < 1.0;
+    let after = words.0;
+    let exponent = math::ln(words.open_unit()) / shape;
+    words.0 = if is_low { words.0 } else { after };
+    let exponent = if is_low { exponent } else { 0.0 };
+    (Scaled { factor: trial.variate(), exponent }, is_accepted)
 }
 
 /// A gamma variate with this mean and standard deviation, both above 0. Returns 0 where U^(1/shape) is below
@@ -110,18 +159,29 @@ pub(super) fn gamma(mean: f64, deviation: f64, word: u64) -> f64 {
     factor * scale * math::exp(exponent)
 }
 
-/// A beta variate X / (X + Y) of gamma variates X and Y of the shapes `alpha` and `beta`, both above 0. Uses
-/// the difference of their logarithms, because both variates can underflow.
+/// A beta variate X / (X + Y) of gamma variates X and Y of the shapes `alpha` and `beta`, both above 0.
 #[inline(always)]
-pub(super) fn beta(alpha: f64, beta: f64, word: u64) -> f64 {
+pub(super) fn beta([alpha, beta]: [f64; 2], word: u64) -> f64 {
     let mut words = Expansion(word);
-    let x = standard_gamma(alpha, &mut words).ln();
-    let y = standard_gamma(beta, &mut words).ln();
-    let apart = y - x;
-    if apart > -LEAST_EXPONENT {
-        return 0.0;
-    }
-    1.0 / (1.0 + math::exp(apart))
+    share(standard_gamma(alpha, &mut words), standard_gamma(beta, &mut words))
+}
+
+/// The variate of [`beta`] if the first trials of both gamma variates are accepted, and whether they are. There are no
+/// branches, so that compilers vectorise loops.
+#[inline(always)]
+pub(super) fn first_beta([alpha, beta]: [f64; 2], word: u64) -> (f64, bool) {
+    let mut words = Expansion(word);
+    let (x, is_x) = first_standard_gamma(alpha, &mut words);
+    let (y, is_y) = first_standard_gamma(beta, &mut words);
+    (share(x, y), is_x & is_y)
+}
+
+/// X / (X + Y). Uses the difference of their logarithms, because both can underflow.
+#[inline(always)]
+fn share(x: Scaled, y: Scaled) -> f64 {
+    let apart = y.ln() - x.ln();
+    let share = 1.0 / (1.0 + math::exp(apart));
+    if apart > -LEAST_EXPONENT { 0.0 } else { share }
 }
 
 /// A Poisson variate with this mean, at least 0.
@@ -183,28 +243,29 @@ fn stirling(x: f64) -> f64 {
 /// ln Gamma(x) for x > 0, with an error below 1e-9.
 #[inline(always)]
 fn ln_gamma(x: f64) -> f64 {
-    if x >= 8.0 {
-        return stirling(x);
-    }
     // Gamma(x + 8) = x (x + 1) ... (x + 7) Gamma(x).
-    let product: f64 = (0..8).map(|i| x + f64::from(i)).product();
-    stirling(x + 8.0) - math::ln(product)
+    let mut product = x;
+    for i in 1..8 {
+        product *= x + f64::from(i);
+    }
+    let (raised, product) = if x >= 8.0 { (x, 1.0) } else { (x + 8.0, product) };
+    stirling(raised) - math::ln(product)
 }
 
 /// The logarithm of the density of [`gamma`] at `x` >= 0. At 0, it is the logarithm of the probability that the variate
-/// underflows.
+/// underflows. There are no branches, so that compilers vectorise loops.
 #[inline(always)]
 pub(super) fn ln_gamma_density(mean: f64, deviation: f64, x: f64) -> f64 {
     let ratio = mean / deviation;
     let shape = ratio * ratio;
-    if x <= 0.0 {
-        // Only variates of a shape below 1 have the factor U^(1/shape).
-        return if shape < 1.0 { LEAST_EXPONENT * shape } else { f64::MIN };
-    }
+    // Only variates of a shape below 1 have the factor U^(1/shape).
+    let at_zero = if shape < 1.0 { LEAST_EXPONENT * shape } else { f64::MIN };
     let scale = deviation * deviation / mean;
+    let is_zero = x <= 0.0;
     let x = if x > f64::MIN_POSITIVE { x } else { f64::MIN_POSITIVE };
     let scaled = x / scale;
-    (shape - 1.0) * math::ln(x) - scaled - ln_gamma(shape) - shape * math::ln(scale)
+    let density = (shape - 1.0) * math::ln(x) - scaled - ln_gamma(shape) - shape * math::ln(scale);
+    if is_zero { at_zero } else { density }
 }
 
 #[cfg(test)]
@@ -327,9 +388,24 @@ mod tests {
             (1.0, 1.0),
         ] {
             let law = Beta::new(a, b).unwrap();
-            let distance = kolmogorov_smirnov(|word| beta(a, b, word), |x| law.cdf(x));
+            let distance = kolmogorov_smirnov(|word| beta([a, b], word), |x| law.cdf(x));
             assert!(distance < CRITICAL, "{a} {b}: {distance}");
         }
+    }
+
+    #[test]
+    fn first_trials_are_those_of_beta_variates() {
+        let mut words = Stream::new(10, Purpose::Environment);
+        let mut accepted = 0;
+        for _ in 0..2000 {
+            for shapes in [[1.5, 8.5], [9.5, 0.5], [0.05, 0.5], [65.0, 35.0], [1e-5, 10.0]] {
+                let word = words.bits();
+                let (first, is_accepted) = first_beta(shapes, word);
+                assert!(!is_accepted || first.to_bits() == beta(shapes, word).to_bits());
+                accepted += u32::from(is_accepted);
+            }
+        }
+        assert!((9000..10_000).contains(&accepted), "{accepted}");
     }
 
     #[test]
@@ -338,10 +414,10 @@ mod tests {
         let mut away = 0;
         for _ in 0..20_000 {
             let word = words.bits();
-            away += u32::from(beta(1e-5, 10.0, word) > 1e-9);
-            away += u32::from(beta(10.0, 1e-5, word) < 1.0 - 1e-9);
-            assert!((0.0..=1.0).contains(&beta(1e-5, 1e-5, word)));
-            assert!((beta(4e5, 6e5, word) - 0.4).abs() < 0.01);
+            away += u32::from(beta([1e-5, 10.0], word) > 1e-9);
+            away += u32::from(beta([10.0, 1e-5], word) < 1.0 - 1e-9);
+            assert!((0.0..=1.0).contains(&beta([1e-5, 1e-5], word)));
+            assert!((beta([4e5, 6e5], word) - 0.4).abs() < 0.01);
             for (mean, deviation) in [(1e-5, 10.0), (1e-5, 1e6), (1e6, 1e-6), (0.1, 10.0)] {
                 let steps = gamma(mean, deviation, word);
                 assert!(steps.is_finite() && steps >= 0.0, "{mean} {deviation}: {steps}");

@@ -54,6 +54,14 @@ pub fn root_plus<S: Simd>(simd: S, x: S::f32s, y: S::f32s) -> S::f32s {
     simd.mul_add_f32s(root, p, y)
 }
 
+/// The whole number nearest to x, for x from -0.5 to 2^50; ties go to even numbers.
+///
+/// A loop of casts would not be vectorised.
+#[inline(always)]
+pub fn nearest(x: f64) -> u64 {
+    (x + ROUND_F64).to_bits().wrapping_sub(ROUND_F64.to_bits())
+}
+
 /// The square root in f64 within 2 units in the last place, for 0 or a finite normal positive number.
 ///
 /// **Source**: a first guess as in [`root_plus`], then Goldschmidt's iteration for both the root and its
@@ -290,6 +298,13 @@ mod tests {
         }
         assert_eq!(ln(1.0), 0.0);
         assert!(ln(f64::NAN).is_nan());
+    }
+
+    #[test]
+    fn nearest_numbers_are_those_of_the_processor() {
+        for x in numbers(-0.5, 9.0).chain([-0.5, 0.5, 1.5, 2.5, 1e15]) {
+            assert_eq!(nearest(x), x.round_ties_even() as u64, "{x}");
+        }
     }
 
     #[test]

@@ -3,7 +3,7 @@
 use crate::env::companion_words::CompanionWords;
 use crate::env::step_count::dynamics::Dynamics;
 use crate::env::step_count::parameters::{StateNoise, StepCount, StepNoise};
-use crate::env::variates::{Expansion, beta, gamma};
+use crate::env::variates::{Expansion, beta, first_beta, gamma};
 use crate::env::vector::{LaneSet, LaneStreams};
 use crate::rng::{Companion, unit_from_bits};
 
@@ -99,10 +99,68 @@ impl DrawnNoise {
     /// Draws the words of the next step from other words.
     #[inline(always)]
     pub(super) fn expand(&mut self, words: &mut Expansion) {
-        for word in
-            [&mut self.parameters, &mut self.state].into_iter().flat_map(CompanionWords::words_mut)
-        {
-            *word = words.bits();
+        for drawn in [&mut self.parameters, &mut self.state] {
+            for word in drawn.words_mut() {
+                *word = words.bits();
+            }
+        }
+    }
+
+    /// Calls `step` with the parameters of every lane's step and the lane's item.
+    #[inline(always)]
+    pub(super) fn for_each<T>(
+        &self,
+        dynamics: &Dynamics,
+        items: impl Iterator<Item = T>,
+        step: impl Fn(&Dynamics, T),
+    ) {
+        if self.parameters.words().is_empty() {
+            for item in items {
+                step(dynamics, item);
+            }
+        } else {
+            for (lane, item) in items.enumerate() {
+                step(&self.dynamics(lane, dynamics), item);
+            }
+        }
+    }
+
+    /// Draws habituation in every lane, given its noise-free value.
+    #[inline(always)]
+    pub(super) fn habituations(&self, dynamics: &Dynamics, values: &mut [f64]) {
+        self.states::<0>(dynamics.state_spread, dynamics.kappa_h, values);
+    }
+
+    /// Draws disengagement risk in every lane, given its noise-free value.
+    #[inline(always)]
+    pub(super) fn risks(&self, dynamics: &Dynamics, values: &mut [f64]) {
+        self.states::<1>(dynamics.state_spread, dynamics.kappa_d, values);
+    }
+
+    /// Draws a part of the state in every lane, given its noise-free value, from the word at a place.
+    #[inline(always)]
+    fn states<const PLACE: usize>(&self, width: f64, concentration: f64, values: &mut [f64]) {
+        let all_words = self.state.words().as_chunks::<2>().0;
+        let all = values.iter_mut().zip(all_words);
+        match self.state_noise {
+            StateNoise::None => {}
+            StateNoise::Uniform => {
+                for (value, words) in all {
+                    *value = around_up_to_one(*value, width, words[PLACE]);
+                }
+            }
+            StateNoise::Beta => {
+                // A value with another sign waits for a variate that needs more trials.
+                for (value, words) in all {
+                    let (drawn, is_drawn) = first_beta(shapes(*value, concentration), words[PLACE]);
+                    *value = if is_drawn { drawn } else { -*value };
+                }
+                for (value, words) in values.iter_mut().zip(all_words) {
+                    if value.is_sign_negative() {
+                        *value = beta(shapes(-*value, concentration), words[PLACE]);
+                    }
+                }
+            }
         }
     }
 
@@ -124,10 +182,7 @@ impl Noise for DrawnNoise {
         else {
             return *dynamics;
         };
-        let near = |value: f64, word: u64| {
-            let drawn = around(value, dynamics.parameter_spread, word);
-            if drawn < 1.0 { drawn } else { 1.0 }
-        };
+        let near = |value, word| around_up_to_one(value, dynamics.parameter_spread, word);
         let mut drawn = *dynamics;
         drawn.delta_h = near(dynamics.delta_h, *delta_h);
         drawn.epsilon_h = near(dynamics.epsilon_h, *epsilon_h);
@@ -149,8 +204,8 @@ impl Noise for DrawnNoise {
             StateNoise::Beta => {
                 let [h, d] = words();
                 [
-                    beta_around(habituation, dynamics.kappa_h, h),
-                    beta_around(disengagement, dynamics.kappa_d, d),
+                    beta(shapes(habituation, dynamics.kappa_h), h),
+                    beta(shapes(disengagement, dynamics.kappa_d), d),
                 ]
             }
         }
@@ -171,9 +226,16 @@ fn around(value: f64, width: f64, word: u64) -> f64 {
     low + (high - low) * unit_from_bits(word)
 }
 
-/// A beta variate with the given mean and sum of parameters; both parameters are at least `FLOOR`.
+/// The same, cut at 1.
 #[inline(always)]
-fn beta_around(mean: f64, concentration: f64, word: u64) -> f64 {
+fn around_up_to_one(value: f64, width: f64, word: u64) -> f64 {
+    let drawn = around(value, width, word);
+    if drawn < 1.0 { drawn } else { 1.0 }
+}
+
+/// The parameters of a beta distribution with this mean and this sum of parameters; both are at least `FLOOR`.
+#[inline(always)]
+fn shapes(mean: f64, concentration: f64) -> [f64; 2] {
     let floored = |x: f64| if x > FLOOR { x } else { FLOOR };
-    beta(floored(concentration * mean), floored(concentration * (1.0 - mean)), word)
+    [floored(concentration * mean), floored(concentration * (1.0 - mean))]
 }

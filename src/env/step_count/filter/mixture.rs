@@ -1,91 +1,86 @@
 //! The belief about disengagement risk without noise: a finite mixture.
 //!
 //! A tailored message lowers the risk in one context and raises it in the other, so that every risk that a phone holds
-//! possible has two successors. Equal risks are one atom. While an episode runs, risks that would have ended it are
-//! dropped. Up to [`ATOMS`] atoms, the mixture is exact.
+//! possible has two successors. While an episode runs, risks that would have ended it are dropped. Up to [`ATOMS`]
+//! atoms, the mixture is exact.
 //!
-//! More atoms are merged within cells about 1/[`ATOMS`] wide, none of which reaches across the risk from which a wrong
-//! message ends the episode. Merging keeps the probability and the mean of a cell. A test compares the result with a
-//! mixture of a hundred times as many atoms.
-
-use std::hint::select_unpredictable;
+//! More successors are merged within cells about 1/[`ATOMS`] wide, none of which reaches across the risk from which a
+//! wrong message ends the episode. Merging keeps the probability and the mean of a cell. A test compares the result
+//! with a mixture of a hundred times as many atoms.
 
 use super::contexts::Feature;
 use super::evidence::Evidence;
-use super::moments::{Moments, Sums, is_near};
+use super::moments::{Moments, SIDE, Sums, is_near, of};
 use crate::env::step_count::dynamics::Dynamics;
 use crate::env::vector::Action;
+use crate::kernel::math;
 use crate::state::resumable;
 
-/// The largest number of atoms.
+/// The largest number of atoms, a multiple of [`SIDE`].
 pub(super) const ATOMS: usize = 64;
 /// Less probable atoms are dropped: their sum is far below the rounding of the others.
 const LEAST: f64 = 1e-60;
 
-/// A disengagement risk with its probability, jointly with the context of the present step.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub(super) struct Atom {
-    pub(super) risk: f64,
-    /// The probability of the risk and context 0, and of the risk and context 1.
-    pub(super) weights: [f64; 2],
-}
-
-impl Atom {
-    /// Stands behind the last atom.
-    const END: Atom = Atom { risk: f64::INFINITY, weights: [0.0; 2] };
-
-    #[inline(always)]
-    pub(super) fn weight(&self) -> f64 {
-        self.weights[0] + self.weights[1]
-    }
-
-    /// Adds another atom: the sum of the weights, at the mean risk.
-    fn join(&mut self, other: &Atom) {
-        let weight = other.weight();
-        self.risk += (other.risk - self.risk) * weight / (self.weight() + weight);
-        self.weights = [0, 1].map(|context| self.weights[context] + other.weights[context]);
-    }
-}
-
-resumable!([] Atom { parts risk, weights });
-
-/// A distribution of disengagement risk and of the context.
+/// A distribution of disengagement risk and of the context of the present step.
+///
+/// Every array is \[atoms\], at most `most` and a multiple of [`SIDE`]. Atoms without a weight have no meaning.
 #[derive(Clone, Debug)]
 pub(super) struct Mixture {
-    /// The largest number of atoms.
     most: usize,
-    /// At least one atom: different risks in ascending order. The sum of all weights is 1.
-    atoms: Vec<Atom>,
+    risk: Vec<f64>,
+    /// The probabilities of a risk with context 0, and with context 1; their sum over all is 1.
+    weights: [Vec<f64>; 2],
 }
 
-/// Room for the successors of a mixture.
+/// The successors of the atoms of a mixture by the context of the step.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Successors {
-    /// Those whose risk falls or stays, and those whose risk rises; each in ascending order.
-    calm: Vec<Atom>,
-    annoyed: Vec<Atom>,
-    /// Both in ascending order, behind an atom without meaning.
-    all: Vec<Atom>,
+    of: [Successor; 2],
+}
+
+/// What follows if the step had a certain context; every array is \[atoms\].
+#[derive(Clone, Debug, Default)]
+struct Successor {
+    risk: Vec<f64>,
+    /// Probabilities up to a common factor.
+    weight: Vec<f64>,
+    /// The probabilities of the next contexts, given the feature; 0 where no weight is left.
+    next: [f64; 2],
+    /// Room for the cells of the risks.
+    cell: Vec<u64>,
 }
 
 impl Mixture {
     /// A mixture of at most `most` atoms, before the first episode.
     pub(super) fn new(most: usize) -> Self {
-        let mut atoms = Vec::with_capacity(most);
-        atoms.push(Atom { risk: 0.0, weights: [0.5; 2] });
-        Mixture { most, atoms }
+        let room = || Vec::with_capacity(most + SIDE);
+        let mut mixture = Mixture { most, risk: room(), weights: [room(), room()] };
+        mixture.begin(0.0, 0.5);
+        mixture
     }
 
     /// Begins an episode at a risk, where context 0 has the probability `zero`.
     pub(super) fn begin(&mut self, risk: f64, zero: f64) {
-        self.atoms.clear();
-        self.atoms.push(Atom { risk, weights: [zero, 1.0 - zero] });
+        self.clear(SIDE);
+        self.risk[0] = risk;
+        self.weights[0][0] = zero;
+        self.weights[1][0] = 1.0 - zero;
     }
 
-    /// The atoms.
+    /// Makes place for a number of atoms, all without a weight, at the risk 0.
+    #[inline(always)]
+    fn clear(&mut self, count: usize) {
+        for array in [&mut self.risk].into_iter().chain(&mut self.weights) {
+            array.clear();
+            array.resize(count, 0.0);
+        }
+    }
+
+    /// The risks that are possible, with their probabilities.
     #[cfg(test)]
-    pub(super) fn atoms(&self) -> &[Atom] {
-        &self.atoms
+    pub(super) fn atoms(&self) -> impl Iterator<Item = (f64, f64)> {
+        let weights = self.weights[0].iter().zip(&self.weights[1]).map(|(zero, one)| zero + one);
+        self.risk.iter().copied().zip(weights).filter(|(_, weight)| *weight > 0.0)
     }
 
     /// Updates the mixture after a step, given the likelihoods of the contexts by the steps walked. Returns `None`,
@@ -100,100 +95,164 @@ impl Mixture {
         evidence: &Evidence,
         room: &mut Successors,
     ) -> Option<Moments> {
-        let action = evidence.action;
-        let is_tailored = action != Action::NONE && action != Action::UNTAILORED;
-        let is_wrong = [0, 1].map(|context| is_tailored && action != Action::tailored_to(context));
-        let share =
-            |context: usize, of: bool| if is_wrong[context] == of { steps[context] } else { 0.0 };
-        let agrees = |risk: f64| evidence.agrees(dynamics, risk);
-        let succeed =
-            |share: [f64; 2], change: &mut dyn FnMut(f64) -> f64, into: &mut Vec<Atom>| {
-                into.clear();
-                if share != [0.0; 2] {
-                    for Atom { risk, weights: [zero, one] } in &self.atoms {
-                        let risk = change(*risk);
-                        let weights = seen.after([zero * share[0], one * share[1]]);
-                        let atom = Atom { risk, weights };
-                        if agrees(risk) && atom.weight() > LEAST {
-                            into.push(atom);
-                        }
-                    }
-                }
-            };
-        let calmed = |risk: f64| if action == Action::NONE { risk } else { dynamics.calmed(risk) };
-        succeed([share(0, false), share(1, false)], &mut { calmed }, &mut room.calm);
-        succeed(
-            [share(0, true), share(1, true)],
-            &mut |risk| dynamics.annoyed(risk),
-            &mut room.annoyed,
-        );
-        let sums = room.merge(dynamics);
+        for (context, successor) in room.of.iter_mut().enumerate() {
+            let (likelihood, next) = seen.ahead(context);
+            successor.next = next;
+            successor.follow(self, context, dynamics, steps[context] * likelihood, evidence);
+        }
+        let sums = room.sums(dynamics)?;
         let moments = sums.moments()?;
-        self.take(&room.all[1..], 1.0 / sums.weight, dynamics);
+        let count = room.of.iter().map(Successor::count).sum();
+        if evidence.action == Action::NONE || evidence.action == Action::UNTAILORED {
+            self.take(&room.of);
+        } else if count <= self.most {
+            self.append(&room.of, count);
+        } else {
+            self.merge(&mut room.of, dynamics);
+        }
+        self.look(&room.of, 1.0 / sums.weight());
         Some(moments)
     }
 
-    /// Replaces the atoms by others, whose weights are multiplied by `scale`.
+    /// Takes successors that have the same risk in both contexts.
     #[inline(always)]
-    fn take(&mut self, others: &[Atom], scale: f64, dynamics: &Dynamics) {
-        self.atoms.clear();
-        let scaled = |atom: &Atom| Atom { weights: atom.weights.map(|x| x * scale), ..*atom };
-        if others.len() <= self.most {
-            self.atoms.extend(others.iter().map(scaled));
-            return;
+    fn take(&mut self, successors: &[Successor; 2]) {
+        self.clear(successors[0].risk.len().max(successors[1].risk.len()));
+        for (own, Successor { risk, weight, .. }) in self.weights.iter_mut().zip(successors) {
+            self.risk[..risk.len()].copy_from_slice(risk);
+            own[..weight.len()].copy_from_slice(weight);
         }
-        let cut = dynamics.disengagement_threshold - dynamics.epsilon_d;
-        let cells = (self.most - 3) as f64;
-        let cell = |risk: f64| (((risk - cut) * cells).floor(), is_near(dynamics, risk));
-        let mut last = None;
-        for atom in others {
-            let of = Some(cell(atom.risk));
-            match self.atoms.last_mut() {
-                Some(joined) if of == last => joined.join(&scaled(atom)),
-                _ => self.atoms.push(scaled(atom)),
+    }
+
+    /// Takes the successors of both contexts that have a weight, whose number is `count`.
+    ///
+    /// Which have one is unpredictable, so the loop has no branches: the next successor replaces one without.
+    #[inline(always)]
+    fn append(&mut self, successors: &[Successor; 2], count: usize) {
+        self.clear(count + SIDE);
+        let mut place = 0;
+        for (own, successor) in self.weights.iter_mut().zip(successors) {
+            for (risk, weight) in successor.risk.iter().zip(&successor.weight) {
+                (self.risk[place], own[place]) = (*risk, *weight);
+                place += usize::from(*weight > 0.0);
             }
-            last = of;
+        }
+        let count = count.next_multiple_of(SIDE);
+        self.risk.truncate(count);
+        self.weights.iter_mut().for_each(|weights| weights.truncate(count));
+    }
+
+    /// Takes the successors of both contexts, merged within cells.
+    #[inline(always)]
+    fn merge(&mut self, successors: &mut [Successor; 2], dynamics: &Dynamics) {
+        self.clear(self.most);
+        for (own, successor) in self.weights.iter_mut().zip(successors) {
+            successor.place(dynamics, self.most);
+            // Of equal lengths, so that a single check of the bounds is enough.
+            let (weights, firsts) = (&mut own[..self.most], &mut self.risk[..self.most]);
+            let Successor { risk, weight, cell, .. } = successor;
+            for ((risk, weight), cell) in risk.iter().zip(weight).zip(cell) {
+                weights[*cell as usize] += *weight;
+                firsts[*cell as usize] += *weight * risk;
+            }
+        }
+        let [zero, one] = &self.weights;
+        for ((risk, zero), one) in self.risk.iter_mut().zip(zero).zip(one) {
+            let weight = zero + one;
+            *risk = if weight > 0.0 { *risk / weight } else { 0.0 };
+        }
+    }
+
+    /// Replaces the contexts of the step by the next contexts, and multiplies all weights by `scale`.
+    #[inline(always)]
+    fn look(&mut self, successors: &[Successor; 2], scale: f64) {
+        let [from_zero, from_one] = [0, 1].map(|i: usize| successors[i].next.map(|x| x * scale));
+        let [zeros, ones] = &mut self.weights;
+        for (zero, one) in zeros.iter_mut().zip(ones) {
+            let of = |next: usize| *zero * from_zero[next] + *one * from_one[next];
+            (*zero, *one) = (of(0), of(1));
         }
     }
 }
 
-resumable!([] Mixture { parts atoms; check fits, "beliefs" });
+resumable!([] Mixture { grown risk; parts weights; check fits, "beliefs" });
 
 impl Mixture {
-    /// Whether the number of atoms is possible.
+    /// Whether the number of atoms and their risks are possible.
     fn fits(&self) -> bool {
-        (1..=self.most).contains(&self.atoms.len())
+        let count = self.risk.len();
+        (1..=self.most).contains(&count)
+            && count.is_multiple_of(SIDE)
+            && self.weights.iter().all(|weights| weights.len() == count)
+            && self.risk.iter().all(|risk| (0.0..=1.0).contains(risk))
+    }
+}
+
+impl Successor {
+    /// Finds what follows a mixture after a step in a context, whose likelihood is given.
+    #[inline(always)]
+    fn follow(
+        &mut self,
+        mixture: &Mixture,
+        context: usize,
+        dynamics: &Dynamics,
+        likelihood: f64,
+        evidence: &Evidence,
+    ) {
+        self.risk.clear();
+        self.risk.extend(
+            mixture.risk.iter().map(|risk| {
+                dynamics.apply(context as u8, evidence.action, 0.0, *risk).disengagement
+            }),
+        );
+        self.weight.clear();
+        let weights = mixture.weights[context].iter().zip(&self.risk);
+        self.weight.extend(weights.map(|(weight, risk)| {
+            let weight = weight * likelihood;
+            if evidence.agrees(dynamics, *risk) & (weight > LEAST) { weight } else { 0.0 }
+        }));
+        // Many of the last risks of merged atoms are dropped, because the cells are in order.
+        while self.weight.last_chunk() == Some(&[0.0; SIDE]) {
+            self.risk.truncate(self.risk.len() - SIDE);
+            self.weight.truncate(self.weight.len() - SIDE);
+        }
+    }
+
+    /// The number of atoms with a weight.
+    #[inline(always)]
+    fn count(&self) -> usize {
+        self.weight.iter().filter(|weight| **weight > 0.0).count()
+    }
+
+    /// Finds the cells of all risks, which are below `most`.
+    #[inline(always)]
+    fn place(&mut self, dynamics: &Dynamics, most: usize) {
+        let cut = dynamics.disengagement_threshold - dynamics.epsilon_d;
+        let cells = (most - 3) as f64;
+        // Half a cell turns the nearest whole number into the next lower one.
+        let lowest = (-cut * cells).floor() + 0.5;
+        self.cell.clear();
+        self.cell.extend(self.risk.iter().map(|risk| {
+            let cell = math::nearest((risk - cut) * cells - lowest);
+            cell + u64::from(is_near(dynamics, *risk))
+        }));
     }
 }
 
 impl Successors {
-    /// Merges both lists into `all`, where equal risks become one atom, and sums over them.
-    ///
-    /// Which list comes next is unpredictable, so the loop has no branches.
+    /// Sums over all; `None` if there are none.
     #[inline(always)]
-    fn merge(&mut self, dynamics: &Dynamics) -> Sums {
-        let count = self.calm.len() + self.annoyed.len();
-        self.calm.push(Atom::END);
-        self.annoyed.push(Atom::END);
-        self.all.resize(count + 1, Atom::default());
-        let origin = if count == 0 { 0.0 } else { self.calm[0].risk.min(self.annoyed[0].risk) };
-        let mut sums = Sums::from(0.0, origin);
-        let mut last = Atom { risk: f64::NEG_INFINITY, weights: [0.0; 2] };
-        let (mut calm, mut place) = (0, 0);
-        for taken in 0..count {
-            let (low, high) = (self.calm[calm], self.annoyed[taken - calm]);
-            let takes_calm = low.risk <= high.risk;
-            let next = select_unpredictable(takes_calm, low, high);
-            calm += usize::from(takes_calm);
-            sums.add(dynamics, next.weights, 0.0, next.risk);
-            let is_new = next.risk > last.risk;
-            let before = |context: usize| select_unpredictable(is_new, 0.0, last.weights[context]);
-            let weights = [before(0) + next.weights[0], before(1) + next.weights[1]];
-            last = Atom { risk: next.risk, weights };
-            place += usize::from(is_new);
-            self.all[place] = last;
+    fn sums(&self, dynamics: &Dynamics) -> Option<Sums> {
+        let mut all = self.of.iter().flat_map(|of| of.risk.iter().zip(&of.weight));
+        let (origin, _) = all.find(|(_, weight)| **weight > 0.0)?;
+        let mut sums = Sums::from(0.0, *origin);
+        for Successor { risk, weight, next, .. } in &self.of {
+            for (risk, weight) in risk.as_chunks().0.iter().zip(weight.as_chunks().0) {
+                let zero = of([weight, weight], |[weight, _]| weight * next[0]);
+                let one = of([weight, weight], |[weight, _]| weight * next[1]);
+                sums.add(dynamics, [&zero, &one], &[0.0; SIDE], risk);
+            }
         }
-        self.all.truncate(place + 1);
-        sums
+        Some(sums)
     }
 }

@@ -23,12 +23,20 @@ pub(super) fn is_near(dynamics: &Dynamics, risk: f64) -> bool {
     dynamics.annoyed(risk) >= dynamics.disengagement_threshold
 }
 
+/// The number of states that sums add side by side, each to an accumulator of its own: the order of additions is the
+/// same on every instruction set.
+pub(super) const SIDE: usize = 8;
+
+/// Numbers of states side by side.
+pub(super) type Block = [f64; SIDE];
+
 /// Sums over states, with weights that are not normalised.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Sums {
-    pub(super) weight: f64,
-    zero: f64,
-    near: f64,
+    weight: Block,
+    squares: Block,
+    zero: Block,
+    near: Block,
     habituation: Spread,
     risk: Spread,
 }
@@ -38,35 +46,59 @@ impl Sums {
     /// deviation at all.
     #[inline(always)]
     pub(super) fn from(habituation: f64, risk: f64) -> Sums {
-        let of = |origin| Spread { origin, first: 0.0, second: 0.0 };
-        Sums { weight: 0.0, zero: 0.0, near: 0.0, habituation: of(habituation), risk: of(risk) }
+        let none = [0.0; SIDE];
+        let of = |origin| Spread { origin, first: none, second: none };
+        let (habituation, risk) = (of(habituation), of(risk));
+        Sums { weight: none, squares: none, zero: none, near: none, habituation, risk }
     }
 
-    /// Adds a state with the weights of both contexts.
+    /// Adds states with the weights of context 0 and of context 1.
     #[inline(always)]
     pub(super) fn add(
         &mut self,
         dynamics: &Dynamics,
-        weights: [f64; 2],
-        habituation: f64,
-        risk: f64,
+        [zero, one]: [&Block; 2],
+        habituation: &Block,
+        risk: &Block,
     ) {
-        let weight = weights[0] + weights[1];
-        self.weight += weight;
-        self.zero += weights[0];
-        self.near += if is_near(dynamics, risk) { weight } else { 0.0 };
-        self.habituation.add(weight, habituation);
-        self.risk.add(weight, risk);
+        let weight = of([zero, one], |[zero, one]| zero + one);
+        let near = of(
+            [&weight, risk],
+            |[weight, risk]| if is_near(dynamics, risk) { weight } else { 0.0 },
+        );
+        let squares = of([&weight, &weight], |[x, y]| x * y);
+        add(&mut self.weight, &weight);
+        add(&mut self.squares, &squares);
+        add(&mut self.zero, zero);
+        add(&mut self.near, &near);
+        self.habituation.add(&weight, habituation);
+        self.risk.add(&weight, risk);
+    }
+
+    /// The sum of the weights.
+    #[inline(always)]
+    pub(super) fn weight(&self) -> f64 {
+        total(&self.weight)
+    }
+
+    /// The sum of the squares of the weights.
+    #[inline(always)]
+    pub(super) fn squares(&self) -> f64 {
+        total(&self.squares)
     }
 
     /// The numbers of the belief; `None` if there is no weight.
     #[inline(always)]
     pub(super) fn moments(&self) -> Option<Moments> {
-        (self.weight > 0.0).then(|| Moments {
-            zero: share(self.zero, self.weight),
-            habituation: self.habituation.moments(self.weight),
-            risk: self.risk.moments(self.weight),
-            near: share(self.near, self.weight),
+        let weight = self.weight();
+        if weight <= 0.0 {
+            return None;
+        }
+        Some(Moments {
+            zero: share(total(&self.zero), weight),
+            habituation: self.habituation.moments(weight),
+            risk: self.risk.moments(weight),
+            near: share(total(&self.near), weight),
         })
     }
 }
@@ -78,28 +110,66 @@ fn share(part: f64, weight: f64) -> f64 {
     if share < 1.0 { share } else { 1.0 }
 }
 
+/// A function of the numbers of each state.
+#[inline(always)]
+pub(super) fn of([x, y]: [&Block; 2], of: impl Fn([f64; 2]) -> f64) -> Block {
+    let at = |i: usize| of([x[i], y[i]]);
+    [at(0), at(1), at(2), at(3), at(4), at(5), at(6), at(7)]
+}
+
+#[inline(always)]
+fn add(sums: &mut Block, terms: &Block) {
+    *sums = of([sums, terms], |[sum, term]| sum + term);
+}
+
+/// The sum of the accumulators, by halves.
+#[inline(always)]
+fn total(sums: &Block) -> f64 {
+    let half = |i: usize| sums[i] + sums[i + 4];
+    (half(0) + half(2)) + (half(1) + half(3))
+}
+
+/// The largest of numbers, a multiple of [`SIDE`].
+#[inline(always)]
+pub(super) fn largest(numbers: &[f64]) -> f64 {
+    let larger = |x: f64, y: f64| if x > y { x } else { y };
+    let mut most = [f64::NEG_INFINITY; SIDE];
+    for block in numbers.as_chunks::<SIDE>().0 {
+        for (most, x) in most.iter_mut().zip(block) {
+            *most = larger(*most, *x);
+        }
+    }
+    let mut largest = most[0];
+    for most in most {
+        largest = larger(largest, most);
+    }
+    largest
+}
+
 /// Sums for a mean and a standard deviation.
 #[derive(Clone, Copy, Debug)]
 struct Spread {
     /// The value from which the others are measured.
     origin: f64,
     /// Sums of the distance from the origin, and of its square.
-    first: f64,
-    second: f64,
+    first: Block,
+    second: Block,
 }
 
 impl Spread {
     #[inline(always)]
-    fn add(&mut self, weight: f64, value: f64) {
-        let distance = value - self.origin;
-        self.first += weight * distance;
-        self.second += weight * distance * distance;
+    fn add(&mut self, weight: &Block, value: &Block) {
+        let distance = of([value, value], |[value, _]| value - self.origin);
+        let first = of([weight, &distance], |[weight, distance]| weight * distance);
+        let second = of([&first, &distance], |[first, distance]| first * distance);
+        add(&mut self.first, &first);
+        add(&mut self.second, &second);
     }
 
     #[inline(always)]
     fn moments(&self, weight: f64) -> [f64; 2] {
-        let mean = self.first / weight;
-        let variance = self.second / weight - mean * mean;
+        let mean = total(&self.first) / weight;
+        let variance = total(&self.second) / weight - mean * mean;
         // The root of less than a normal number is 0.
         let deviation = if variance > f64::MIN_POSITIVE { math::root(variance) } else { 0.0 };
         [cut(self.origin + mean, 0.0, 1.0), deviation]

@@ -10,13 +10,13 @@
 
 use super::contexts::Feature;
 use super::evidence::Evidence;
-use super::moments::{Moments, Sums};
+use super::moments::{Moments, Sums, largest};
 use super::steps::{expected, ln_density, relative};
 use crate::env::step_count::dynamics::Dynamics;
-use crate::env::step_count::full_step::cut;
-use crate::env::step_count::noise::{DrawnNoise, Noise};
+use crate::env::step_count::noise::DrawnNoise;
 use crate::env::step_count::parameters::{RewardHabituation, StepCount};
 use crate::env::variates::Expansion;
+use crate::env::vector::Action;
 use crate::rng::unit_from_bits;
 use crate::state::resumable;
 
@@ -42,10 +42,10 @@ pub(super) struct Draws {
     contexts: Vec<u64>,
     /// The word that resamples.
     resample: u64,
-    /// \[particles\]: the likelihoods of both contexts by the steps walked.
-    steps: Vec<[f64; 2]>,
     /// The particles after the step.
     next: Particles,
+    /// \[particles\]: the particle that comes to a place.
+    from: Vec<usize>,
 }
 
 impl Draws {
@@ -55,8 +55,8 @@ impl Draws {
             noise: DrawnNoise::of_state(environment, count),
             contexts: vec![0; count],
             resample: 0,
-            steps: vec![[1.0; 2]; count],
             next: Particles::new(count),
+            from: vec![0; count],
         }
     }
 
@@ -65,13 +65,15 @@ impl Draws {
     pub(super) fn expand(&mut self, word: u64) {
         let mut words = Expansion(word);
         self.resample = words.bits();
-        self.contexts.iter_mut().for_each(|word| *word = words.bits());
+        for word in &mut self.contexts {
+            *word = words.bits();
+        }
         self.noise.expand(&mut words);
     }
 }
 
 impl Particles {
-    /// `count` particles, before the first episode.
+    /// `count` particles, a multiple of [`SIDE`], before the first episode.
     pub(super) fn new(count: usize) -> Particles {
         let zeros = vec![0.0; count];
         Particles {
@@ -102,104 +104,151 @@ impl Particles {
         draws: &mut Draws,
     ) -> Option<Moments> {
         let dynamics = Dynamics::of(person);
-        if let Some(steps) = evidence.steps {
-            self.weigh(person, &dynamics, evidence, steps, draws);
+        let Draws { noise, contexts, resample, next, from } = draws;
+        next.habituate(self, noise, &dynamics, evidence.action);
+        if person.reward_habituation == RewardHabituation::Drawn {
+            noise.habituations(&dynamics, &mut next.habituation);
         }
-        let has_steps = evidence.steps.is_some();
-        let Draws { noise, contexts, steps, next, .. } = draws;
-        let mut sums: Option<Sums> = None;
-        let mut squares = 0.0;
-        for place in 0..self.risk.len() {
-            let likelihoods = if has_steps { steps[place] } else { [1.0; 2] };
-            let zero = self.zero[place] * likelihoods[0];
-            let weight = zero + self.one[place] * likelihoods[1];
-            let context = u8::from(unit_from_bits(contexts[place]) * weight >= zero);
-            let (before, risk) = (self.habituation[place], self.risk[place]);
-            let effect =
-                noise.dynamics(place, &dynamics).apply(context, evidence.action, before, risk);
-            let expected = [effect.habituation, effect.disengagement];
-            let [habituation, risk] =
-                noise.state(place, &dynamics, expected).map(|x| cut(x, 0.0, 1.0));
-            let weight = if evidence.agrees(&dynamics, risk) { weight } else { 0.0 };
-            let is_zero = f64::from(1 - context);
-            let weights = seen.after([weight * is_zero, weight * (1.0 - is_zero)]);
-            let sums = sums.get_or_insert_with(|| Sums::from(habituation, risk));
-            sums.add(&dynamics, weights, habituation, risk);
-            let weight = weights[0] + weights[1];
-            squares += weight * weight;
-            (next.habituation[place], next.risk[place]) = (habituation, risk);
-            [next.zero[place], next.one[place]] = weights;
+        match evidence.steps {
+            Some(steps) => next.weigh(self, person, &dynamics, evidence.action, steps),
+            None => {
+                next.zero.copy_from_slice(&self.zero);
+                next.one.copy_from_slice(&self.one);
+            }
         }
-        let sums = sums?;
+        if person.reward_habituation == RewardHabituation::Expected {
+            noise.habituations(&dynamics, &mut next.habituation);
+        }
+        next.choose(contexts);
+        next.annoy(self, noise, &dynamics, evidence.action);
+        noise.risks(&dynamics, &mut next.risk);
+        next.look(&dynamics, seen, evidence);
+        let sums = next.sums(&dynamics);
         let moments = sums.moments()?;
-        if 2.0 * sums.weight * sums.weight < squares * self.risk.len() as f64 {
-            self.resample(next, sums.weight, unit_from_bits(draws.resample));
+        let weight = sums.weight();
+        if 2.0 * weight * weight < sums.squares() * self.risk.len() as f64 {
+            self.resample(next, weight, unit_from_bits(*resample), from);
         } else {
-            self.take(next, 1.0 / sums.weight);
+            std::mem::swap(self, next);
+            self.scale(1.0 / weight);
         }
         Some(moments)
     }
 
-    /// Writes the likelihoods of both contexts of every particle by the steps walked, up to a common factor.
+    /// Finds habituations without the noise of the state after an action.
+    #[inline(always)]
+    fn habituate(
+        &mut self,
+        before: &Particles,
+        noise: &DrawnNoise,
+        dynamics: &Dynamics,
+        action: Action,
+    ) {
+        let all = self.habituation.iter_mut().zip(&before.habituation);
+        noise.for_each(dynamics, all, |dynamics, (after, before)| {
+            *after = dynamics.apply(0, action, *before, 0.0).habituation;
+        });
+    }
+
+    /// Weighs the contexts of the particles before the step by the steps walked, given habituation after the step.
     #[inline(always)]
     fn weigh(
-        &self,
+        &mut self,
+        before: &Particles,
         person: &StepCount,
         dynamics: &Dynamics,
-        evidence: &Evidence,
+        action: Action,
         steps: f64,
-        draws: &mut Draws,
     ) {
-        let Draws { noise, steps: likelihoods, .. } = draws;
-        let mut most = f64::NEG_INFINITY;
-        for (place, likelihood) in likelihoods.iter_mut().enumerate() {
-            let drawn = noise.dynamics(place, dynamics);
-            let before = self.habituation[place];
-            let habituation = drawn.apply(0, evidence.action, before, 0.0).habituation;
-            let habituation = match person.reward_habituation {
-                RewardHabituation::Expected => habituation,
-                RewardHabituation::Drawn => {
-                    cut(noise.state(place, dynamics, [habituation, 0.0])[0], 0.0, 1.0)
-                }
-            };
-            let [zero, one] = expected(person, dynamics, evidence.action, habituation);
-            let first = ln_density(dynamics, zero, steps);
-            let second = if one == zero { first } else { ln_density(dynamics, one, steps) };
-            *likelihood = [first, second];
-            let larger = if first > second { first } else { second };
-            most = if larger > most { larger } else { most };
+        let Particles { habituation, zero: zeros, one: ones, .. } = self;
+        for ((zero, one), habituation) in zeros.iter_mut().zip(&mut *ones).zip(habituation) {
+            let expected = expected(person, dynamics, action, *habituation);
+            *zero = ln_density(dynamics, expected[0], steps);
+            *one = ln_density(dynamics, expected[1], steps);
         }
-        for likelihood in likelihoods {
-            *likelihood = likelihood.map(|ln| relative(ln - most));
-        }
-    }
-
-    /// Takes other particles, whose weights are multiplied by `scale`.
-    #[inline(always)]
-    fn take(&mut self, others: &Particles, scale: f64) {
-        self.habituation.copy_from_slice(&others.habituation);
-        self.risk.copy_from_slice(&others.risk);
-        let scaled = |own: &mut [f64], others: &[f64]| {
-            own.iter_mut().zip(others).for_each(|(own, other)| *own = other * scale);
-        };
-        scaled(&mut self.zero, &others.zero);
-        scaled(&mut self.one, &others.one);
-    }
-
-    /// Takes particles in proportion to their weights, each with the same weight: those at evenly spaced places, from
-    /// a share `start` of the first space.
-    #[inline(always)]
-    fn resample(&mut self, others: &Particles, sum: f64, start: f64) {
-        let last = self.risk.len() - 1;
-        let share = 1.0 / self.risk.len() as f64;
-        let space = sum * share;
-        let (mut of, mut below) = (0, others.zero[0] + others.one[0]);
-        for place in 0..=last {
-            let at = (place as f64 + start) * space;
-            while below <= at && of < last {
-                of += 1;
-                below += others.zero[of] + others.one[of];
+        let most = f64::max(largest(zeros), largest(ones));
+        for (own, before) in [(zeros, &before.zero), (ones, &before.one)] {
+            for (own, before) in own.iter_mut().zip(before) {
+                *own = before * relative(*own - most);
             }
+        }
+    }
+
+    /// Chooses the contexts of the step in proportion to their weights.
+    #[inline(always)]
+    fn choose(&mut self, words: &[u64]) {
+        for ((zero, one), word) in self.zero.iter_mut().zip(&mut self.one).zip(words) {
+            let weight = *zero + *one;
+            let is_one = unit_from_bits(*word) * weight >= *zero;
+            [*zero, *one] = if is_one { [0.0, weight] } else { [weight, 0.0] };
+        }
+    }
+
+    /// Finds disengagement risks without the noise of the state after an action in the chosen contexts.
+    #[inline(always)]
+    fn annoy(
+        &mut self,
+        before: &Particles,
+        noise: &DrawnNoise,
+        dynamics: &Dynamics,
+        action: Action,
+    ) {
+        let all = self.risk.iter_mut().zip(&before.risk).zip(&self.one);
+        noise.for_each(dynamics, all, |dynamics, ((after, before), weight)| {
+            let zero = dynamics.apply(0, action, 0.0, *before).disengagement;
+            let one = dynamics.apply(1, action, 0.0, *before).disengagement;
+            *after = if *weight > 0.0 { one } else { zero };
+        });
+    }
+
+    /// Drops the particles that do not agree with the evidence, and weighs the next contexts.
+    #[inline(always)]
+    fn look(&mut self, dynamics: &Dynamics, seen: &Feature, evidence: &Evidence) {
+        for ((zero, one), risk) in self.zero.iter_mut().zip(&mut self.one).zip(&self.risk) {
+            let next = seen.after([*zero, *one]);
+            let agrees = evidence.agrees(dynamics, *risk);
+            [*zero, *one] = if agrees { next } else { [0.0; 2] };
+        }
+    }
+
+    #[inline(always)]
+    fn sums(&self, dynamics: &Dynamics) -> Sums {
+        let mut sums = Sums::from(self.habituation[0], self.risk[0]);
+        let weights = self.zero.as_chunks().0.iter().zip(self.one.as_chunks().0);
+        let states = self.habituation.as_chunks().0.iter().zip(self.risk.as_chunks().0);
+        for ((zero, one), (habituation, risk)) in weights.zip(states) {
+            sums.add(dynamics, [zero, one], habituation, risk);
+        }
+        sums
+    }
+
+    /// Multiplies all weights.
+    #[inline(always)]
+    fn scale(&mut self, by: f64) {
+        for weights in [&mut self.zero, &mut self.one] {
+            for weight in weights {
+                *weight *= by;
+            }
+        }
+    }
+
+    /// Takes particles in proportion to their weights, whose sum is `sum`, each with the same weight: those at evenly
+    /// spaced places, from a share `start` of the first space.
+    #[inline(always)]
+    fn resample(&mut self, others: &Particles, sum: f64, start: f64, from: &mut [usize]) {
+        let count = self.risk.len();
+        from.fill(0);
+        // Marks the first place of every particle. One without a place is replaced by the next.
+        let (mut weight, mut place) = (0.0, 0);
+        for (of, (zero, one)) in others.zero.iter().zip(&others.one).enumerate() {
+            from[place.min(count - 1)] = of;
+            weight += zero + one;
+            place = (weight * (count as f64 / sum) - start + 1.0) as usize;
+        }
+        let share = 1.0 / count as f64;
+        let mut of = 0;
+        for place in 0..count {
+            of = from[place].max(of);
             (self.habituation[place], self.risk[place]) = (others.habituation[of], others.risk[of]);
             let (zero, one) = (others.zero[of], others.one[of]);
             let scale = if zero + one > 0.0 { share / (zero + one) } else { 0.0 };

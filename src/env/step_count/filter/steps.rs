@@ -45,10 +45,8 @@ pub(super) fn expected(
     habituation: f64,
 ) -> [f64; 2] {
     let is_cut = person.steps_cut_at_zero && person.step_noise == StepNoise::None;
-    [0, 1].map(|context| {
-        let steps = dynamics.reward(context, action, habituation);
-        if is_cut && steps < 0.0 { 0.0 } else { steps }
-    })
+    let cut = |steps: f64| if is_cut & (steps < 0.0) { 0.0 } else { steps };
+    [cut(dynamics.reward(0, action, habituation)), cut(dynamics.reward(1, action, habituation))]
 }
 
 /// The logarithm of the density of gamma-distributed steps around `expected`, up to a constant of the person.

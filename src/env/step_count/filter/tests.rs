@@ -307,8 +307,8 @@ fn the_true_risk_is_a_draw_from_its_belief() {
             let cell =
                 |risk: f64| ((risk - e.disengagement_threshold + e.epsilon_d) * 61.0).floor();
             let share = |of: &dyn Fn(f64) -> bool| {
-                let atoms = filters.mixtures[lane].atoms().iter();
-                atoms.filter(|atom| of(cell(atom.risk))).map(|atom| atom.weight()).sum::<f64>()
+                let atoms = filters.mixtures[lane].atoms();
+                atoms.filter(|(risk, _)| of(cell(*risk))).map(|(_, weight)| weight).sum::<f64>()
             };
             let at = share(&|other| other == cell(truth));
             let below = share(&|other| other < cell(truth));
@@ -399,7 +399,7 @@ fn merged_atoms_are_close_to_a_hundred_times_as_many() {
             let [few, many] = both.each_mut().map(|mixture| {
                 mixture.update(&dynamics, &seen, [1.0; 2], &evidence, &mut room).unwrap()
             });
-            fullest = fullest.max(both[1].atoms().len());
+            fullest = fullest.max(both[1].atoms().count());
             let pairs = [
                 (few.zero, many.zero),
                 (few.risk[0], many.risk[0]),
