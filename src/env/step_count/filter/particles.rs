@@ -247,8 +247,8 @@ impl Particles {
         }
         let share = 1.0 / count as f64;
         let mut of = 0;
-        for place in 0..count {
-            of = from[place].max(of);
+        for (place, first) in from.iter().enumerate() {
+            of = of.max(*first);
             (self.habituation[place], self.risk[place]) = (others.habituation[of], others.risk[of]);
             let (zero, one) = (others.zero[of], others.one[of]);
             let scale = if zero + one > 0.0 { share / (zero + one) } else { 0.0 };
