@@ -109,7 +109,7 @@ fn submit(arguments: &Arguments, on_end: &OnEnd, stop: &AtomicBool) -> Result<Ex
     cluster.limits(profile.engine).map_err(ClusterError::from)?;
     let mut store = arguments.store.open()?;
     let staged = schedule::at_stage(&manifests, Some(&store.reader()?))?;
-    if !arguments.replacing.permit(&store.reader()?, &staged)? {
+    if !arguments.replacing.permit(&store.reader()?, &manifests)? {
         return Ok(Exit::Differs);
     }
     if register(&mut store, arguments, &staged, stop)?.is_break() {
@@ -119,6 +119,9 @@ fn submit(arguments: &Arguments, on_end: &OnEnd, stop: &AtomicBool) -> Result<Ex
     let mut submitting =
         Submitting { arguments, cluster, manifests, profile, program, retry, store, stop };
     let (draft, submitted) = submitting.round()?;
+    if submitted.is_none() && stop.load(Ordering::Relaxed) {
+        return Ok(Exit::Interrupted);
+    }
     submitting.report(&draft, submitted.as_ref())?;
     if arguments.wait {
         let exit = submitting.follow()?;
@@ -193,14 +196,15 @@ impl Submitting<'_> {
         self.collect(&look)?;
         let reader = self.store.reader()?;
         let staged = schedule::at_stage(self.manifests, Some(&reader))?;
-        if let Cow::Owned(staged) = &staged {
+        let registered = match &staged {
             // The races may have come to further jobs.
-            let _ = register(&mut self.store, self.arguments, staged, self.stop)?;
-        }
+            Cow::Owned(staged) => register(&mut self.store, self.arguments, staged, self.stop)?,
+            Cow::Borrowed(_) => ControlFlow::Continue(()),
+        };
         let selection = self.selection(&staged)?;
         let request = self.request(&selection);
         let draft = self.cluster.draft(request, Some(&reader), &look, limits)?;
-        let submitted = match draft.chunks.is_empty() {
+        let submitted = match draft.chunks.is_empty() || registered.is_break() {
             true => None,
             false => Some(self.cluster.launch(&draft, request)?),
         };

@@ -175,9 +175,9 @@ impl Reader<'_> {
         };
         self.shape(draft, &search);
         self.cells_of_race(draft);
-        let mut values_left = Vec::new();
         for agent in &mut draft.agents {
-            values_left.extend(self.draw_settings(agent, &search.value));
+            // Agents without draws have none to set.
+            let _ = self.draw_settings(agent, &search.value);
         }
         draft.seeds = Some(Located { value: search.value.seeds(), span: search.span });
     }

@@ -65,7 +65,7 @@ pub enum Outcome {
         /// Its value for each fresh seed.
         fresh: Vec<Score>,
     },
-    /// No arm is left, because every arm has a job that failed.
+    /// No arm is left, because every arm has a job that failed or that has no finite value.
     Lost,
 }
 
@@ -378,7 +378,11 @@ impl Race {
                 };
                 format!("arm {} of {} has won{left}", arm + 1, self.settings.len())
             }
-            Outcome::Lost => "no arm is left, because every arm has a job that failed".to_owned(),
+            Outcome::Lost => format!(
+                "no arm is left: every arm has a job that failed or has no finite {}; \
+                 --retry-failed runs failed jobs again",
+                search.metric
+            ),
         }
     }
 

@@ -24,7 +24,7 @@ pub struct Entrant {
     pub arm: usize,
     /// Its value for each seed of the rung; empty if a job has not ended or has failed.
     pub values: Vec<f64>,
-    /// The lead of the best arm of the rung; `None` for the best arm, or without two seeds that differ.
+    /// The lead of the best arm of the rung; `None` for the best arm, and before all of its jobs have ended.
     pub lead: Option<Lead>,
     /// What became of it.
     pub fate: Fate,
@@ -35,10 +35,15 @@ pub struct Entrant {
 pub struct Lead {
     /// The mean difference, at least 0.
     pub mean: f64,
-    /// Lower end of the interval.
-    pub low: f64,
-    /// Upper end of the interval.
-    pub high: f64,
+    /// The ends of the interval; `None` with fewer than two seeds or equal differences.
+    pub interval: Option<(f64, f64)>,
+}
+
+impl Lead {
+    /// Whether the interval is above 0.
+    fn is_clear(&self) -> bool {
+        self.interval.is_some_and(|(low, _)| low > 0.0)
+    }
 }
 
 /// What became of an arm at the end of a rung.
@@ -109,11 +114,11 @@ impl Rung {
         };
         let mut entrants: Vec<Entrant> = Vec::new();
         for (at, (arm, values)) in known.iter().enumerate() {
-            let lead = if at == 0 { None } else { Lead::of(&known[0].1, values, alpha) };
+            let lead = (at > 0).then(|| Lead::of(&known[0].1, values, alpha));
             let fate = match search.leaving {
                 _ if is_open => Fate::Undecided,
                 Leaving::Share(keep) if at >= kept(keep, of_all) => Fate::Behind,
-                Leaving::Evidence(_) if lead.is_some_and(|lead| lead.low > 0.0) => Fate::Worse,
+                Leaving::Evidence(_) if lead.is_some_and(|lead| lead.is_clear()) => Fate::Worse,
                 Leaving::Share(_) | Leaving::Evidence(_) => Fate::GoesOn,
             };
             entrants.push(Entrant { arm: *arm, values: values.clone(), lead, fate });
@@ -164,22 +169,20 @@ impl Entrant {
 const SHOWN_ALPHA: f64 = 0.05;
 
 impl Lead {
-    /// The mean of the differences `best - other`, seed by seed, with the interval mean ± t(1 - alpha / 2, n - 1) s / √n;
-    /// `None` with fewer than two seeds or equal differences.
+    /// The mean of the differences `best - other`, seed by seed, with the interval mean ± t(1 - alpha / 2, n - 1) s / √n.
     ///
     /// **Source**: Student's paired t.
-    fn of(best: &[f64], other: &[f64], alpha: f64) -> Option<Lead> {
+    fn of(best: &[f64], other: &[f64], alpha: f64) -> Lead {
         let differences: Vec<f64> =
             best.iter().zip(other).map(|(best, other)| best - other).collect();
         let n = differences.len() as f64;
         let centre = mean(&differences);
         let squares: f64 = differences.iter().map(|one| (one - centre) * (one - centre)).sum();
-        if differences.len() < 2 || squares == 0.0 {
-            return None;
-        }
-        let error = (squares / (n - 1.0) / n).sqrt();
-        let half = t_of_p(alpha, n - 1.0) * error;
-        Some(Lead { mean: centre, low: centre - half, high: centre + half })
+        let interval = (differences.len() > 1 && squares > 0.0).then(|| {
+            let half = t_of_p(alpha, n - 1.0) * (squares / (n - 1.0) / n).sqrt();
+            (centre - half, centre + half)
+        });
+        Lead { mean: centre, interval }
     }
 }
 

@@ -6,12 +6,12 @@ use super::kinds::{amount, ends, gap, gap_ends};
 use super::race_context::{RaceContext, end, known, mean_of};
 use super::race_figure::{caption, race_figure};
 use super::scene::Scene;
-use super::tables::{high, low};
+use super::tables::{high, low, no_interval};
 use crate::analyse::{Interval, Undefined, mean_interval, paired_t_test};
 use crate::job::{Measure, counted};
 use crate::key::{Parameter, printable, shortened};
 use crate::manifest::{Leaving, Manifest, Search};
-use crate::plan::{Cost, Entrant, Fate, Outcome, Races, Reference, Rung};
+use crate::plan::{Cost, Entrant, Outcome, Races, Reference, Rung};
 use crate::store::{Reader, StoreError};
 
 /// The races of an experiment.
@@ -208,10 +208,13 @@ impl RaceContext<'_> {
     fn row(&self, (rung, of, entrant): (usize, &Rung, &Entrant)) -> Vec<Entry> {
         let mean = entrant.mean().ok_or("not complete");
         let course = self.race.course(entrant.arm);
-        let is_best = matches!(entrant.fate, Fate::Won);
-        let none = if is_best { "the best" } else { "no interval" };
-        let interval = entrant.lead.map(|lead| Interval { low: lead.low, high: lead.high });
-        let no_interval = Undefined::NoVariance;
+        let lead = entrant.lead;
+        let none = if mean.is_ok() { "the best" } else { "not complete" };
+        let no_interval = no_interval(entrant.values.len());
+        let interval = match lead.and_then(|lead| lead.interval) {
+            Some((low, high)) => Ok(Interval { low, high }),
+            None => Err(no_interval),
+        };
         let of_rung = |rung: usize| {
             let known = course.iter().find(|(at, _)| *at == rung);
             Entry::of(known.and_then(|(_, one)| one.mean()).ok_or("not in the rung"), 1)
@@ -223,13 +226,14 @@ impl RaceContext<'_> {
             Entry::number(rung as f64 + 1.0, 0),
             Entry::number(of.seeds as f64, 0),
             Entry::of(mean, 1),
-            Entry::of(entrant.lead.map(|lead| lead.mean).ok_or(none), 1),
-            match interval {
-                Some(interval) => Entry::text(ends(interval, self.metric)),
-                None => Entry::Missing(none.to_owned()),
+            Entry::of(lead.map(|lead| lead.mean).ok_or(none), 1),
+            match (lead, interval) {
+                (None, _) => Entry::Missing(none.to_owned()),
+                (_, Ok(interval)) => Entry::text(ends(interval, self.metric)),
+                (_, Err(reason)) => Entry::Missing(reason.to_string()),
             },
-            low(interval.ok_or(no_interval)),
-            high(interval.ok_or(no_interval)),
+            low(interval),
+            high(interval),
             Entry::text(end(entrant.fate, of.entrants.len())),
         ];
         row.into_iter().chain((0..self.search.rungs.len()).map(of_rung)).collect()

@@ -43,10 +43,14 @@ pub fn register_experiment(
 
 /// The warning that a registration dropped jobs of the experiment; `None` if it dropped no job.
 pub fn dropped_note(manifest: &Manifest, registered: &Registered) -> Option<String> {
+    // A race that goes back to an earlier rung, because it has more arms, is no new experiment.
+    let advice = match manifest.search {
+        Some(_) => "",
+        None => "; if this manifest is a new experiment, give it another name",
+    };
     (registered.dropped > 0).then(|| {
         format!(
-            "{name} no longer has {} that it had before; their results stay in the store; if this \
-             manifest is a new experiment, give it another name",
+            "{name} no longer has {} that it had before; their results stay in the store{advice}",
             counted(registered.dropped, "job"),
             name = printable(&manifest.name),
         )

@@ -17,6 +17,11 @@ pub(in crate::env::step_count) struct Evidence {
 }
 
 impl Evidence {
+    /// The action and the feature alone: what is left if nothing that a filter holds possible agrees with the rest.
+    pub(super) fn of_action(&self) -> Evidence {
+        Evidence { steps: None, disengaged: None, ..*self }
+    }
+
     /// Whether the evidence allows this disengagement risk after the step.
     #[inline(always)]
     pub(super) fn agrees(&self, dynamics: &Dynamics, risk: f64) -> bool {

@@ -216,19 +216,25 @@ impl Filters {
             }
             Method::Mixture => {
                 let habituation = self.habituated(lane, &dynamics, evidence.action);
-                let steps = steps::of_contexts(person, &dynamics, habituation, evidence);
-                let room = &mut self.successors;
-                let moments = self.mixtures[lane].update(&dynamics, &seen, steps, evidence, room);
-                if let Some(moments) = moments {
-                    self.set(lane, Moments { habituation: [habituation, 0.0], ..moments });
+                for evidence in [*evidence, evidence.of_action()] {
+                    let steps = steps::of_contexts(person, &dynamics, habituation, &evidence);
+                    let (mixture, room) = (&mut self.mixtures[lane], &mut self.successors);
+                    let moments = mixture.update(&dynamics, &seen, steps, &evidence, room);
+                    if let Some(moments) = moments {
+                        self.set(lane, Moments { habituation: [habituation, 0.0], ..moments });
+                        break;
+                    }
                 }
             }
             Method::Particles => {
                 let Some(draws) = &mut self.draws else { return };
                 draws.expand(self.words.words()[lane]);
-                let moments = self.particles[lane].update(person, &seen, evidence, draws);
-                if let Some(moments) = moments {
-                    self.set(lane, moments);
+                for evidence in [*evidence, evidence.of_action()] {
+                    let moments = self.particles[lane].update(person, &seen, &evidence, draws);
+                    if let Some(moments) = moments {
+                        self.set(lane, moments);
+                        break;
+                    }
                 }
             }
         }

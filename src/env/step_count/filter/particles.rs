@@ -44,7 +44,7 @@ pub(super) struct Draws {
     resample: u64,
     /// The particles after the step.
     next: Particles,
-    /// \[particles\]: the particle that comes to a place.
+    /// \[particles + 1\]: the particle that comes to a place; the last entry is for particles without one.
     from: Vec<usize>,
 }
 
@@ -56,7 +56,7 @@ impl Draws {
             contexts: vec![0; count],
             resample: 0,
             next: Particles::new(count),
-            from: vec![0; count],
+            from: vec![0; count + 1],
         }
     }
 
@@ -160,11 +160,15 @@ impl Particles {
         action: Action,
         steps: f64,
     ) {
+        // Likelihoods are relative to the largest of those that count.
+        let counting = |ln: f64, weight: f64| if weight > 0.0 { ln } else { f64::MIN };
         let Particles { habituation, zero: zeros, one: ones, .. } = self;
-        for ((zero, one), habituation) in zeros.iter_mut().zip(&mut *ones).zip(habituation) {
+        let weights = before.zero.iter().zip(&before.one);
+        let densities = zeros.iter_mut().zip(&mut *ones);
+        for (((zero, one), habituation), before) in densities.zip(habituation).zip(weights) {
             let expected = expected(person, dynamics, action, *habituation);
-            *zero = ln_density(dynamics, expected[0], steps);
-            *one = ln_density(dynamics, expected[1], steps);
+            *zero = counting(ln_density(dynamics, expected[0], steps), *before.0);
+            *one = counting(ln_density(dynamics, expected[1], steps), *before.1);
         }
         let most = f64::max(largest(zeros), largest(ones));
         for (own, before) in [(zeros, &before.zero), (ones, &before.one)] {
@@ -241,13 +245,13 @@ impl Particles {
         // Marks the first place of every particle. One without a place is replaced by the next.
         let (mut weight, mut place) = (0.0, 0);
         for (of, (zero, one)) in others.zero.iter().zip(&others.one).enumerate() {
-            from[place.min(count - 1)] = of;
+            from[place.min(count)] = of;
             weight += zero + one;
             place = (weight * (count as f64 / sum) - start + 1.0) as usize;
         }
         let share = 1.0 / count as f64;
         let mut of = 0;
-        for (place, first) in from.iter().enumerate() {
+        for (place, first) in from[..count].iter().enumerate() {
             of = of.max(*first);
             (self.habituation[place], self.risk[place]) = (others.habituation[of], others.risk[of]);
             let (zero, one) = (others.zero[of], others.one[of]);
@@ -258,3 +262,26 @@ impl Particles {
 }
 
 resumable!([] Particles { fixed habituation, risk, zero, one });
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Points at 1/8, 3/8, 5/8 and 7/8 of weights of a third each: the second particle owns two, and the last, without
+    /// a weight, none.
+    #[test]
+    fn particles_without_weight_are_not_resampled() {
+        let third = 1.0 / 3.0;
+        let before = Particles {
+            habituation: vec![0.1, 0.2, 0.3, 0.4],
+            risk: vec![0.0; 4],
+            zero: vec![third, 0.0, third, 0.0],
+            one: vec![0.0, third, 0.0, 0.0],
+        };
+        let mut after = Particles::new(4);
+        after.resample(&before, 1.0, 0.5, &mut [0; 5]);
+        assert_eq!(after.habituation, [0.1, 0.2, 0.2, 0.3]);
+        assert_eq!(after.zero, [0.25, 0.0, 0.0, 0.25]);
+        assert_eq!(after.one, [0.0, 0.25, 0.25, 0.0]);
+    }
+}
