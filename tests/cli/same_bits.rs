@@ -136,7 +136,7 @@ fn killed_sweep_stores_the_same_rows(
 ) {
     let killed = Folder::new();
     let mut moments = ChaCha8Rng::seed_from_u64(2);
-    let (mut kills, mut seeds) = (0, 4);
+    let (mut kills, mut seeds, mut added) = (0, 4, 4);
     let mut met_a_job = false;
     let sweep = |seeds: i64| {
         let recorded = "evaluation.record_decisions = \"all\"\nevaluation.test_episodes";
@@ -156,9 +156,10 @@ fn killed_sweep_stores_the_same_rows(
                 within = if kills < KILLS { within } else { within.mul_f64(1.5) };
                 assert!(kills < 2 * KILLS, "no job has begun {within:?} after a start");
             }
-            // On a fast machine, the sweep grows, so that there is something left to kill.
+            // On a fast machine, the sweep grows, until it lasts longer than the time in which it is killed.
             Fate::Completed => {
-                seeds += 4;
+                added *= 2;
+                seeds += added;
                 killed.write("sweep.toml", sweep(seeds));
             }
         }
