@@ -30,7 +30,9 @@ pub enum Undefined {
     #[error("loss not significantly above 0")]
     NoLoss,
     /// The true effect was not simulated in every trial.
-    #[error("no truth known; `truth = true` in [[estimate]] has it simulated")]
+    #[error(
+        "no truth known; `truth = true` in [[estimate]] has it simulated, if enough people can be treated"
+    )]
     NoTruth,
     /// An exact answer would take too long.
     #[error("too many permutations to enumerate")]

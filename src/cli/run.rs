@@ -187,7 +187,8 @@ fn run_stage(
     let mut end = End::before(&remaining);
     on_end.jobs(jobs(&end));
     if !remaining.lacking.is_empty() {
-        end.estimated = arguments.estimate(store, &remaining.lacking, stop)?;
+        let swept = Swept::of(selection.manifests());
+        end.estimated = arguments.estimate(store, &remaining.lacking, swept, stop)?;
     }
     if !remaining.queue.is_empty() {
         let swept = Swept::of(selection.manifests());
@@ -244,19 +245,39 @@ impl Arguments {
         &self,
         store: &mut Store,
         lacking: &[Queued],
+        swept: Swept,
         stop: &AtomicBool,
     ) -> Result<EstimatesEnd, Error> {
         let again = lacking.iter().filter(|queued| schedule::trains_again(&queued.job)).count();
         let says = self.format == Format::Text && !self.quiet;
-        let mut err = io::stderr();
         if says && again > 0 {
             let jobs = counted(again, "completed job");
+            let mut err = io::stderr();
             let _ =
                 writeln!(err, "training {jobs} again for estimates, without recorded decisions");
         }
         let workers = self.options().workers.get();
-        let estimated = schedule::add_estimates(store, lacking, workers, stop)?;
-        let Estimated { read, trained, differing, failures } = &estimated;
+        // Programs read one event of all estimates; jobs whose decisions are read take no time to show.
+        let mut shown = match says && again > 0 {
+            true => Some(self.shown(&store.reader()?, lacking, swept)?),
+            false => None,
+        };
+        let mut sink = |event: Event<'_>| {
+            if let Some(shown) = &mut shown {
+                shown.on_event(event);
+            }
+        };
+        let estimated = schedule::add_estimates(store, lacking, workers, stop, &mut sink)?;
+        drop(shown);
+        self.say_estimated(&estimated)?;
+        Ok(EstimatesEnd::of(&estimated, lacking.len()))
+    }
+
+    /// Says how estimates came about, and which jobs have none.
+    fn say_estimated(&self, estimated: &Estimated) -> Result<(), Error> {
+        let says = self.format == Format::Text && !self.quiet;
+        let mut err = io::stderr();
+        let Estimated { read, trained, differing, failures } = estimated;
         if self.format == Format::Json {
             let event = serde_json::json!({
                 "event": "estimated", "read": read, "trained": trained, "differing": differing,
@@ -289,7 +310,7 @@ impl Arguments {
         for failure in failures.iter().take(FAILURES_SHOWN) {
             let _ = writeln!(err, "no estimates of {}", printable(failure));
         }
-        Ok(EstimatesEnd::of(&estimated, lacking.len()))
+        Ok(())
     }
 
     fn shown(&self, reader: &Reader, queue: &[Queued], swept: Swept) -> Result<Shown, Error> {

@@ -2,6 +2,7 @@
 //!
 //! Training again gives the same results. Their digest is compared with the stored one before anything is stored.
 
+use std::mem;
 use std::path::Path;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::RecvTimeoutError;
@@ -9,10 +10,12 @@ use std::sync::{Arc, Mutex, PoisonError, mpsc};
 use std::thread;
 use std::time::{Duration, Instant};
 
+use super::event::{Event, EventSink, Found};
 use super::panic;
 use super::queued::Queued;
+use super::worker::Slot;
 use crate::estimate::Estimation;
-use crate::job::{CurvePoint, EstimateDeclaration, Estimates, Job, Outcome};
+use crate::job::{CurvePoint, EstimateDeclaration, Estimates, Failure, FailureKind, Job, Outcome};
 use crate::store::{Added, Reader, Store, StoreError, results_digest};
 use crate::train::{self, Afterwards, StopHandle, TrainingControl, TrainingProgress};
 
@@ -40,10 +43,29 @@ pub fn trains_again(job: &Job) -> bool {
     !job.evaluation.record_decisions.of_test()
 }
 
-/// The estimates of a job, and the digest of its results if it was trained again.
-type Computed = (Vec<Estimates>, Option<[u8; 32]>);
+/// The estimates of a job, and the digest of its results if it was trained again; `None` if it was stopped, the reason if
+/// there are none.
+type Computed = Result<Option<(Vec<Estimates>, Option<[u8; 32]>)>, String>;
 
-/// Adds to completed jobs the estimates that they lack, until all are added or `stop` is set.
+/// A message from a thread that computes estimates.
+enum Message<'q> {
+    /// It trains a job again.
+    Started { worker: usize, queued: &'q Queued },
+    /// It is done with a job.
+    Ended(Box<Ended<'q>>),
+}
+
+/// What became of a job.
+struct Ended<'q> {
+    worker: usize,
+    queued: &'q Queued,
+    computed: Computed,
+    /// How training again ended and how long it took; `None` if the decisions were read.
+    trained: Option<(Outcome, Duration)>,
+}
+
+/// Adds to completed jobs the estimates that they lack, until all are added or `stop` is set. `sink` receives events of the
+/// jobs that are trained again as if they ran for the first time; the others are skipped.
 ///
 /// **Errors**: the store fails. What was stored before remains.
 pub fn add_estimates(
@@ -51,43 +73,53 @@ pub fn add_estimates(
     jobs: &[Queued],
     workers: usize,
     stop: &AtomicBool,
+    sink: &mut dyn EventSink,
 ) -> Result<Estimated, StoreError> {
     panic::capture();
     // Outlives this call, as waits on outside programs may.
     let halt = &Arc::new(AtomicBool::new(false));
     let readers = (0..workers.min(jobs.len())).map(|_| store.reader());
     let readers = readers.collect::<Result<Vec<_>, _>>()?;
+    let slots: Vec<Slot> = readers.iter().map(|_| Slot::default()).collect();
     let waiting = Mutex::new(jobs.iter());
-    let (results, inbox) = mpsc::sync_channel(TOGETHER);
+    let (messages, inbox) = mpsc::sync_channel(TOGETHER);
     thread::scope(|scope| {
-        for reader in readers {
-            let (results, waiting) = (results.clone(), &waiting);
+        for (worker, (reader, slot)) in readers.into_iter().zip(&slots).enumerate() {
+            let (messages, waiting) = (messages.clone(), &waiting);
             scope.spawn(move || {
-                loop {
+                let next = || {
                     let next = waiting.lock().unwrap_or_else(PoisonError::into_inner).next();
-                    let Some(queued) = next.filter(|_| !halt.load(Ordering::Relaxed)) else {
+                    next.filter(|_| !halt.load(Ordering::Relaxed))
+                };
+                while let Some(queued) = next() {
+                    let started = Message::Started { worker, queued };
+                    if trains_again(&queued.job) && messages.send(started).is_err() {
                         return;
-                    };
-                    let computed = compute(&reader, queued, halt);
-                    if results.send((queued, computed)).is_err() {
+                    }
+                    let ended = compute(worker, &reader, queued, slot, halt);
+                    if messages.send(Message::Ended(Box::new(ended))).is_err() {
                         return;
                     }
                 }
             });
         }
-        drop(results);
+        drop(messages);
         let mut estimated = Estimated::default();
         loop {
             halt.store(stop.load(Ordering::Relaxed), Ordering::Relaxed);
             let first = match inbox.recv_timeout(LOOK) {
                 Ok(first) => first,
-                Err(RecvTimeoutError::Timeout) => continue,
+                Err(RecvTimeoutError::Timeout) => {
+                    let progress: Vec<_> = slots.iter().map(Slot::get).collect();
+                    sink.on_event(Event::Tick { progress: &progress, waiting_for: 0 });
+                    continue;
+                }
                 Err(RecvTimeoutError::Disconnected) => return Ok(estimated),
             };
-            let some: Vec<_> = [first].into_iter().chain(inbox.try_iter()).take(TOGETHER).collect();
+            let some = [first].into_iter().chain(inbox.try_iter()).take(TOGETHER);
             // After an error, the threads see the closed channel or this, and end.
-            let stored = estimated.store(store, some);
-            stored.inspect_err(|_| halt.store(true, Ordering::Relaxed))?;
+            let received = estimated.receive(store, some, sink);
+            received.inspect_err(|_| halt.store(true, Ordering::Relaxed))?;
         }
     })
 }
@@ -99,19 +131,22 @@ impl Estimated {
         self.failures.first().map_or(differing, String::as_str)
     }
 
-    /// Stores what was computed of some jobs.
-    fn store(
+    /// Stores what was computed of some jobs, and reports it once it is stored. The events of each worker keep their order.
+    fn receive<'q>(
         &mut self,
         store: &mut Store,
-        some: Vec<(&Queued, Result<Option<Computed>, String>)>,
+        some: impl Iterator<Item = Message<'q>>,
+        sink: &mut dyn EventSink,
     ) -> Result<(), StoreError> {
+        let some: Vec<_> = some.collect();
         let mut computed = Vec::new();
-        for (queued, result) in some {
-            match result {
-                Ok(Some(of_job)) => computed.push((queued.key, of_job)),
+        for message in &some {
+            let Message::Ended(ended) = message else { continue };
+            match &ended.computed {
+                Ok(Some(of_job)) => computed.push((ended.queued.key, of_job)),
                 // Stopped.
                 Ok(None) => {}
-                Err(why) => self.failures.push(format!("job {}: {why}", queued.key)),
+                Err(why) => self.failures.push(format!("job {}: {why}", ended.queued.key)),
             }
         }
         let rows = computed.iter().map(|(key, (estimates, digest))| (key, &**estimates, *digest));
@@ -125,58 +160,101 @@ impl Estimated {
                 (Added::NotCompleted, _) => {}
             }
         }
+        some.iter().for_each(|message| sink.on_event(message.event()));
         Ok(())
     }
 }
 
-/// The estimates that a job lacks; `None` if it was stopped.
-fn compute(
-    reader: &Reader,
-    queued: &Queued,
-    stop: &Arc<AtomicBool>,
-) -> Result<Option<Computed>, String> {
-    if !trains_again(&queued.job) {
-        let job = reader.described(queued.job.clone()).map_err(|error| error.to_string())?;
-        let (actions, names) = (job.task().interface().actions, job.state_names());
-        let mut estimations: Vec<Estimation> = queued
-            .estimates
-            .iter()
-            .map(|declared| Estimation::new(declared.clone(), actions, &names))
-            .collect();
-        let add = |decision: &_| estimations.iter_mut().for_each(|one| one.add(decision));
-        reader.decisions(&job, add).map_err(|error| error.to_string())?;
-        let mut estimates: Vec<Estimates> = estimations.iter().map(Estimation::finish).collect();
-        let stop = || stop.load(Ordering::Relaxed);
-        let Some(afterwards) = Afterwards::simulate(&job, &queued.estimates, &stop) else {
-            return Ok(None);
-        };
-        afterwards.add_to(&mut estimates);
-        return Ok(Some((estimates, None)));
-    }
-    let deadline = queued.time_limit.and_then(|limit| Instant::now().checked_add(limit));
-    let control = Again { queued, stop, deadline, started: Instant::now() };
-    match panic::catch(|| train::run(&queued.job, &control))? {
-        Outcome::Completed(results) => {
-            let digest =
-                results_digest(&queued.job, &results).map_err(|error| error.to_string())?;
-            Ok(Some((results.estimates, Some(digest))))
+impl Message<'_> {
+    fn event(&self) -> Event<'_> {
+        match self {
+            Message::Started { worker, queued } => Event::Started { worker: *worker, queued },
+            Message::Ended(ended) => match &ended.trained {
+                Some((outcome, wall)) => Event::Ended {
+                    worker: ended.worker,
+                    queued: ended.queued,
+                    outcome,
+                    wall: *wall,
+                },
+                None => Event::Skipped { queued: ended.queued, found: Found::Completed },
+            },
         }
-        Outcome::Failed(failure) => Err(failure.message),
-        Outcome::Interrupted if stop.load(Ordering::Relaxed) => Ok(None),
-        Outcome::Interrupted => Err("training it again exceeded its time limit".to_owned()),
+    }
+}
+
+/// Computes the estimates that a job lacks.
+fn compute<'q>(
+    worker: usize,
+    reader: &Reader,
+    queued: &'q Queued,
+    slot: &Slot,
+    stop: &Arc<AtomicBool>,
+) -> Ended<'q> {
+    if !trains_again(&queued.job) {
+        let computed = read(reader, queued, stop);
+        return Ended { worker, queued, computed, trained: None };
+    }
+    let started = Instant::now();
+    slot.set(None);
+    let mut outcome = train_again(queued, slot, stop, started);
+    slot.set(None);
+    let computed = match &mut outcome {
+        Outcome::Completed(results) => results_digest(&queued.job, results)
+            .map(|digest| Some((mem::take(&mut results.estimates), Some(digest))))
+            .map_err(|error| error.to_string()),
+        Outcome::Failed(failure) => Err(failure.message.clone()),
+        Outcome::Interrupted => Ok(None),
+    };
+    Ended { worker, queued, computed, trained: Some((outcome, started.elapsed())) }
+}
+
+/// The estimates that a job lacks, from its recorded decisions.
+fn read(reader: &Reader, queued: &Queued, stop: &AtomicBool) -> Computed {
+    let job = reader.described(queued.job.clone()).map_err(|error| error.to_string())?;
+    let (actions, names) = (job.task().interface().actions, job.state_names());
+    let mut estimations: Vec<Estimation> = queued
+        .estimates
+        .iter()
+        .map(|declared| Estimation::new(declared.clone(), actions, &names))
+        .collect();
+    let add = |decision: &_| estimations.iter_mut().for_each(|one| one.add(decision));
+    reader.decisions(&job, add).map_err(|error| error.to_string())?;
+    let mut estimates: Vec<Estimates> = estimations.iter().map(Estimation::finish).collect();
+    let stop = || stop.load(Ordering::Relaxed);
+    Ok(Afterwards::simulate(&job, &queued.estimates, &stop).map(|afterwards| {
+        afterwards.add_to(&mut estimates);
+        (estimates, None)
+    }))
+}
+
+/// Trains a job again, within its time limit.
+fn train_again(queued: &Queued, slot: &Slot, stop: &Arc<AtomicBool>, started: Instant) -> Outcome {
+    let deadline = queued.time_limit.and_then(|limit| started.checked_add(limit));
+    let control = Again { queued, slot, stop, deadline, started };
+    let failed =
+        |kind, message| Outcome::Failed(Failure { kind, message, episode: slot.episode() });
+    match panic::catch(|| train::run(&queued.job, &control)) {
+        Ok(Outcome::Interrupted) if !stop.load(Ordering::Relaxed) => {
+            failed(FailureKind::OverTime, "training it again exceeded its time limit".to_owned())
+        }
+        Ok(outcome) => outcome,
+        Err(message) => failed(FailureKind::Panicked, message),
     }
 }
 
 /// The control of a job that is trained again.
 struct Again<'q> {
     queued: &'q Queued,
+    slot: &'q Slot,
     stop: &'q Arc<AtomicBool>,
     deadline: Option<Instant>,
     started: Instant,
 }
 
 impl TrainingControl for Again<'_> {
-    fn report(&self, _: TrainingProgress, _: &[CurvePoint]) {}
+    fn report(&self, progress: TrainingProgress, _: &[CurvePoint]) {
+        self.slot.set(Some(progress));
+    }
 
     fn stop_requested(&self) -> bool {
         let is_over = self.deadline.is_some_and(|deadline| Instant::now() >= deadline);

@@ -150,7 +150,9 @@ fn run_stage(
     }
     let selection = Selection::new(manifests, None).expect("no filter refuses");
     let remaining = Remaining::of(store, &selection, options.retry_failed)?;
-    let estimated = add_estimates(store, &remaining.lacking, options.workers.get(), stop)?;
+    let workers = options.workers.get();
+    let estimated =
+        add_estimates(store, &remaining.lacking, workers, stop, &mut |_: Event<'_>| {})?;
     let tally = match remaining.queue.is_empty() {
         true => Tally::default(),
         false => run_queue(store, remaining.queue, options, stop, |_| {}, on_event)?,

@@ -41,16 +41,16 @@ impl Slot {
         self.curve.look();
     }
 
-    fn get(&self) -> Option<TrainingProgress> {
+    pub(super) fn get(&self) -> Option<TrainingProgress> {
         *self.progress.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
     /// The number of training episodes finished.
-    fn episode(&self) -> u32 {
+    pub(super) fn episode(&self) -> u32 {
         self.get().map_or(0, |progress| progress.episode)
     }
 
-    fn set(&self, progress: Option<TrainingProgress>) {
+    pub(super) fn set(&self, progress: Option<TrainingProgress>) {
         *self.progress.lock().unwrap_or_else(PoisonError::into_inner) = progress;
     }
 }

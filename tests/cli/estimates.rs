@@ -108,6 +108,7 @@ fn jobs_without_recorded_decisions_have_the_same_estimates() {
     later
         .jitai(["run", "sweep.toml"])
         .succeeded()
+        .says("[4/4] ")
         .says("estimates of 4 completed jobs computed by training again, with the same results");
     assert_eq!((later.runs(), digests(&later)), (4, before));
     assert_eq!(estimates(&later), estimates(&folder));
