@@ -10,7 +10,7 @@ use serde_json::{Value as Json, json};
 
 use crate::agent::{BanditAllocation, BanditFeatures, LinearThompson};
 use crate::cli::{Error, Exit, folder};
-use crate::job::{EstimateDeclaration, PlannedJob};
+use crate::job::{EstimateDeclaration, PlannedJob, REWARD};
 use crate::manifest::{self, Manifest};
 use crate::plan::{self, Filter};
 use crate::train::{BanditTrace, Trace, bandit_trace};
@@ -35,6 +35,13 @@ pub(super) fn write(
     let traced = bandit_trace(&planned.job).map_err(|error| refused(error.to_string()))?;
     let agent = planned.job.agent.parameters::<LinearThompson>();
     let agent = agent.ok_or_else(|| refused("the agent is no `linear_thompson`".to_owned()))?;
+    if declaration.outcome != REWARD {
+        let why = format!(
+            "lifejacket analyses the reward, and the outcome of `{}` is `{}`; --estimate chooses another estimate",
+            declaration.name, declaration.outcome
+        );
+        return Err(refused(why));
+    }
     if planned.job.task().interface().actions != 2 {
         let why = "lifejacket takes trials with two actions alone; `standard_errors = \"after_study\"` in [[estimate]] \
                    takes any number";

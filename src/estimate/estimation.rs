@@ -385,7 +385,10 @@ pub(crate) fn with_standard_error(effect: Effect, standard_error: f64) -> Result
 /// The effect, if it can be stored.
 fn checked(effect: Effect) -> Result<Effect, String> {
     let Effect { value, standard_error, low, high, p_value, residual_sd, .. } = effect;
-    if standard_error.is_nan() || standard_error <= 0.0 {
+    if standard_error.is_nan() {
+        return Err("its standard error is not a number".to_owned());
+    }
+    if standard_error <= 0.0 {
         return Err("its standard error is 0: the outcome does not vary between people".to_owned());
     }
     match [value, standard_error, low, high, p_value, residual_sd]

@@ -13,7 +13,7 @@
 
 use std::sync::Arc;
 
-use crate::agent::{BanditSums, LinearThompson, Made, NoSlopes};
+use crate::agent::{BanditSums, LinearThompson, Made, NoSlopes, Unavailable};
 use crate::env::Action;
 use crate::estimate::{Correction, Estimation};
 use crate::job::{EstimateDeclaration, Job, Pooling, REWARD};
@@ -23,17 +23,22 @@ use crate::train::trace::{NoTrace, Trace, TracedDecision, trace};
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 pub enum NoAfterStudy {
     /// The agent is no bandit.
-    #[error("they are known for `linear_thompson` alone")]
+    #[error("they are supported only for `linear_thompson`")]
     Agent,
     /// Each person has an agent.
     #[error("each person has an agent (`pooling = \"none\"`), so that people are independent")]
     NotPooled,
     /// The agent sees the time as a one-hot.
-    #[error("they are not known where the agent observes a one-hot of time")]
+    #[error("they are not supported where the agent observes a one-hot of time")]
     OneHot,
     /// The outcome is not the reward.
-    #[error("they are known for the outcome \"reward\" alone")]
+    #[error("they are supported only for the outcome \"reward\"")]
     Outcome,
+    /// The agent learns from choices that were not taken.
+    #[error(
+        "they are not supported where messages cannot always be sent with `unavailable = \"chosen\"`"
+    )]
+    Chosen,
     /// The probabilities of the agent have no derivatives.
     #[error(transparent)]
     Slopes(#[from] NoSlopes),
@@ -65,10 +70,21 @@ pub struct BanditTrace {
 /// **Errors**: see [`NoAfterStudy`].
 pub fn bandit_trace(job: &Job) -> Result<BanditTrace, NoAfterStudy> {
     let sums = sums_of(job)?;
-    let trace = trace(job, &|| false)?;
+    let trace = traced(job, &|| false)?;
     let policies = Learning::new(&sums, &trace)?.policies;
     let (regressions, width) = sums.shape();
     Ok(BanditTrace { trace, regressions, width, prior: sums.prior(), sums: policies })
+}
+
+/// The trial of a job, whose agent learns from the actions that were taken.
+fn traced(job: &Job, stop: &dyn Fn() -> bool) -> Result<Trace, NoAfterStudy> {
+    let trace = trace(job, stop)?;
+    let is_masked = trace.decisions.iter().any(|one| !one.decision.can_send);
+    let bandit = job.agent.parameters::<LinearThompson>();
+    match bandit.is_some_and(|bandit| bandit.unavailable == Unavailable::Chosen) {
+        true if is_masked => Err(NoAfterStudy::Chosen),
+        _ => Ok(trace),
+    }
 }
 
 /// The sums of a job's bandit.
@@ -97,7 +113,7 @@ pub fn after_study_covariance(
         return Err(NoAfterStudy::Outcome);
     }
     let sums = sums_of(job)?;
-    let trace = trace(job, stop)?;
+    let trace = traced(job, stop)?;
     let actions = job.task().interface().actions;
     let mut estimation = Estimation::new(declaration.clone(), actions, &job.state_names());
     trace.decisions.iter().for_each(|one| estimation.add(&one.decision));

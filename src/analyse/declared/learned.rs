@@ -148,8 +148,11 @@ fn sides<'j>(
 /// The updates of a trial: their numbers, days and statistics.
 type Updates = Vec<(u32, f64, f64)>;
 
+/// The seed of a trial, and its updates.
+type Trial = (u64, Updates);
+
 /// The update, the day, and the statistic after each update of a trial; `None` without posteriors of such states.
-fn curve(job: &JobRecord, action: u32, state: &[f64]) -> Option<Updates> {
+fn curve(job: &JobRecord, action: u32, state: &[f64]) -> Option<Trial> {
     let per_day = job.number(&Parameter::Trial("decisions_per_day").to_string())?;
     let posteriors = job.completed()?.posteriors.iter();
     let of_action = posteriors.filter(|one| u32::from(one.action) == action);
@@ -158,29 +161,35 @@ fn curve(job: &JobRecord, action: u32, state: &[f64]) -> Option<Updates> {
         Some((one.update, f64::from(one.step) / per_day, statistic))
     };
     let points: Updates = of_action.map(point).collect::<Option<_>>()?;
-    (!points.is_empty()).then_some(points)
+    (!points.is_empty()).then_some((job.seed, points))
 }
 
-fn panel(name: ArmId, state: &[f64], sides: &[Vec<Updates>; 2]) -> LearnedPanel {
+fn panel(name: ArmId, state: &[f64], sides: &[Vec<Trial>; 2]) -> LearnedPanel {
     // Realities such as an outage are the same in all trials of an arm.
-    let updates = sides.iter().flatten().map(Vec::len).max().unwrap_or(0);
-    let at = |place: usize, curves: &Vec<Updates>| -> Vec<f64> {
-        curves.iter().filter_map(|curve| Some(curve.get(place)?.2)).collect()
+    let updates = sides.iter().flatten().map(|(_, updates)| updates.len()).max().unwrap_or(0);
+    let at = |place: usize, trials: &Vec<Trial>| -> Vec<f64> {
+        trials.iter().filter_map(|(_, updates)| Some(updates.get(place)?.2)).collect()
     };
     let point = |place: usize| {
-        let (update, day, _) = *sides.iter().flatten().find_map(|curve| curve.get(place))?;
-        let [with, without] = sides.each_ref().map(|curves| OverTrials::of(&at(place, curves)));
+        let mut trials = sides.iter().flatten();
+        let (update, day, _) = *trials.find_map(|(_, updates)| updates.get(place))?;
+        let [with, without] = sides.each_ref().map(|trials| OverTrials::of(&at(place, trials)));
         Some(LearnedPoint { update, day, over: [with?, without?] })
     };
-    let last = |curves: &Vec<Updates>| -> Vec<f64> {
-        curves.iter().filter_map(|curve| Some(curve.last()?.2)).collect()
+    let last = |trials: &Vec<Trial>| -> Vec<(u64, f64)> {
+        trials.iter().filter_map(|(seed, updates)| Some((*seed, updates.last()?.2))).collect()
     };
     let [with, without] = sides.each_ref().map(last);
+    // A trial and its twin of the same seed have the same people and random numbers, so the twin is no chance result.
+    let p_value = |(seed, statistic): &(u64, f64)| {
+        let others = without.iter().filter(|(other, _)| other != seed);
+        monte_carlo_p(*statistic, &others.map(|(_, other)| *other).collect::<Vec<_>>()).ok()
+    };
     LearnedPanel {
         name,
         state: state.to_vec(),
         trials: sides.each_ref().map(Vec::len),
         points: (0..updates).filter_map(point).collect(),
-        p_values: with.iter().filter_map(|one| monte_carlo_p(*one, &without).ok()).collect(),
+        p_values: with.iter().filter_map(p_value).collect(),
     }
 }

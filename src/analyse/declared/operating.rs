@@ -78,7 +78,7 @@ impl Sought {
         let Some((size, formula)) = self.simulated.zip(self.formula.map(f64::from)) else {
             return false;
         };
-        size.low.is_some_and(|low| formula < low.floor())
+        size.low.is_some_and(|low| formula < low.ceil())
             || size.high.is_some_and(|high| formula > high.ceil())
     }
 }
@@ -203,7 +203,8 @@ fn seek(rows: &[OperatingRow], power: f64) -> Vec<Sought> {
         let powers: Vec<(f64, Simulated)> = rows.iter().filter_map(at).collect();
         let (first, last) = (powers.first()?, powers.last()?);
         let most = rows.iter().rfind(|row| row.operating.power.is_ok())?;
-        let formula = most.formula(most.operating.mean.ok()?.value)?.people(power);
+        let effect = most.operating.mean.ok().map(|mean| mean.value);
+        let formula = effect.and_then(|effect| most.formula(effect)?.people(power));
         Some(Sought {
             name: rows[0].name.clone(),
             term: rows[0].term.clone(),

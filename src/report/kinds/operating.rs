@@ -287,6 +287,9 @@ impl OperatingFigure {
                     people(size.people)
                 )
             }
+            None if sought.ends[0].1 >= power => {
+                format!("{who} has more than {goal} already: {}", at(sought.ends[0]))
+            }
             None => format!(
                 "{who} does not reach {goal} between the simulated numbers of people: {} and {}",
                 at(sought.ends[0]),
