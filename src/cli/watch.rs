@@ -16,8 +16,8 @@ use crate::watch::{Choice, FailureView, View, WatchError, Watcher};
 /// On a terminal, the view fills the screen until you press q. It shows the learning curve of an arm
 /// with its standard deviation over seeds, from completed and running jobs; keys choose the arm and the
 /// metric. Elsewhere, or with --plain, a line is written whenever a number changes, until all jobs have
-/// ended or no process is running one. Of a search, it shows where the races stand. Watching reads the store and never delays a sweep. Jobs that are
-/// submitted to a cluster are watched through the folder of their submission.
+/// ended or no process is running one. Of a search, it shows where the races stand. Watching reads the store and
+/// never delays a sweep. Jobs that are submitted to a cluster are watched through the folder of their submission.
 #[derive(clap::Args)]
 pub(super) struct Arguments {
     /// The experiment: the `name` of its manifest [default: the one that runs, or else the latest]

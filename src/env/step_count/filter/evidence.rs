@@ -17,7 +17,7 @@ pub(in crate::env::step_count) struct Evidence {
 }
 
 impl Evidence {
-    /// The action and the feature alone: what is left if nothing that a filter holds possible agrees with the rest.
+    /// The evidence of the action and the feature alone, for a step on which no state of a filter agrees with the rest.
     pub(super) fn of_action(&self) -> Evidence {
         Evidence { steps: None, disengaged: None, ..*self }
     }
