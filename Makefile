@@ -59,8 +59,10 @@ test: ## unit, integration and documentation tests
 	$(CARGO) test --release --quiet --doc
 
 lint: ## format, and lints as errors
-	$(CARGO) fmt --check
+	$(CARGO) fmt --check --all
 	$(CARGO) clippy --release --all-targets --quiet -- -D warnings
+	PYO3_BUILD_EXTENSION_MODULE=1 PYO3_NO_PYTHON=1 \
+		$(CARGO) clippy --release --quiet --package jitai-python -- -D warnings
 
 # burn-flex is the other tensor backend of Burn. Both targets use the same features, so that Burn is
 # compiled once for both.
@@ -173,8 +175,6 @@ python-sb3:
 # target/python has the current version of Gymnasium, target/python-sb3 the oldest supported one.
 test-python: ## tests of the Python module, with Gymnasium's current and oldest version (minutes)
 	@ls target/wheels/jitai-*.whl >/dev/null 2>&1 || { echo "no wheel: run \`make python\`" >&2; exit 1; }
-	$(CARGO) fmt --check --package jitai-python
-	PYO3_PYTHON=$(CURDIR)/$(PYTHON) $(CARGO) clippy --release --package jitai-python --quiet -- -D warnings
 	$(PIP) install hypothesis mypy onnxruntime pandas polars pyarrow pytest safetensors tqdm
 	cd python && ../target/python/bin/pytest --quiet
 	$(MAKE) python-sb3

@@ -419,7 +419,9 @@ fn swept_stage(
     let remaining = remaining.map_err(store_error)?;
     let (mut end, queue) = (End::before(&remaining), remaining.queue);
     let lacking = &remaining.lacking;
-    let estimated = experiment::add_estimates(store, lacking, options.workers.get(), stop);
+    let workers = options.workers.get();
+    let mut unseen = |_: Event<'_>| {};
+    let estimated = experiment::add_estimates(store, lacking, workers, stop, &mut unseen);
     let estimated = estimated.map_err(store_error)?;
     end.estimated = EstimatesEnd::of(&estimated, lacking.len());
     if end.estimated.failed > 0 {

@@ -395,6 +395,10 @@ fn cut(text: &str, room: usize) -> String {
 
 #[cfg(test)]
 mod tests {
+    use std::env;
+    use std::io::Write as _;
+    use std::process::{Command, Stdio};
+
     use ratatui::Terminal;
     use ratatui::backend::TestBackend;
 
@@ -533,5 +537,39 @@ mod tests {
         let lines = screen(&shown, 80, 24).join("\n");
         assert!(lines.contains("12× like reinforce P-H-D sigma=0.4 seed=3"), "{lines}");
         assert!(lines.contains("use a smaller learning rate)"), "{lines}");
+    }
+
+    /// Runs itself in a pseudo terminal, where it panics while the screen is shown.
+    #[test]
+    fn a_panic_leaves_the_screen_before_its_message() {
+        const PANICS: &str = "JITAI_TEST_PANICS";
+        if env::var_os(PANICS).is_some() {
+            let mut terminal = ratatui::try_init().unwrap();
+            let _restored = Restored;
+            terminal.draw(|frame| frame.render_widget("shown", frame.area())).unwrap();
+            panic!("while shown");
+        }
+        let name = "cli::screen::tests::a_panic_leaves_the_screen_before_its_message";
+        let program = env::current_exe().unwrap();
+        let inner = format!("stty rows 24 cols 80; '{}' {name} --nocapture", program.display());
+        let mut script = Command::new("script");
+        script.args(["-qefc", &inner, "/dev/null"]).stdin(Stdio::null()).env(PANICS, "1");
+        script.env("TERM", "xterm-256color").env("SHELL", "/bin/sh");
+        let output = match script.output() {
+            Ok(output) => output,
+            Err(error) => {
+                assert_ne!(env::var("JITAI_REQUIRE_ALL").as_deref(), Ok("1"), "script: {error}");
+                // The test runner hides what a passing test prints, but not what it writes.
+                let line = format!("left out: the terminal after a panic: script: {error}\n");
+                return io::stderr().write_all(line.as_bytes()).unwrap();
+            }
+        };
+        let text = String::from_utf8_lossy(&output.stdout);
+        assert_eq!(output.status.code(), Some(101), "{text}");
+        let at = |part: &str| text.rfind(part).unwrap_or_else(|| panic!("{part:?}: {text:?}"));
+        // The cursor is shown again once the terminal is dropped.
+        let left = text.find("\u{1b}[?1049l").unwrap_or_else(|| panic!("{text:?}"));
+        assert!(at("\u{1b}[?1049h") < left && left < at("while shown"), "{text:?}");
+        assert!(at("\u{1b}[?25l") < at("\u{1b}[?25h"), "{text:?}");
     }
 }

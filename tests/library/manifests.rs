@@ -101,7 +101,7 @@ fn shipped() -> Vec<(&'static str, u64)> {
         ("experiments/external/trial.toml", 9),
         ("experiments/external/two_messages.toml", 48),
         ("experiments/memory.toml", 1080),
-        ("experiments/belief.toml", 1600),
+        ("experiments/belief.toml", 1360),
         ("experiments/unavailable.toml", 160),
         ("experiments/bots/figure_1.toml", 140),
         ("experiments/bots/figure_5.toml", 140),
