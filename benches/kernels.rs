@@ -111,6 +111,26 @@ fn simulation_step(bencher: Bencher<'_, '_>, lanes: usize) {
     });
 }
 
+/// A step of many lanes with a stream each, as the vector environments of Python take it, with ended lanes reset;
+/// counted in lanes.
+#[divan::bench(args = ["none", "uniform", "uniform, gamma"])]
+fn lanes_with_streams(bencher: Bencher<'_, '_>, noise: &str) {
+    const LANES: usize = 4096;
+    let streams = (0..LANES as u64).map(|seed| Stream::new(seed, Purpose::TestEnvironment));
+    let mut streams = LaneStreams::PerLane(streams.collect());
+    let mut simulation = PhysicalActivity::new(&version(noise), &"P-T".parse().unwrap(), LANES);
+    simulation.reset(LaneSet::All, &mut streams);
+    let actions: Vec<_> = (0..LANES).map(|lane| Action::uniform(lane as u64, 4)).collect();
+    let (mut rewards, mut ended) = (vec![0.0; LANES], vec![false; LANES]);
+    bencher.counter(ItemsCount::new(LANES)).bench_local(|| {
+        simulation.step(&actions, &mut rewards, &mut streams);
+        for (ended, status) in ended.iter_mut().zip(simulation.statuses()) {
+            *ended = *status != EpisodeStatus::Running;
+        }
+        simulation.reset(LaneSet::Masked(&ended), &mut streams);
+    });
+}
+
 /// A step of the simulation in whole episodes with messages tailored to the likelier context, with ended lanes reset;
 /// counted in lanes. The scenario without letters of beliefs is what the others are compared with.
 #[divan::bench(args = [

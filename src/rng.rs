@@ -101,53 +101,70 @@ pub struct Source {
 #[derive(Clone, Debug)]
 pub struct Stream {
     generator: ChaCha8Rng,
+    source: Source,
+    /// The calls of [`Stream::bits`] from the start. The generator knows it too, but not as fast.
+    position: u64,
     participants: u64,
 }
 
 impl Stream {
     /// The stream of a seed for a purpose, at its start.
     pub fn new(seed: u64, purpose: Purpose) -> Self {
-        let mut generator = ChaCha8Rng::seed_from_u64(seed);
-        generator.set_stream(purpose as u64);
-        Stream { generator, participants: 0 }
+        let seed = ChaCha8Rng::seed_from_u64(seed).get_seed();
+        Stream::at(Source { seed, stream: purpose as u64 }, 0)
     }
 
     /// The stream of a seed for a purpose and a person, numbered from 0, at its start.
     pub fn of_person(seed: u64, purpose: Purpose, person: u32) -> Self {
-        let mut generator = ChaCha8Rng::seed_from_u64(seed);
+        let seed = ChaCha8Rng::seed_from_u64(seed).get_seed();
         // Above the numbers of companions.
-        generator.set_stream(purpose as u64 | u64::from(person) << 40);
-        Stream { generator, participants: 0 }
+        Stream::at(Source { seed, stream: purpose as u64 | u64::from(person) << 40 }, 0)
+    }
+
+    /// The stream of a source, after `position` calls of [`Stream::bits`] from the start.
+    pub fn at(source: Source, position: u64) -> Self {
+        let mut generator = ChaCha8Rng::from_seed(source.seed);
+        generator.set_stream(source.stream);
+        let mut stream = Stream { generator, source, position: 0, participants: 0 };
+        if position > 0 {
+            stream.go_to(position);
+        }
+        stream
     }
 
     /// What identifies the stream, besides the position in it.
+    #[inline]
     pub fn source(&self) -> Source {
-        Source { seed: self.generator.get_seed(), stream: self.generator.get_stream() }
+        self.source
     }
 
     /// The position in the stream, in calls of [`Stream::bits`] from the start.
+    #[inline]
     pub fn position(&self) -> u64 {
-        (self.generator.get_word_pos() / 2) as u64
+        self.position
     }
 
     /// Moves to the position after `position` calls of [`Stream::bits`] from the start.
     pub fn go_to(&mut self, position: u64) {
         self.generator.set_word_pos(u128::from(position) * 2);
+        self.position = position;
     }
 
     /// A companion, at the words that belong to the next word of this stream.
     pub fn companion(&self, companion: Companion) -> Stream {
-        let mut stream = self.beside(companion as u64);
-        stream.go_to(self.position().wrapping_mul(companion.width() as u64));
-        stream
+        let position = self.position.wrapping_mul(companion.width() as u64);
+        Stream::at(self.beside(companion as u64), position)
     }
 
-    /// The companion stream of this number, at its start.
-    fn beside(&self, number: u64) -> Stream {
-        let mut generator = ChaCha8Rng::from_seed(self.generator.get_seed());
+    /// A companion, after `position` calls of [`Stream::bits`] from its start.
+    pub fn companion_at(&self, companion: Companion, position: u64) -> Stream {
+        Stream::at(self.beside(companion as u64), position)
+    }
+
+    /// The source of the companion stream of this number.
+    fn beside(&self, number: u64) -> Source {
         // Purposes are small numbers, so that no companion is the stream of a purpose.
-        generator.set_stream(self.generator.get_stream() | number << 32);
-        Stream { generator, participants: 0 }
+        Source { seed: self.source.seed, stream: self.source.stream | number << 32 }
     }
 
     /// How many times [`Stream::next_participant`] has been called.
@@ -164,20 +181,21 @@ impl Stream {
     /// do not depend on them.
     pub fn next_participant(&mut self) -> [u64; PARTICIPANT_WORDS] {
         let mut words = [0; PARTICIPANT_WORDS];
-        let mut stream = self.beside(PARTICIPANTS);
-        stream.go_to(self.participants.wrapping_mul(PARTICIPANT_WORDS as u64));
-        stream.fill(&mut words);
+        let position = self.participants.wrapping_mul(PARTICIPANT_WORDS as u64);
+        Stream::at(self.beside(PARTICIPANTS), position).fill(&mut words);
         self.participants += 1;
         words
     }
 
     /// 64 random bits.
     pub fn bits(&mut self) -> u64 {
+        self.position = self.position.wrapping_add(1);
         self.generator.next_u64()
     }
 
     /// Fills `words` with random bits, as one call of [`Stream::bits`] per word would.
     pub fn fill(&mut self, words: &mut [u64]) {
+        self.position = self.position.wrapping_add(words.len() as u64);
         self.generator.fill_bytes(bytemuck::cast_slice_mut(words));
         words.iter_mut().for_each(|word| *word = u64::from_le(*word));
     }
@@ -189,6 +207,7 @@ impl Stream {
 
     /// Fills `halves` with random bits: two per call of [`Stream::bits`], the lower half first.
     pub fn fill_halves(&mut self, halves: &mut [u32]) {
+        self.position = self.position.wrapping_add(halves.len().div_ceil(2) as u64);
         self.generator.fill_bytes(bytemuck::cast_slice_mut(halves));
         halves.iter_mut().for_each(|half| *half = u32::from_le(*half));
         if halves.len() % 2 == 1 {
@@ -346,6 +365,7 @@ mod tests {
                 words.fill(0);
                 stream.fill(&mut words);
                 assert_eq!((stream.position(), &words), (start + count, &expected));
+                assert_eq!(stream.generator.get_word_pos() / 2, u128::from(start + count));
                 assert_eq!(stream.bits(), one_by_one.bits());
             }
         }
@@ -359,6 +379,7 @@ mod tests {
         stream.fill_halves(&mut halves);
         assert_eq!(u64::from(halves[0]) | (u64::from(halves[1]) << 32), words[0]);
         assert_eq!(halves[2], words[1] as u32);
+        assert_eq!(stream.position(), 2);
         let mut twice = Stream::new(4, Purpose::Exploration);
         twice.fill(&mut words);
         assert_eq!(stream.bits(), twice.bits());

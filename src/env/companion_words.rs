@@ -81,9 +81,7 @@ impl Ahead {
         let place = (position % AHEAD as u64) as usize;
         let (first, source) = (position - place as u64, stream.source());
         if self.first != first || self.source != Some(source) {
-            let mut beside = stream.companion(companion);
-            beside.go_to(first);
-            beside.fill(&mut self.words);
+            stream.companion_at(companion, first).fill(&mut self.words);
             (self.first, self.source) = (first, Some(source));
         }
         // The width of a companion divides the number of words.

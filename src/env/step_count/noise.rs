@@ -214,8 +214,11 @@ impl Noise for DrawnNoise {
     #[inline(always)]
     fn steps(&self, lane: usize, dynamics: &Dynamics, expected: f64) -> f64 {
         let mean = if expected > FLOOR { expected } else { FLOOR };
-        let word = self.steps.words().get(lane);
-        word.map_or(expected, |word| gamma(mean, dynamics.sigma_s, *word))
+        // No closure: it would be compiled without the instructions that the caller chose.
+        match self.steps.words().get(lane) {
+            Some(word) => gamma(mean, dynamics.sigma_s, *word),
+            None => expected,
+        }
     }
 }
 
