@@ -92,7 +92,7 @@ impl Companion {
 
 /// What identifies a stream, besides the position in it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Source {
+struct Source {
     seed: [u8; 32],
     stream: u64,
 }
@@ -122,7 +122,7 @@ impl Stream {
     }
 
     /// The stream of a source, after `position` calls of [`Stream::bits`] from the start.
-    pub fn at(source: Source, position: u64) -> Self {
+    fn at(source: Source, position: u64) -> Self {
         let mut generator = ChaCha8Rng::from_seed(source.seed);
         generator.set_stream(source.stream);
         let mut stream = Stream { generator, source, position: 0, participants: 0 };
@@ -130,12 +130,6 @@ impl Stream {
             stream.go_to(position);
         }
         stream
-    }
-
-    /// What identifies the stream, besides the position in it.
-    #[inline]
-    pub fn source(&self) -> Source {
-        self.source
     }
 
     /// The position in the stream, in calls of [`Stream::bits`] from the start.
@@ -156,9 +150,16 @@ impl Stream {
         Stream::at(self.beside(companion as u64), position)
     }
 
-    /// A companion, after `position` calls of [`Stream::bits`] from its start.
-    pub fn companion_at(&self, companion: Companion, position: u64) -> Stream {
-        Stream::at(self.beside(companion as u64), position)
+    /// Makes `beside` the companion of [`Stream::companion`], which it mostly is.
+    #[inline]
+    pub fn accompany(&self, companion: Companion, beside: &mut Stream) {
+        let position = self.position.wrapping_mul(companion.width() as u64);
+        let source = self.beside(companion as u64);
+        if beside.source != source {
+            *beside = Stream::at(source, position);
+        } else if beside.position != position {
+            beside.go_to(position);
+        }
     }
 
     /// The source of the companion stream of this number.

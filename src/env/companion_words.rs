@@ -1,10 +1,9 @@
 //! The words of a companion of the streams of an environment's lanes.
 
-use crate::env::vector::{LaneSet, LaneStreams};
-use crate::rng::{Companion, Source, Stream};
+use std::slice;
 
-/// The number of words that are computed ahead for a lane: what the generator computes at once.
-const AHEAD: usize = 32;
+use crate::env::vector::{LaneSet, LaneStreams};
+use crate::rng::{Companion, Stream};
 
 /// For every lane, the words of a companion that belong to the next word of the lane's stream.
 #[derive(Clone, Debug)]
@@ -12,24 +11,14 @@ pub(super) struct CompanionWords {
     companion: Companion,
     /// \[lanes, width of the companion\], row-major; empty if the companion is not used.
     words: Vec<u64>,
-    /// \[lanes\] with one stream per lane; empty before the first such draw.
-    ahead: Vec<Ahead>,
-}
-
-/// Words of a lane's companion. They are found by the stream and the position, so each call may pass other streams.
-#[derive(Clone, Debug)]
-struct Ahead {
-    /// The stream; `None` if nothing is computed.
-    source: Option<Source>,
-    /// The position of the first word in the companion, a multiple of [`AHEAD`].
-    first: u64,
-    words: [u64; AHEAD],
+    /// The companion of every stream after the last draw from it; empty before the first draw.
+    beside: Vec<Stream>,
 }
 
 impl CompanionWords {
     /// The words of `lanes` lanes, before the first draw.
     pub(super) fn new(companion: Companion, lanes: usize) -> Self {
-        CompanionWords { companion, words: vec![0; lanes * companion.width()], ahead: Vec::new() }
+        CompanionWords { companion, words: vec![0; lanes * companion.width()], beside: Vec::new() }
     }
 
     /// The words, \[lanes, width of the companion\], row-major.
@@ -49,43 +38,33 @@ impl CompanionWords {
     ///
     /// **Shapes**: `drawn` is \[lanes\] or longer.
     pub(super) fn fill(&mut self, streams: &LaneStreams, lanes: LaneSet<'_>, drawn: &[bool]) {
-        let CompanionWords { companion, words, ahead } = self;
+        let CompanionWords { companion, words, beside } = self;
         let width = companion.width();
+        let sources = match streams {
+            LaneStreams::Shared(stream) => slice::from_ref(stream),
+            LaneStreams::PerLane(streams) => streams,
+        };
+        if beside.len() != sources.len() {
+            *beside = sources.iter().map(|stream| stream.companion(*companion)).collect();
+        }
         match streams {
-            LaneStreams::Shared(stream) if lanes == LaneSet::All => {
-                stream.companion(*companion).fill(words);
-            }
             LaneStreams::Shared(stream) => {
-                let mut beside = stream.companion(*companion);
+                stream.accompany(*companion, &mut beside[0]);
+                if lanes == LaneSet::All {
+                    return beside[0].fill(words);
+                }
                 let rows = words.chunks_exact_mut(width).enumerate();
                 rows.filter(|(lane, _)| lanes.contains(*lane))
-                    .for_each(|(_, row)| beside.fill(row));
+                    .for_each(|(_, row)| beside[0].fill(row));
             }
             LaneStreams::PerLane(streams) => {
-                let none = Ahead { source: None, first: 0, words: [0; AHEAD] };
-                ahead.resize(words.len() / width, none);
-                let rows = words.chunks_exact_mut(width).zip(ahead).zip(streams).zip(drawn);
-                for (((row, ahead), stream), _) in rows.filter(|(_, drawn)| **drawn) {
-                    ahead.copy(stream, *companion, row);
+                let rows = words.chunks_exact_mut(width).zip(beside).zip(streams).zip(drawn);
+                for (((row, beside), stream), _) in rows.filter(|(_, drawn)| **drawn) {
+                    stream.accompany(*companion, beside);
+                    row.iter_mut().for_each(|word| *word = beside.bits());
                 }
             }
         }
-    }
-}
-
-impl Ahead {
-    /// Copies the words for the next word of a stream.
-    #[inline]
-    fn copy(&mut self, stream: &Stream, companion: Companion, row: &mut [u64]) {
-        let position = stream.position().wrapping_mul(row.len() as u64);
-        let place = (position % AHEAD as u64) as usize;
-        let (first, source) = (position - place as u64, stream.source());
-        if self.first != first || self.source != Some(source) {
-            stream.companion_at(companion, first).fill(&mut self.words);
-            (self.first, self.source) = (first, Some(source));
-        }
-        // The width of a companion divides the number of words.
-        row.copy_from_slice(&self.words[place..place + row.len()]);
     }
 }
 
@@ -111,7 +90,7 @@ mod tests {
     }
 
     #[test]
-    fn words_computed_ahead_are_those_of_the_streams_that_come() {
+    fn words_beside_a_lane_are_those_of_the_streams_that_come() {
         for companion in ALL {
             let mut words = CompanionWords::new(companion, 3);
             let stream = |seed| Stream::new(seed, Purpose::TestEnvironment);

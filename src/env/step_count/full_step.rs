@@ -17,13 +17,13 @@ use crate::state::resumable;
 /// The steps walked before an episode, as the official code shows them.
 pub const INITIAL_STEPS: f64 = 0.1;
 
-/// Whether a step needs more than the paper's equations and the endings of its code.
+/// Whether a step needs more than the paper's equations, the endings of its code and uniform noise of the state.
 pub(super) fn is_needed(e: &StepCount, scenario: &Scenario) -> bool {
     let remembered =
         [Feature::Available, Feature::Budget, Feature::PreviousAction, Feature::PreviousSteps];
     let paper = StepCount::paper(e.sigma);
     scenario.features().iter().any(|feature| remembered.contains(feature))
-        || e.state_noise != StateNoise::None
+        || e.state_noise == StateNoise::Beta
         || e.step_noise != StepNoise::None
         || e.parameter_spread > 0.0
         || e.disengagement_reward != DisengagementReward::Paid

@@ -164,6 +164,11 @@ impl DrawnNoise {
         }
     }
 
+    /// The words of the state, \[lanes\].
+    pub(super) fn state_words(&self) -> &[[u64; 2]] {
+        self.state.words().as_chunks().0
+    }
+
     /// Draws the words of the next step.
     pub(super) fn draw(&mut self, drawn: &[bool], streams: &LaneStreams) {
         for words in [&mut self.parameters, &mut self.state, &mut self.steps] {
@@ -193,15 +198,12 @@ impl Noise for DrawnNoise {
 
     #[inline(always)]
     fn state(&self, lane: usize, dynamics: &Dynamics, expected: [f64; 2]) -> [f64; 2] {
-        let [habituation, disengagement] = expected;
         let words = || self.state.words().as_chunks::<2>().0[lane];
         match self.state_noise {
             StateNoise::None => expected,
-            StateNoise::Uniform => {
-                let (width, [h, d]) = (dynamics.state_spread, words());
-                [around(habituation, width, h), around(disengagement, width, d)]
-            }
+            StateNoise::Uniform => uniform_state(dynamics.state_spread, expected, words()),
             StateNoise::Beta => {
+                let [habituation, disengagement] = expected;
                 let [h, d] = words();
                 [
                     beta(shapes(habituation, dynamics.kappa_h), h),
@@ -220,6 +222,13 @@ impl Noise for DrawnNoise {
             None => expected,
         }
     }
+}
+
+/// Habituation and disengagement risk drawn uniformly around their noise-free values; see [`Noise::state`].
+#[inline(always)]
+pub(super) fn uniform_state(width: f64, expected: [f64; 2], words: [u64; 2]) -> [f64; 2] {
+    let ([habituation, disengagement], [h, d]) = (expected, words);
+    [around(habituation, width, h), around(disengagement, width, d)]
 }
 
 /// A value drawn uniformly between (1 - width / 2) and (1 + width / 2) times `value`.

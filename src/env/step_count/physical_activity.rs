@@ -13,9 +13,11 @@ use crate::env::step_count::filter::{Beliefs, Evidence, Filters, Update};
 use crate::env::step_count::full_step::{FullStep, Memory, is_needed};
 use crate::env::step_count::noise::{DrawnNoise, ForcedNoise, Noise, Silence};
 use crate::env::step_count::observer::{LaneStates, Observer};
-use crate::env::step_count::parameters::{DisengagementReward, FirstContext, StepCount};
+use crate::env::step_count::parameters::{
+    DisengagementReward, FirstContext, RewardHabituation, StateNoise, StepCount,
+};
 use crate::env::step_count::participants::Participants;
-use crate::env::step_count::plain_step::PlainStep;
+use crate::env::step_count::plain_step::{PlainNoise, PlainStep, UniformNoise};
 use crate::env::step_count::population::Population;
 use crate::env::vector::{Action, EpisodeStatus, LaneSet, LaneStreams, VectorEnvironment};
 use crate::kernel::{Isa, LINE};
@@ -48,8 +50,10 @@ pub struct PhysicalActivity {
     statuses: Vec<EpisodeStatus>,
     /// Unused where the plain step suffices.
     memory: Memory,
-    /// The noise of full steps; `None` where the plain step suffices.
-    full: Option<DrawnNoise>,
+    /// `None` if steps have no noise and are not full.
+    noise: Option<Box<DrawnNoise>>,
+    /// Whether steps are full: the plain step does not suffice.
+    is_full: bool,
     /// The lanes that get a new context: lanes that were running before the step, or that are being reset.
     drawn: Vec<bool>,
     /// The stream words for the next contexts, and the words of companions for them and for their availability.
@@ -104,6 +108,8 @@ impl PhysicalActivity {
         let widest = population.widest(parameters);
         let participants = (!population.is_homogeneous())
             .then(|| Box::new(Participants::new(parameters, population, lanes, padded)));
+        let is_full = is_needed(&widest, scenario);
+        let has_noise = is_full || widest.state_noise == StateNoise::Uniform;
         PhysicalActivity {
             observer: Observer::new(parameters, scenario),
             history: None,
@@ -115,7 +121,8 @@ impl PhysicalActivity {
             disengagement: vec![0.0; lanes],
             statuses: vec![EpisodeStatus::Truncated; lanes],
             memory: Memory::new(lanes),
-            full: is_needed(&widest, scenario).then(|| DrawnNoise::new(&widest, lanes)),
+            noise: has_noise.then(|| Box::new(DrawnNoise::new(&widest, lanes))),
+            is_full,
             drawn: vec![false; padded],
             words: vec![0; padded],
             context_words: CompanionWords::new(Companion::Context, lanes),
@@ -197,27 +204,35 @@ impl PhysicalActivity {
 
     /// A step without noise; the caller has stored the observations.
     fn act(&mut self, actions: &[Action], rewards: &mut [f64]) {
-        assert_eq!(actions.len(), self.lanes(), "one action per lane");
-        assert_eq!(rewards.len(), self.lanes(), "one reward per lane");
-        if self.full.is_some() {
+        if self.is_full {
             self.full_step(&Silence, actions, rewards);
-        } else if let Some(people) = self.participants.take() {
-            self.plain_step(&people.dynamics(), actions, rewards);
-            self.participants = Some(people);
         } else {
-            let alike = self.dynamics;
-            self.plain_step(&alike, actions, rewards);
+            self.plain_step(Silence, actions, rewards);
         }
     }
 
-    fn plain_step(
+    fn plain_step(&mut self, noise: impl PlainNoise, actions: &[Action], rewards: &mut [f64]) {
+        assert_eq!(actions.len(), self.lanes(), "one action per lane");
+        assert_eq!(rewards.len(), self.lanes(), "one reward per lane");
+        if let Some(people) = self.participants.take() {
+            self.plain_step_of(&people.dynamics(), noise, actions, rewards);
+            self.participants = Some(people);
+        } else {
+            let alike = self.dynamics;
+            self.plain_step_of(&alike, noise, actions, rewards);
+        }
+    }
+
+    fn plain_step_of(
         &mut self,
         dynamics: &(impl LaneDynamics + Copy),
+        noise: impl PlainNoise,
         actions: &[Action],
         rewards: &mut [f64],
     ) {
         self.isa.run(PlainStep {
             dynamics,
+            noise,
             horizon: self.parameters.horizon,
             contexts: &self.contexts,
             actions,
@@ -237,13 +252,18 @@ impl PhysicalActivity {
         self.full_step(noise, actions, rewards);
     }
 
-    /// Takes a full step with noise from the streams.
+    /// Takes a step with noise from the streams.
     fn noisy_step(&mut self, actions: &[Action], rewards: &mut [f64], streams: &LaneStreams) {
-        if let Some(mut noise) = self.full.take() {
-            noise.draw(&self.drawn, streams);
-            self.full_step(&noise, actions, rewards);
-            self.full = Some(noise);
+        let Some(mut noise) = self.noise.take() else { return };
+        noise.draw(&self.drawn, streams);
+        if self.is_full {
+            self.full_step(&*noise, actions, rewards);
+        } else {
+            let is_reward_drawn = self.parameters.reward_habituation == RewardHabituation::Drawn;
+            let noise = UniformNoise { words: noise.state_words(), is_reward_drawn };
+            self.plain_step(noise, actions, rewards);
         }
+        self.noise = Some(noise);
     }
 
     fn full_step(&mut self, noise: &impl Noise, actions: &[Action], rewards: &mut [f64]) {
@@ -353,7 +373,7 @@ impl PhysicalActivity {
     /// Updates the beliefs of the lanes marked in `drawn` after a step.
     pub(super) fn update_beliefs(&mut self, actions: &[Action]) {
         if let Some(mut filters) = self.filters.take() {
-            let (has_memory, shows) = (self.full.is_some(), filters.shows());
+            let (has_memory, shows) = (self.is_full, filters.shows());
             let person = |lane: usize| self.person(lane);
             let evidence = |lane: usize| {
                 let taken = self.memory.actions[lane].filter(|_| has_memory);

@@ -89,7 +89,7 @@ impl VectorEnvironment for PhysicalActivity {
         for (drawn, status) in self.drawn.iter_mut().zip(&self.statuses) {
             *drawn = *status == EpisodeStatus::Running;
         }
-        if self.full.is_some() {
+        if self.noise.is_some() {
             self.noisy_step(actions, rewards, streams);
         } else {
             self.act(actions, rewards);
