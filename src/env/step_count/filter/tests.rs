@@ -510,3 +510,31 @@ fn particles_come_true_as_often_as_they_say() {
         assert!(means.largest() < 4.5, "{scenario} {e:?}: {}", means.largest());
     }
 }
+
+/// A disengagement that no action can have brought about, as after merging or with few particles.
+#[test]
+fn evidence_with_which_nothing_agrees_leaves_the_action_and_the_feature() {
+    let quiet = StepCount { context_persistence: 0.8, ..StepCount::paper(0.6) };
+    let noisy = StepCount { state_noise: StateNoise::Uniform, ..quiet.clone() };
+    for e in [quiet, noisy] {
+        let scenario = letters("F-E-R").unwrap();
+        let mut told = Filters::new(&e, &scenario, 1).unwrap();
+        told.begin(0, &e, 1.0);
+        told.words.words_mut().fill(7);
+        let mut untold = told.clone();
+        let numbers = |filters: &Filters| {
+            let Beliefs { zero, habituation, risk, near } = filters.beliefs();
+            [zero, habituation[0], habituation[1], risk[0], risk[1], near].map(|of| of[0])
+        };
+        for (message, probability) in [(2, 0.3), (3, 0.9)] {
+            let disengaged = Some(true);
+            let evidence =
+                Evidence { action: action(message), steps: None, disengaged, probability };
+            told.update(0, &e, &evidence);
+            untold.update(0, &e, &Evidence { disengaged: None, ..evidence });
+            assert_eq!(numbers(&told), numbers(&untold), "{:?} {message}", e.state_noise);
+        }
+        let [zero, habituation, _, risk, ..] = numbers(&told);
+        assert!(zero > 0.5 && habituation > 0.09 && risk > 0.1, "{:?}", numbers(&told));
+    }
+}
