@@ -58,6 +58,7 @@ test: ## unit, integration and documentation tests
 	$(CARGO) test --release --quiet --tests
 	$(CARGO) test --release --quiet --doc
 
+# The Python module is checked without an interpreter, for every Python from 3.10.
 lint: ## format, and lints as errors
 	$(CARGO) fmt --check --all
 	$(CARGO) clippy --release --all-targets --quiet -- -D warnings

@@ -150,7 +150,7 @@ impl Stream {
         Stream::at(self.beside(companion as u64), position)
     }
 
-    /// Makes `beside` the companion of [`Stream::companion`], which it mostly is.
+    /// Makes `beside` what [`Stream::companion`] returns, without work where it stands there already.
     #[inline]
     pub fn accompany(&self, companion: Companion, beside: &mut Stream) {
         let position = self.position.wrapping_mul(companion.width() as u64);

@@ -161,8 +161,9 @@ fn replay(case: &Case) -> Result<(Vec<Step>, PhysicalActivity), String> {
         }
         lane.set_context(0, ContextDraw::new(recorded.context, recorded.p0));
         lane.set_available(0, recorded.available != Some(0));
-        let (actions, mut reward) = ([all[t]], [0.0]);
-        let mut step = Step::chosen(&lane, actions[0]);
+        let mut step = Step::chosen(&lane, all[t]);
+        // The plain step does not know that a message was unavailable.
+        let (actions, mut reward) = ([lane.taken(0, all[t])], [0.0]);
         match forced(&environment, case, t)? {
             Some(noise) => lane.force_step(&noise, &actions, &mut reward),
             None => lane.apply_actions(&actions, &mut reward),

@@ -191,7 +191,11 @@ fn ppo(engine: Engine) -> Ppo {
 }
 
 /// Jobs with noise, and with everything that lanes remember.
-fn beyond_the_paper(agent: &Agent) -> [(&'static str, Job); 2] {
+fn beyond_the_paper(agent: &Agent) -> [(&'static str, Job); 3] {
+    let of_state = job(agent.clone(), |environment| {
+        environment.state_noise = StateNoise::Uniform;
+        environment.state_spread = 0.5;
+    });
     let uniform = job(agent.clone(), |environment| {
         environment.state_noise = StateNoise::Uniform;
         environment.state_spread = 0.5;
@@ -210,7 +214,7 @@ fn beyond_the_paper(agent: &Agent) -> [(&'static str, Job); 2] {
         environment.message_budget = 3;
     });
     beta.scenario = "P-M-S-A-B-D-H".parse().unwrap();
-    [("uniform", uniform), ("beta", beta)]
+    [("uniform noise of the state", of_state), ("uniform", uniform), ("beta", beta)]
 }
 
 /// The job with participants who differ in every kind of parameter: dynamics, noise, contexts and
@@ -307,9 +311,9 @@ fn small_jobs() -> Vec<(String, Job)> {
                 environment.first_context = FirstContext::Sampled;
             });
             jobs.push((format!("{name} {engine:?} with one-hot"), with_clock));
-            let [uniform, beta] = beyond_the_paper(&agent);
+            let [of_state, uniform, beta] = beyond_the_paper(&agent);
             jobs.push((format!("{name} {engine:?} of people"), of_people(uniform.1.clone())));
-            for (version, beyond) in [uniform, beta] {
+            for (version, beyond) in [of_state, uniform, beta] {
                 jobs.push((format!("{name} {engine:?} {version}"), beyond));
             }
             let remembering = job(agent.with_history(3), |_| {});

@@ -244,8 +244,11 @@ fn beyond_the_paper() -> Vec<StepCount> {
         reward_habituation: RewardHabituation::Drawn,
         ..StepCount::paper(0.6)
     };
+    let of_state = || StepCount { step_noise: StepNoise::None, horizon: 9, ..uniform() };
     vec![
         uniform(),
+        of_state(),
+        StepCount { reward_habituation: RewardHabituation::Drawn, ..of_state() },
         beta(),
         StepCount { step_noise: StepNoise::Gamma, sigma_s: 25.0, rho_3: -40.0, ..beta() },
         StepCount {
@@ -347,12 +350,14 @@ fn beliefs_keep_the_contract() {
         horizon: 6,
         ..persistent.clone()
     };
+    let of_state = StepCount { step_noise: StepNoise::None, ..noisy.clone() };
     let limited = StepCount { availability: 0.6, message_budget: 4, ..persistent.clone() };
     let cases = [
         (&persistent, "F-E-R", STEPS),
         (&persistent, "R-F-S", STEPS),
         (&limited, "F-E-R-A", STEPS),
         (&noisy, "F-E-R-S", 20),
+        (&of_state, "F-E-R", 20),
     ];
     for (environment, scenario, steps) in cases {
         let scenario = scenario.parse().unwrap();

@@ -48,9 +48,9 @@ pub struct PhysicalActivity {
     habituation: Vec<f64>,
     disengagement: Vec<f64>,
     statuses: Vec<EpisodeStatus>,
-    /// Unused where the plain step suffices.
+    /// Plain steps do not maintain it: their lanes stay as at a reset, where messages are available and none is sent.
     memory: Memory,
-    /// `None` if steps have no noise and are not full.
+    /// `None` if steps have no noise and are not full. Plain steps have uniform noise of the state.
     noise: Option<Box<DrawnNoise>>,
     /// Whether steps are full: the plain step does not suffice.
     is_full: bool,
@@ -254,7 +254,7 @@ impl PhysicalActivity {
 
     /// Takes a step with noise from the streams.
     fn noisy_step(&mut self, actions: &[Action], rewards: &mut [f64], streams: &LaneStreams) {
-        let Some(mut noise) = self.noise.take() else { return };
+        let mut noise = self.noise.take().expect("only steps with noise are noisy");
         noise.draw(&self.drawn, streams);
         if self.is_full {
             self.full_step(&*noise, actions, rewards);
@@ -376,6 +376,7 @@ impl PhysicalActivity {
             let (has_memory, shows) = (self.is_full, filters.shows());
             let person = |lane: usize| self.person(lane);
             let evidence = |lane: usize| {
+                // Plain steps keep no actions, and take every action that is chosen.
                 let taken = self.memory.actions[lane].filter(|_| has_memory);
                 let is_paid = self.is_paid(lane);
                 Evidence {
@@ -512,7 +513,7 @@ impl PhysicalActivity {
     }
 
     /// The steps walked in the last step of every lane, \[lanes\]. They are maintained only if the scenario
-    /// or a key of the manifest needs them.
+    /// or a key of the manifest needs them; uniform noise of the state alone does not.
     pub fn previous_steps(&self) -> &[f64] {
         &self.memory.steps
     }

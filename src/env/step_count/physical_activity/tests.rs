@@ -1,5 +1,6 @@
 use super::*;
 use crate::env::TimeIndicator;
+use crate::key::Distribution;
 use crate::rng::{Purpose, Stream};
 
 fn stream() -> Stream {
@@ -166,4 +167,67 @@ fn the_one_hot_follows_the_same_clock_and_stops_at_the_horizon() {
     assert_eq!(rows[0], [1.0, 1.0, 0.0, 0.0]);
     assert_eq!(rows[1], [1.0, 0.0, 1.0, 0.0]);
     assert_eq!(rows[3], [1.0, 0.0, 0.0, 1.0]);
+}
+
+/// The letter A keeps the full step, and adds nothing to what happens.
+#[test]
+fn the_plain_step_has_the_bits_of_the_full_step() {
+    let people = Population {
+        state_spread: Distribution::Uniform([0.0, 2.0]),
+        disengagement_threshold: Distribution::Uniform([0.5, 1.0]),
+        ..Population::default()
+    };
+    for reward_habituation in [RewardHabituation::Expected, RewardHabituation::Drawn] {
+        for state_noise in [StateNoise::None, StateNoise::Uniform] {
+            // So wide that the state is cut at 0 and at 1.
+            let e = StepCount {
+                state_noise,
+                state_spread: 2.0,
+                reward_habituation,
+                horizon: 12,
+                ..StepCount::paper(0.6)
+            };
+            for population in [&Population::default(), &people] {
+                for is_shared in [true, false] {
+                    same_episodes(&e, population, is_shared);
+                }
+            }
+        }
+    }
+}
+
+/// Walks a plain and a full simulation side by side.
+fn same_episodes(e: &StepCount, population: &Population, is_shared: bool) {
+    const LANES: usize = 19;
+    let begin = |scenario: &str| {
+        let lanes = PhysicalActivity::new(e, &scenario.parse().unwrap(), LANES);
+        let each = (0..LANES as u64).map(|seed| Stream::new(seed, Purpose::Environment));
+        let streams = if is_shared { shared() } else { LaneStreams::PerLane(each.collect()) };
+        (lanes.with_population(population), streams, [0.0; LANES])
+    };
+    let mut both = ["P-H-D", "P-H-D-A"].map(begin);
+    assert_eq!(both.each_ref().map(|(lanes, ..)| lanes.is_full), [false, true]);
+    let bits = |values: &[f64]| values.iter().map(|value| value.to_bits()).collect::<Vec<_>>();
+    let mut choices = Stream::new(3, Purpose::Exploration);
+    let mut cut = 0;
+    for step in 0..100 {
+        // Ended lanes stay ended for a while.
+        let is_reset = |lane: usize, ended: bool| ended && (step + lane).is_multiple_of(4);
+        let actions: Vec<_> = (0..LANES).map(|_| Action::uniform(choices.bits(), 4)).collect();
+        let [plain, full] = both.each_mut().map(|(lanes, streams, rewards)| {
+            let ended = lanes.statuses().iter().map(|status| *status != EpisodeStatus::Running);
+            let reset: Vec<_> =
+                ended.enumerate().map(|(lane, ended)| is_reset(lane, ended)).collect();
+            lanes.reset(LaneSet::Masked(&reset), streams);
+            lanes.step(&actions, rewards, streams);
+            let places: Vec<_> = (0..LANES).map(|lane| streams.of(lane).position()).collect();
+            (bits(rewards), bits(lanes.habituation()), bits(lanes.disengagement()), places)
+        });
+        assert_eq!(plain, full, "{step} {e:?}");
+        let [(plain, ..), (full, ..)] = &both;
+        assert_eq!(plain.statuses(), full.statuses(), "{step}");
+        assert_eq!((plain.times(), &plain.contexts), (full.times(), &full.contexts), "{step}");
+        cut += plain.habituation().iter().filter(|habituation| **habituation == 1.0).count();
+    }
+    assert!(cut > 0 || e.state_noise == StateNoise::None);
 }
