@@ -163,6 +163,8 @@ fn draw_one(
 
 /// How much wider than a line the white below it is.
 const CASING: f64 = 1.2;
+/// Half the length of a line of one point.
+const ALONE: f64 = 7.0;
 
 fn line_marks(
     line: &Line,
@@ -209,6 +211,15 @@ fn line_marks(
             let points: Vec<Point> = part.into_iter().map(|(x, y)| moved(place(x, y))).collect();
             let casing = casing.map(|stroke| Shape::Line { points: points.clone(), stroke }.into());
             marks.extend(casing);
+            marks.push(Shape::Line { points, stroke }.into());
+        }
+        // A line of one point would be its label alone.
+        let (low, high) = axes.1.range();
+        if let ([(at, height)], Spread::Exact) = (points.as_slice(), line.spread)
+            && (low..=high).contains(height)
+        {
+            let (x, y) = moved(place(*at, *height));
+            let points = vec![(x - ALONE, y), (x + ALONE, y)];
             marks.push(Shape::Line { points, stroke }.into());
         }
     }
@@ -368,6 +379,41 @@ mod tests {
             })
         };
         assert!(has("n = 3. Lines on one another: stripes."));
+    }
+
+    #[test]
+    fn an_optimum_at_one_point_is_seen() {
+        let line = |points: &[f64], spread| Line {
+            label: "arm".to_owned(),
+            look: Look { color: INK, dash: None, marker: Marker::Disc },
+            points: points
+                .iter()
+                .map(|x| Place {
+                    x: *x,
+                    y: 5.0,
+                    interval: None,
+                    is_single: false,
+                    tip: String::new(),
+                })
+                .collect(),
+            reference: Vec::new(),
+            spread,
+            facets: Facets::new(),
+        };
+        let lines = vec![line(&[0.0, 1.0], Spread::Bars), line(&[1.0], Spread::Exact)];
+        let (heading, note) = (None, String::new());
+        let chart = Chart { heading, description: String::new(), lines, note };
+        let style = Style::of(&FigureKeys::default());
+        let axis = ("x".to_owned(), Numbers::Plain, AxisScale::Linear);
+        let axes = axes(slice::from_ref(&chart), axis, MEAN_RETURN.in_unit("points"), &style);
+        let scene = draw(slice::from_ref(&chart), &axes, &style).remove(0);
+        let of_optimum = scene.marks.iter().filter(|mark| mark.series == Some(1));
+        let mut drawn = of_optimum.filter_map(|mark| match &mark.shape {
+            Shape::Line { points, .. } => Some(points),
+            _ => None,
+        });
+        let points = drawn.next().expect("a short line");
+        assert_eq!((points[1].0 - points[0].0, points[1].1), (2.0 * ALONE, points[0].1));
     }
 
     #[test]
