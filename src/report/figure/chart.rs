@@ -213,9 +213,10 @@ fn line_marks(
             marks.extend(casing);
             marks.push(Shape::Line { points, stroke }.into());
         }
-        // A line of one point would be its label alone.
+        // A line of one point would be its label alone; one without a label has its points drawn beside it.
         let (low, high) = axes.1.range();
         if let ([(at, height)], Spread::Exact) = (points.as_slice(), line.spread)
+            && !line.label.is_empty()
             && (low..=high).contains(height)
         {
             let (x, y) = moved(place(*at, *height));
