@@ -111,8 +111,25 @@ fn simulation_step(bencher: Bencher<'_, '_>, lanes: usize) {
     });
 }
 
-/// A step of many lanes with a stream each, as the vector environments of Python take it, with ended lanes reset;
-/// counted in lanes.
+/// Times steps with the same actions, and resets of ended lanes.
+fn time_episodes(
+    bencher: Bencher<'_, '_>,
+    simulation: &mut PhysicalActivity,
+    actions: &[Action],
+    streams: &mut LaneStreams,
+) {
+    let (mut rewards, mut ended) = (vec![0.0; actions.len()], vec![false; actions.len()]);
+    bencher.counter(ItemsCount::new(actions.len())).bench_local(|| {
+        simulation.step(actions, &mut rewards, streams);
+        for (ended, status) in ended.iter_mut().zip(simulation.statuses()) {
+            *ended = *status != EpisodeStatus::Running;
+        }
+        simulation.reset(LaneSet::Masked(&ended), streams);
+    });
+}
+
+/// A step of the vector environments of Python, whose lanes have a stream each, and the reset of ended lanes; counted in
+/// lanes.
 #[divan::bench(args = ["none", "uniform", "uniform, gamma"])]
 fn lanes_with_streams(bencher: Bencher<'_, '_>, noise: &str) {
     const LANES: usize = 4096;
@@ -121,14 +138,7 @@ fn lanes_with_streams(bencher: Bencher<'_, '_>, noise: &str) {
     let mut simulation = PhysicalActivity::new(&version(noise), &"P-T".parse().unwrap(), LANES);
     simulation.reset(LaneSet::All, &mut streams);
     let actions: Vec<_> = (0..LANES).map(|lane| Action::uniform(lane as u64, 4)).collect();
-    let (mut rewards, mut ended) = (vec![0.0; LANES], vec![false; LANES]);
-    bencher.counter(ItemsCount::new(LANES)).bench_local(|| {
-        simulation.step(&actions, &mut rewards, &mut streams);
-        for (ended, status) in ended.iter_mut().zip(simulation.statuses()) {
-            *ended = *status != EpisodeStatus::Running;
-        }
-        simulation.reset(LaneSet::Masked(&ended), &mut streams);
-    });
+    time_episodes(bencher, &mut simulation, &actions, &mut streams);
 }
 
 /// A step of the simulation in whole episodes with messages tailored to the likelier context, with ended lanes reset;
@@ -189,12 +199,5 @@ fn noisy_step(bencher: Bencher<'_, '_>, name: &str) {
     simulation.reset(LaneSet::All, &mut streams);
     let mut choices = Stream::new(1, Purpose::Exploration);
     let actions: Vec<Action> = (0..LANES).map(|_| Action::uniform(choices.bits(), 4)).collect();
-    let (mut rewards, mut ended) = (vec![0.0; LANES], vec![false; LANES]);
-    bencher.counter(ItemsCount::new(LANES)).bench_local(|| {
-        simulation.step(&actions, &mut rewards, &mut streams);
-        for (ended, status) in ended.iter_mut().zip(simulation.statuses()) {
-            *ended = *status != EpisodeStatus::Running;
-        }
-        simulation.reset(LaneSet::Masked(&ended), &mut streams);
-    });
+    time_episodes(bencher, &mut simulation, &actions, &mut streams);
 }

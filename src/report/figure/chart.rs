@@ -163,7 +163,7 @@ fn draw_one(
 
 /// How much wider than a line the white below it is.
 const CASING: f64 = 1.2;
-/// Half the length of a line of one point.
+/// Half the length of the dash that stands for a line with a single point.
 const ALONE: f64 = 7.0;
 
 fn line_marks(
@@ -330,34 +330,32 @@ mod tests {
         assert!(clipped(&line, (20.0, 30.0)).is_empty());
     }
 
+    /// A point at the height 5.
+    fn at(x: f64) -> Place {
+        Place { x, y: 5.0, interval: None, is_single: false, tip: String::new() }
+    }
+
+    /// A figure of lines with a note.
+    fn drawn(lines: Vec<Line>, note: &str) -> Scene {
+        let (heading, description, note) = (None, String::new(), note.to_owned());
+        let chart = Chart { heading, description, lines, note };
+        let style = Style::of(&FigureKeys::default());
+        let axis = ("x".to_owned(), Numbers::Plain, AxisScale::Linear);
+        let axes = axes(slice::from_ref(&chart), axis, MEAN_RETURN.in_unit("points"), &style);
+        draw(slice::from_ref(&chart), &axes, &style).remove(0)
+    }
+
     #[test]
     fn identical_lines_of_two_arms_are_both_seen() {
         let line = |dash| Line {
             label: "arm".to_owned(),
             look: Look { color: INK, dash, marker: Marker::Disc },
-            points: (0..3)
-                .map(|x| Place {
-                    x: f64::from(x),
-                    y: 5.0,
-                    interval: None,
-                    is_single: false,
-                    tip: String::new(),
-                })
-                .collect(),
+            points: [0.0, 1.0, 2.0].map(at).into(),
             reference: Vec::new(),
             spread: Spread::Bars,
             facets: Facets::new(),
         };
-        let chart = Chart {
-            heading: None,
-            description: String::new(),
-            lines: vec![line(None), line(Some((5.0, 2.5)))],
-            note: "n = 3.".to_owned(),
-        };
-        let style = Style::of(&FigureKeys::default());
-        let axis = ("x".to_owned(), Numbers::Plain, AxisScale::Linear);
-        let axes = axes(slice::from_ref(&chart), axis, MEAN_RETURN.in_unit("points"), &style);
-        let scene = draw(slice::from_ref(&chart), &axes, &style).remove(0);
+        let scene = drawn(vec![line(None), line(Some((5.0, 2.5)))], "n = 3.");
         let lines = |series: usize| -> Vec<(f64, f64)> {
             let of_series = scene.marks.iter().filter(|mark| mark.series == Some(series));
             let lines = of_series.filter_map(|mark| match &mark.shape {
@@ -387,33 +385,19 @@ mod tests {
         let line = |points: &[f64], spread| Line {
             label: "arm".to_owned(),
             look: Look { color: INK, dash: None, marker: Marker::Disc },
-            points: points
-                .iter()
-                .map(|x| Place {
-                    x: *x,
-                    y: 5.0,
-                    interval: None,
-                    is_single: false,
-                    tip: String::new(),
-                })
-                .collect(),
+            points: points.iter().map(|x| at(*x)).collect(),
             reference: Vec::new(),
             spread,
             facets: Facets::new(),
         };
         let lines = vec![line(&[0.0, 1.0], Spread::Bars), line(&[1.0], Spread::Exact)];
-        let (heading, note) = (None, String::new());
-        let chart = Chart { heading, description: String::new(), lines, note };
-        let style = Style::of(&FigureKeys::default());
-        let axis = ("x".to_owned(), Numbers::Plain, AxisScale::Linear);
-        let axes = axes(slice::from_ref(&chart), axis, MEAN_RETURN.in_unit("points"), &style);
-        let scene = draw(slice::from_ref(&chart), &axes, &style).remove(0);
+        let scene = drawn(lines, "");
         let of_optimum = scene.marks.iter().filter(|mark| mark.series == Some(1));
-        let mut drawn = of_optimum.filter_map(|mark| match &mark.shape {
+        let mut shown = of_optimum.filter_map(|mark| match &mark.shape {
             Shape::Line { points, .. } => Some(points),
             _ => None,
         });
-        let points = drawn.next().expect("a short line");
+        let points = shown.next().expect("a short line");
         assert_eq!((points[1].0 - points[0].0, points[1].1), (2.0 * ALONE, points[0].1));
     }
 

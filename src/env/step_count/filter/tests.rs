@@ -518,10 +518,10 @@ fn evidence_with_which_nothing_agrees_leaves_the_action_and_the_feature() {
     let noisy = StepCount { state_noise: StateNoise::Uniform, ..quiet.clone() };
     for e in [quiet, noisy] {
         let scenario = letters("F-E-R").unwrap();
-        let mut told = Filters::new(&e, &scenario, 1).unwrap();
-        told.begin(0, &e, 1.0);
-        told.words.words_mut().fill(7);
-        let mut untold = told.clone();
+        let mut filters = Filters::new(&e, &scenario, 1).unwrap();
+        filters.begin(0, &e, 1.0);
+        filters.words.words_mut().fill(7);
+        let mut of_action = filters.clone();
         let numbers = |filters: &Filters| {
             let Beliefs { zero, habituation, risk, near } = filters.beliefs();
             [zero, habituation[0], habituation[1], risk[0], risk[1], near].map(|of| of[0])
@@ -530,11 +530,11 @@ fn evidence_with_which_nothing_agrees_leaves_the_action_and_the_feature() {
             let disengaged = Some(true);
             let evidence =
                 Evidence { action: action(message), steps: None, disengaged, probability };
-            told.update(0, &e, &evidence);
-            untold.update(0, &e, &Evidence { disengaged: None, ..evidence });
-            assert_eq!(numbers(&told), numbers(&untold), "{:?} {message}", e.state_noise);
+            filters.update(0, &e, &evidence);
+            of_action.update(0, &e, &Evidence { disengaged: None, ..evidence });
+            assert_eq!(numbers(&filters), numbers(&of_action), "{:?} {message}", e.state_noise);
         }
-        let [zero, habituation, _, risk, ..] = numbers(&told);
-        assert!(zero > 0.5 && habituation > 0.09 && risk > 0.1, "{:?}", numbers(&told));
+        let [zero, habituation, _, risk, ..] = numbers(&filters);
+        assert!(zero > 0.5 && habituation > 0.09 && risk > 0.1, "{:?}", numbers(&filters));
     }
 }
