@@ -56,7 +56,8 @@ impl Feature {
     pub(super) fn ahead(&self, context: usize) -> (f64, [f64; 2]) {
         let weights = self.after(if context == 0 { [1.0, 0.0] } else { [0.0, 1.0] });
         let sum = weights[0] + weights[1];
-        (sum, weights.map(|weight| if sum > 0.0 { weight / sum } else { 0.0 }))
+        let [zero, one] = weights;
+        (sum, if sum > 0.0 { [zero / sum, one / sum] } else { [0.0; 2] })
     }
 
     /// The probability of context 0 after that of the context before, and the likelihoods of that context by the steps

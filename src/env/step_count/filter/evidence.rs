@@ -22,10 +22,14 @@ impl Evidence {
         Evidence { steps: None, disengaged: None, ..*self }
     }
 
-    /// Whether the evidence allows this disengagement risk after the step.
+    /// The disengagement risks that the evidence allows after the step: from the first to less than the second.
     #[inline(always)]
-    pub(super) fn agrees(&self, dynamics: &Dynamics, risk: f64) -> bool {
-        let reaches = risk >= dynamics.disengagement_threshold;
-        self.disengaged.is_none_or(|disengaged| disengaged == reaches)
+    pub(super) fn risks(&self, dynamics: &Dynamics) -> [f64; 2] {
+        let threshold = dynamics.disengagement_threshold;
+        match self.disengaged {
+            None => [f64::NEG_INFINITY, f64::INFINITY],
+            Some(false) => [f64::NEG_INFINITY, threshold],
+            Some(true) => [threshold, f64::INFINITY],
+        }
     }
 }

@@ -8,9 +8,11 @@
 //! wrong message ends the episode. Merging keeps the probability and the mean of a cell. A test compares the result
 //! with a mixture of a hundred times as many atoms.
 
+use pulp::Simd;
+
 use super::contexts::Feature;
 use super::evidence::Evidence;
-use super::moments::{Moments, SIDE, Sums, is_near, of};
+use super::moments::{Block, Moments, SIDE, Sums};
 use crate::env::step_count::dynamics::Dynamics;
 use crate::env::vector::Action;
 use crate::kernel::math;
@@ -23,56 +25,63 @@ const LEAST: f64 = 1e-60;
 
 /// A distribution of disengagement risk and of the context of the present step.
 ///
-/// Every array is \[atoms\], at most `most` and a multiple of [`SIDE`]. Atoms without a weight have no meaning.
+/// Every array is \[atoms\], with place for [`SIDE`] more than `most`. Atoms without a weight have no meaning.
 #[derive(Clone, Debug)]
 pub(super) struct Mixture {
     most: usize,
+    /// The number of atoms that are in use, a multiple of [`SIDE`].
+    count: usize,
     risk: Vec<f64>,
     /// The probabilities of a risk with context 0, and with context 1; their sum over all is 1.
     weights: [Vec<f64>; 2],
 }
 
-/// The successors of the atoms of a mixture by the context of the step.
-#[derive(Clone, Debug, Default)]
+/// The successors of the atoms of a mixture, and room to merge them.
+#[derive(Clone, Debug)]
 pub(super) struct Successors {
+    /// By the context of the step.
     of: [Successor; 2],
+    cells: Cells,
 }
 
-/// What follows if the step had a certain context; every array is \[atoms\].
-#[derive(Clone, Debug, Default)]
+/// What follows if the step had a certain context; every array is \[atoms\], with place for as many as a mixture has.
+#[derive(Clone, Debug)]
 struct Successor {
+    /// The number of atoms that are in use, a multiple of [`SIDE`].
+    count: usize,
     risk: Vec<f64>,
     /// Probabilities up to a common factor.
     weight: Vec<f64>,
-    /// The probabilities of the next contexts, given the feature; 0 where no weight is left.
-    next: [f64; 2],
-    /// Room for the cells of the risks.
-    cell: Vec<u64>,
+    /// Room for the cells of the risks, as numbers whose last bits are the cell.
+    cell: Vec<f64>,
+    /// Room for the products of risk and weight.
+    moment: Vec<f64>,
+}
+
+/// Sums within cells; every array is \[cells\], and 0 between steps.
+#[derive(Clone, Debug)]
+struct Cells {
+    /// The weights of the successors of context 0, and of context 1.
+    weights: [Vec<f64>; 2],
+    moment: Vec<f64>,
 }
 
 impl Mixture {
     /// A mixture of at most `most` atoms, before the first episode.
     pub(super) fn new(most: usize) -> Self {
-        let room = || Vec::with_capacity(most + SIDE);
-        let mut mixture = Mixture { most, risk: room(), weights: [room(), room()] };
+        let room = || vec![0.0; most + SIDE];
+        let mut mixture = Mixture { most, count: SIDE, risk: room(), weights: [room(), room()] };
         mixture.begin(0.0, 0.5);
         mixture
     }
 
     /// Begins an episode at a risk, where context 0 has the probability `zero`.
     pub(super) fn begin(&mut self, risk: f64, zero: f64) {
-        self.clear(SIDE);
+        self.count = SIDE;
         self.risk[0] = risk;
-        self.weights[0][0] = zero;
-        self.weights[1][0] = 1.0 - zero;
-    }
-
-    /// Makes place for a number of atoms, all without a weight, at the risk 0.
-    #[inline(always)]
-    fn clear(&mut self, count: usize) {
-        for array in [&mut self.risk].into_iter().chain(&mut self.weights) {
-            array.clear();
-            array.resize(count, 0.0);
+        for (weights, weight) in self.weights.iter_mut().zip([zero, 1.0 - zero]) {
+            weights[..SIDE].fill(0.0);
+            weights[0] = weight;
         }
     }
 
@@ -80,179 +89,320 @@ impl Mixture {
     #[cfg(test)]
     pub(super) fn atoms(&self) -> impl Iterator<Item = (f64, f64)> {
         let weights = self.weights[0].iter().zip(&self.weights[1]).map(|(zero, one)| zero + one);
-        self.risk.iter().copied().zip(weights).filter(|(_, weight)| *weight > 0.0)
+        self.risk[..self.count].iter().copied().zip(weights).filter(|(_, weight)| *weight > 0.0)
     }
 
     /// Updates the mixture after a step, given the likelihoods of the contexts by the steps walked. Returns `None`,
     /// and leaves the mixture as it is, if nothing that it holds possible agrees with the evidence, which only merged
     /// atoms can bring about.
     #[inline(always)]
-    pub(super) fn update(
+    pub(super) fn update<S: Simd>(
         &mut self,
+        simd: S,
         dynamics: &Dynamics,
         seen: &Feature,
         steps: [f64; 2],
         evidence: &Evidence,
         room: &mut Successors,
     ) -> Option<Moments> {
+        let ahead = [seen.ahead(0), seen.ahead(1)];
         for (context, successor) in room.of.iter_mut().enumerate() {
-            let (likelihood, next) = seen.ahead(context);
-            successor.next = next;
-            successor.follow(self, context, dynamics, steps[context] * likelihood, evidence);
+            let likelihood = steps[context] * ahead[context].0;
+            successor.follow(simd, self, context, dynamics, likelihood, evidence);
         }
-        let sums = room.sums(dynamics)?;
+        let next = [ahead[0].1, ahead[1].1];
+        let origin = room.origin()?;
+        let [zero, one] = &room.of;
+        let parts = [zero.sums(simd, dynamics, origin), one.sums(simd, dynamics, origin)];
+        let sums = Sums::of_risk(origin, parts, [next[0][0], next[1][0]]);
         let moments = sums.moments()?;
-        let count = room.of.iter().map(Successor::count).sum();
+        let scale = 1.0 / sums.weight();
+        let [[a, b], [c, d]] = next;
+        let next = [[a * scale, b * scale], [c * scale, d * scale]];
+        let filled = room.of[0].filled() + room.of[1].filled();
         if evidence.action == Action::NONE || evidence.action == Action::UNTAILORED {
             self.take(&room.of);
-        } else if count <= self.most {
-            self.append(&room.of, count);
+            self.look(next);
+        } else if filled <= self.most {
+            self.append(&room.of);
+            self.look(next);
         } else {
-            self.merge(&mut room.of, dynamics);
+            room.merge(simd, dynamics, self.most);
+            self.collect(simd, &mut room.cells, next);
         }
-        self.look(&room.of, 1.0 / sums.weight());
         Some(moments)
     }
 
     /// Takes successors that have the same risk in both contexts.
     #[inline(always)]
     fn take(&mut self, successors: &[Successor; 2]) {
-        self.clear(successors[0].risk.len().max(successors[1].risk.len()));
-        for (own, Successor { risk, weight, .. }) in self.weights.iter_mut().zip(successors) {
-            self.risk[..risk.len()].copy_from_slice(risk);
-            own[..weight.len()].copy_from_slice(weight);
+        self.count = successors[0].count.max(successors[1].count);
+        for (own, Successor { count, risk, weight, .. }) in self.weights.iter_mut().zip(successors)
+        {
+            self.risk[..*count].copy_from_slice(&risk[..*count]);
+            own[..*count].copy_from_slice(&weight[..*count]);
+            own[*count..self.count].fill(0.0);
         }
     }
 
-    /// Takes the successors of both contexts that have a weight, whose number is `count`.
+    /// Takes the successors of both contexts that have a weight, of which there are at most `most`.
     ///
     /// Which have one is unpredictable, so the loop has no branches: the next successor replaces one without.
     #[inline(always)]
-    fn append(&mut self, successors: &[Successor; 2], count: usize) {
-        self.clear(count + SIDE);
+    fn append(&mut self, [zero, one]: &[Successor; 2]) {
+        let room = self.risk.len();
+        let (risks, [zeros, ones]) = (&mut self.risk[..], &mut self.weights);
+        let (zeros, ones) = (&mut zeros[..room], &mut ones[..room]);
         let mut place = 0;
-        for (own, successor) in self.weights.iter_mut().zip(successors) {
-            for (risk, weight) in successor.risk.iter().zip(&successor.weight) {
-                (self.risk[place], own[place]) = (*risk, *weight);
-                place += usize::from(*weight > 0.0);
-            }
+        for (risk, weight) in zero.risk[..zero.count].iter().zip(&zero.weight) {
+            (risks[place], zeros[place], ones[place]) = (*risk, *weight, 0.0);
+            place += usize::from(*weight > 0.0);
         }
-        let count = count.next_multiple_of(SIDE);
-        self.risk.truncate(count);
-        self.weights.iter_mut().for_each(|weights| weights.truncate(count));
+        for (risk, weight) in one.risk[..one.count].iter().zip(&one.weight) {
+            (risks[place], zeros[place], ones[place]) = (*risk, 0.0, *weight);
+            place += usize::from(*weight > 0.0);
+        }
+        self.count = place.next_multiple_of(SIDE);
+        zeros[place..self.count].fill(0.0);
+        ones[place..self.count].fill(0.0);
     }
 
-    /// Takes the successors of both contexts, merged within cells.
+    /// Replaces the contexts of the step by the next contexts, whose weights by the context of the step are given.
     #[inline(always)]
-    fn merge(&mut self, successors: &mut [Successor; 2], dynamics: &Dynamics) {
-        self.clear(self.most);
-        for (own, successor) in self.weights.iter_mut().zip(successors) {
-            successor.place(dynamics, self.most);
-            // Of equal lengths, so that a single check of the bounds is enough.
-            let (weights, firsts) = (&mut own[..self.most], &mut self.risk[..self.most]);
-            let Successor { risk, weight, cell, .. } = successor;
-            for ((risk, weight), cell) in risk.iter().zip(weight).zip(cell) {
-                weights[*cell as usize] += *weight;
-                firsts[*cell as usize] += *weight * risk;
-            }
-        }
-        let [zero, one] = &self.weights;
-        for ((risk, zero), one) in self.risk.iter_mut().zip(zero).zip(one) {
-            let weight = zero + one;
-            *risk = if weight > 0.0 { *risk / weight } else { 0.0 };
-        }
-    }
-
-    /// Replaces the contexts of the step by the next contexts, and multiplies all weights by `scale`.
-    #[inline(always)]
-    fn look(&mut self, successors: &[Successor; 2], scale: f64) {
-        let [from_zero, from_one] = [0, 1].map(|i: usize| successors[i].next.map(|x| x * scale));
+    fn look(&mut self, next: [[f64; 2]; 2]) {
         let [zeros, ones] = &mut self.weights;
-        for (zero, one) in zeros.iter_mut().zip(ones) {
-            let of = |next: usize| *zero * from_zero[next] + *one * from_one[next];
+        for (zero, one) in zeros[..self.count].iter_mut().zip(ones) {
+            let of = |then: usize| *zero * next[0][then] + *one * next[1][then];
             (*zero, *one) = (of(0), of(1));
+        }
+    }
+
+    /// Takes the means and the weights of all cells with the next contexts, as [`Mixture::look`] does, and clears them.
+    #[inline(always)]
+    fn collect<S: Simd>(&mut self, simd: S, cells: &mut Cells, next: [[f64; 2]; 2]) {
+        self.count = self.most;
+        let most = self.most;
+        let [from_zero, from_one] = [splat(simd, next[0]), splat(simd, next[1])];
+        let none = simd.splat_f64s(0.0);
+        let Mixture { risk, weights: [zero, one], .. } = self;
+        let risk = registers::<S>(&mut risk[..most]);
+        let own = registers::<S>(zero).iter_mut().zip(registers::<S>(one)).zip(risk);
+        let Cells { weights: [of_zero, of_one], moment } = cells;
+        let of = registers::<S>(of_zero).iter_mut().zip(registers::<S>(of_one));
+        let of = of.zip(registers::<S>(moment));
+        for (((zero, one), risk), ((of_zero, of_one), moment)) in own.zip(of) {
+            let weight = simd.add_f64s(*of_zero, *of_one);
+            let mean = simd.div_f64s(*moment, weight);
+            *risk = simd.select_f64s(simd.greater_than_f64s(weight, none), mean, none);
+            let then_zero = simd.mul_f64s(*of_zero, from_zero[0]);
+            let then_one = simd.mul_f64s(*of_zero, from_zero[1]);
+            *zero = simd.add_f64s(then_zero, simd.mul_f64s(*of_one, from_one[0]));
+            *one = simd.add_f64s(then_one, simd.mul_f64s(*of_one, from_one[1]));
+            (*of_zero, *of_one, *moment) = (none, none, none);
         }
     }
 }
 
-resumable!([] Mixture { grown risk; parts weights; check fits, "beliefs" });
+/// Numbers in all lanes of a register each.
+///
+/// A loop instead of a function of arrays: closures are not compiled for an instruction set.
+#[inline(always)]
+fn splat<S: Simd, const N: usize>(simd: S, numbers: [f64; N]) -> [S::f64s; N] {
+    let mut all = [simd.splat_f64s(0.0); N];
+    for (register, number) in all.iter_mut().zip(numbers) {
+        *register = simd.splat_f64s(number);
+    }
+    all
+}
+
+/// Numbers, as many as fill registers.
+#[inline(always)]
+fn registers<S: Simd>(numbers: &mut [f64]) -> &mut [S::f64s] {
+    S::as_mut_simd_f64s(numbers).0
+}
+
+resumable!([] Mixture { parts count; fixed risk; each weights; check fits, "beliefs" });
 
 impl Mixture {
-    /// Whether the number of atoms and their risks are possible.
+    /// Whether the numbers of atoms and their risks are possible.
     fn fits(&self) -> bool {
-        let count = self.risk.len();
-        (1..=self.most).contains(&count)
-            && count.is_multiple_of(SIDE)
-            && self.weights.iter().all(|weights| weights.len() == count)
+        (1..=self.most).contains(&self.count)
+            && self.count.is_multiple_of(SIDE)
+            && self.weights.iter().all(|weights| weights.len() == self.risk.len())
             && self.risk.iter().all(|risk| (0.0..=1.0).contains(risk))
     }
 }
 
 impl Successor {
+    fn new(most: usize) -> Self {
+        let room = || vec![0.0; most];
+        Successor { count: 0, risk: room(), weight: room(), cell: room(), moment: room() }
+    }
+
     /// Finds what follows a mixture after a step in a context, whose likelihood is given.
     #[inline(always)]
-    fn follow(
+    fn follow<S: Simd>(
         &mut self,
+        simd: S,
         mixture: &Mixture,
         context: usize,
         dynamics: &Dynamics,
         likelihood: f64,
         evidence: &Evidence,
     ) {
-        self.risk.clear();
-        self.risk.extend(
-            mixture.risk.iter().map(|risk| {
-                dynamics.apply(context as u8, evidence.action, 0.0, *risk).disengagement
-            }),
-        );
-        self.weight.clear();
-        let weights = mixture.weights[context].iter().zip(&self.risk);
-        self.weight.extend(weights.map(|(weight, risk)| {
-            let weight = weight * likelihood;
-            if evidence.agrees(dynamics, *risk) & (weight > LEAST) { weight } else { 0.0 }
-        }));
+        self.count = mixture.count;
+        let [factor, rise] = splat(simd, dynamics.annoyance(context as u8, evidence.action));
+        let [low, high] = splat(simd, evidence.risks(dynamics));
+        let [likelihood, least, none, full] = splat(simd, [likelihood, LEAST, 0.0, 1.0]);
+        let count = mixture.count;
+        let (risks, weights) = (&mixture.risk[..count], &mixture.weights[context][..count]);
+        let from = S::as_simd_f64s(risks).0.iter().zip(S::as_simd_f64s(weights).0);
+        let to = registers::<S>(&mut self.risk).iter_mut().zip(registers::<S>(&mut self.weight));
+        for ((risk, weight), (to_risk, to_weight)) in from.zip(to) {
+            let risk = simd.add_f64s(simd.mul_f64s(*risk, factor), rise);
+            let risk = simd.min_f64s(risk, full);
+            let weight = simd.mul_f64s(*weight, likelihood);
+            let is_above = simd.greater_than_or_equal_f64s(risk, low);
+            let is_allowed = simd.and_m64s(is_above, simd.less_than_f64s(risk, high));
+            let is_kept = simd.and_m64s(is_allowed, simd.greater_than_f64s(weight, least));
+            *to_weight = simd.select_f64s(is_kept, weight, none);
+            *to_risk = risk;
+        }
         // Many of the last risks of merged atoms are dropped, because the cells are in order.
-        while self.weight.last_chunk() == Some(&[0.0; SIDE]) {
-            self.risk.truncate(self.risk.len() - SIDE);
-            self.weight.truncate(self.weight.len() - SIDE);
+        while let Some(last) = self.weight[..self.count].last_chunk::<SIDE>()
+            && last.iter().fold(0, |bits, weight| bits | weight.to_bits()) == 0
+        {
+            self.count -= SIDE;
         }
     }
 
     /// The number of atoms with a weight.
     #[inline(always)]
-    fn count(&self) -> usize {
-        self.weight.iter().filter(|weight| **weight > 0.0).count()
+    fn filled(&self) -> usize {
+        self.weight[..self.count].iter().filter(|weight| **weight > 0.0).count()
     }
 
-    /// Finds the cells of all risks, which are below `most`.
+    /// The terms of [`Sums::of_risk`], with risks measured from `origin`.
     #[inline(always)]
-    fn place(&mut self, dynamics: &Dynamics, most: usize) {
+    fn sums<S: Simd>(&self, simd: S, dynamics: &Dynamics, origin: f64) -> [Block; 4] {
+        match S::F64_LANES {
+            8 => self.sums_in::<S, 1>(simd, dynamics, origin),
+            4 => self.sums_in::<S, 2>(simd, dynamics, origin),
+            2 => self.sums_in::<S, 4>(simd, dynamics, origin),
+            _ => self.sums_in::<S, SIDE>(simd, dynamics, origin),
+        }
+    }
+
+    /// The same, with V registers for each sum: the compiler alone would find no good order of additions.
+    #[inline(always)]
+    #[allow(clippy::needless_range_loop)]
+    fn sums_in<S: Simd, const V: usize>(
+        &self,
+        simd: S,
+        dynamics: &Dynamics,
+        origin: f64,
+    ) -> [Block; 4] {
+        let near = Near::of(simd, dynamics);
+        let [origin, none] = splat(simd, [origin, 0.0]);
+        let mut sums = [[none; V]; 4];
+        let risks = self.risk[..self.count].chunks_exact(SIDE);
+        for (risk, weight) in risks.zip(self.weight.chunks_exact(SIDE)) {
+            let (risk, weight) = (S::as_simd_f64s(risk).0, S::as_simd_f64s(weight).0);
+            for v in 0..V {
+                let distance = simd.sub_f64s(risk[v], origin);
+                let first = simd.mul_f64s(weight[v], distance);
+                let near = simd.select_f64s(near.is(risk[v]), weight[v], none);
+                sums[0][v] = simd.add_f64s(sums[0][v], weight[v]);
+                sums[1][v] = simd.add_f64s(sums[1][v], near);
+                sums[2][v] = simd.add_f64s(sums[2][v], first);
+                sums[3][v] = simd.add_f64s(sums[3][v], simd.mul_f64s(first, distance));
+            }
+        }
+        let mut blocks = [[0.0; SIDE]; 4];
+        for (block, sums) in blocks.iter_mut().zip(sums) {
+            S::as_mut_simd_f64s(block).0.copy_from_slice(&sums);
+        }
+        blocks
+    }
+
+    /// Finds the cells of all risks, which are below `most`, and the moments.
+    #[inline(always)]
+    fn place<S: Simd>(&mut self, simd: S, dynamics: &Dynamics, most: usize) {
         let cut = dynamics.disengagement_threshold - dynamics.epsilon_d;
         let cells = (most - 3) as f64;
         // Half a cell turns the nearest whole number into the next lower one.
         let lowest = (-cut * cells).floor() + 0.5;
-        self.cell.clear();
-        self.cell.extend(self.risk.iter().map(|risk| {
-            let cell = math::nearest((risk - cut) * cells - lowest);
-            cell + u64::from(is_near(dynamics, *risk))
-        }));
+        let near = Near::of(simd, dynamics);
+        let [cut, cells, lowest] = splat(simd, [cut, cells, lowest]);
+        let [none, one] = splat(simd, [0.0, 1.0]);
+        let Successor { count, risk, weight, cell, moment } = self;
+        let from = S::as_simd_f64s(risk).0.iter().zip(S::as_simd_f64s(weight).0);
+        let cells_of = registers::<S>(&mut cell[..*count]).iter_mut();
+        let to = cells_of.zip(registers::<S>(moment));
+        for ((cell, moment), (risk, weight)) in to.zip(from) {
+            let place = simd.mul_f64s(simd.sub_f64s(*risk, cut), cells);
+            let place = math::nearest(simd, simd.sub_f64s(place, lowest));
+            *cell = simd.add_f64s(place, simd.select_f64s(near.is(*risk), one, none));
+            *moment = simd.mul_f64s(*risk, *weight);
+        }
+    }
+}
+
+/// The test [`is_near`](super::moments::is_near) in registers.
+#[derive(Clone, Copy)]
+struct Near<S: Simd> {
+    simd: S,
+    rise: S::f64s,
+    threshold: S::f64s,
+    full: S::f64s,
+}
+
+impl<S: Simd> Near<S> {
+    #[inline(always)]
+    fn of(simd: S, dynamics: &Dynamics) -> Self {
+        let Dynamics { epsilon_d, disengagement_threshold, .. } = *dynamics;
+        let [rise, threshold, full] = splat(simd, [epsilon_d, disengagement_threshold, 1.0]);
+        Near { simd, rise, threshold, full }
+    }
+
+    #[inline(always)]
+    fn is(&self, risk: S::f64s) -> S::m64s {
+        let annoyed = self.simd.min_f64s(self.simd.add_f64s(risk, self.rise), self.full);
+        self.simd.greater_than_or_equal_f64s(annoyed, self.threshold)
     }
 }
 
 impl Successors {
-    /// Sums over all; `None` if there are none.
+    /// Room for the successors of mixtures of at most `most` atoms.
+    pub(super) fn new(most: usize) -> Self {
+        let room = || vec![0.0; most];
+        Successors {
+            of: [Successor::new(most), Successor::new(most)],
+            cells: Cells { weights: [room(), room()], moment: room() },
+        }
+    }
+
+    /// The first risk that has a weight, if there is one.
     #[inline(always)]
-    fn sums(&self, dynamics: &Dynamics) -> Option<Sums> {
-        let mut all = self.of.iter().flat_map(|of| of.risk.iter().zip(&of.weight));
-        let (origin, _) = all.find(|(_, weight)| **weight > 0.0)?;
-        let mut sums = Sums::from(0.0, *origin);
-        for Successor { risk, weight, next, .. } in &self.of {
-            for (risk, weight) in risk.as_chunks().0.iter().zip(weight.as_chunks().0) {
-                let zero = of([weight, weight], |[weight, _]| weight * next[0]);
-                let one = of([weight, weight], |[weight, _]| weight * next[1]);
-                sums.add(dynamics, [&zero, &one], &[0.0; SIDE], risk);
+    fn origin(&self) -> Option<f64> {
+        let mut all = self.of.iter().flat_map(|of| of.risk[..of.count].iter().zip(&of.weight));
+        all.find(|(_, weight)| **weight > 0.0).map(|(risk, _)| *risk)
+    }
+
+    /// Sums the successors of both contexts within at most `most` cells.
+    #[inline(always)]
+    fn merge<S: Simd>(&mut self, simd: S, dynamics: &Dynamics, most: usize) {
+        let Cells { weights, moment: moments } = &mut self.cells;
+        for (weights, successor) in weights.iter_mut().zip(&mut self.of) {
+            successor.place(simd, dynamics, most);
+            // Of equal lengths, so that a single check of the bounds is enough.
+            let (weights, moments) = (&mut weights[..most], &mut moments[..most]);
+            let Successor { count, weight, cell, moment, .. } = successor;
+            for ((cell, weight), moment) in cell[..*count].iter().zip(weight).zip(moment) {
+                let cell = math::low_bits(*cell);
+                weights[cell] += *weight;
+                moments[cell] += *moment;
             }
         }
-        Some(sums)
     }
 }

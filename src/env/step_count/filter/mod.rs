@@ -146,7 +146,7 @@ impl Filters {
             risk_deviation: vec![0.0; lanes],
             near: vec![0.0; lanes],
             mixtures: vec![Mixture::new(ATOMS); of(method == Method::Mixture)],
-            successors: Successors::default(),
+            successors: Successors::new(ATOMS),
             particles: vec![Particles::new(PARTICLES); of(with_particles)],
             words: CompanionWords::new(Companion::Belief, of(with_particles)),
             draws: with_particles.then(|| Box::new(Draws::new(widest, PARTICLES))),
@@ -203,7 +203,7 @@ impl Filters {
 
     /// Updates the beliefs of a lane after a step.
     #[inline(always)]
-    fn update(&mut self, lane: usize, person: &StepCount, evidence: &Evidence) {
+    fn update<S: Simd>(&mut self, simd: S, lane: usize, person: &StepCount, evidence: &Evidence) {
         let dynamics = Dynamics::of(person);
         let seen = Seen::new(person, evidence.probability);
         match self.method {
@@ -219,7 +219,7 @@ impl Filters {
                 for evidence in [*evidence, evidence.of_action()] {
                     let steps = steps::of_contexts(person, &dynamics, habituation, &evidence);
                     let (mixture, room) = (&mut self.mixtures[lane], &mut self.successors);
-                    let moments = mixture.update(&dynamics, &seen, steps, &evidence, room);
+                    let moments = mixture.update(simd, &dynamics, &seen, steps, &evidence, room);
                     if let Some(moments) = moments {
                         self.set(lane, Moments { habituation: [habituation, 0.0], ..moments });
                         break;
@@ -279,11 +279,11 @@ impl<'p, P: Fn(usize) -> &'p StepCount, E: Fn(usize) -> Evidence> WithSimd for U
     type Output = ();
 
     #[inline(always)]
-    fn with_simd<S: Simd>(self, _: S) {
+    fn with_simd<S: Simd>(self, simd: S) {
         for lane in 0..self.filters.zero.len() {
             if self.ran[lane] {
                 let evidence = (self.evidence)(lane);
-                self.filters.update(lane, (self.person)(lane), &evidence);
+                self.filters.update(simd, lane, (self.person)(lane), &evidence);
             }
         }
     }

@@ -52,6 +52,21 @@ impl Sums {
         Sums { weight: none, squares: none, zero: none, near: none, habituation, risk }
     }
 
+    /// Sums over disengagement risks measured from `origin`, after which context 0 has the probabilities `zero`.
+    ///
+    /// By the context of the step: sums of the weights, of the weights near the threshold, and of the weights times
+    /// the distance from the origin and times its square.
+    #[inline(always)]
+    pub(super) fn of_risk(origin: f64, [a, b]: [[Block; 4]; 2], zero: [f64; 2]) -> Sums {
+        let both = |i: usize| of([&a[i], &b[i]], |[a, b]| a + b);
+        let mut sums = Sums::from(0.0, origin);
+        sums.weight = both(0);
+        sums.near = both(1);
+        sums.zero = of([&a[0], &b[0]], |[a, b]| a * zero[0] + b * zero[1]);
+        sums.risk = Spread { origin, first: both(2), second: both(3) };
+        sums
+    }
+
     /// Adds states with the weights of context 0 and of context 1.
     #[inline(always)]
     pub(super) fn add(

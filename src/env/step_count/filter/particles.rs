@@ -208,9 +208,10 @@ impl Particles {
     /// Drops the particles that do not agree with the evidence, and weighs the next contexts.
     #[inline(always)]
     fn look(&mut self, dynamics: &Dynamics, seen: &Feature, evidence: &Evidence) {
+        let [low, high] = evidence.risks(dynamics);
         for ((zero, one), risk) in self.zero.iter_mut().zip(&mut self.one).zip(&self.risk) {
             let next = seen.after([*zero, *one]);
-            let agrees = evidence.agrees(dynamics, *risk);
+            let agrees = (*risk >= low) & (*risk < high);
             [*zero, *one] = if agrees { next } else { [0.0; 2] };
         }
     }

@@ -3,6 +3,7 @@ use statrs::distribution::{Continuous, Gamma, Normal};
 use super::*;
 use crate::env::vector::EpisodeStatus;
 use crate::env::{ContextDraw, PhysicalActivity, VectorEnvironment, step_count::scenario::letters};
+use crate::kernel::Isa;
 use crate::rng::{Purpose, Stream};
 
 /// Lanes of a scenario with a stream each, at the first step.
@@ -358,6 +359,24 @@ fn equal_observations_give_equal_beliefs_whatever_is_true() {
     }
 }
 
+/// A step of a mixture on an instruction set.
+struct MixtureStep<'a> {
+    mixture: &'a mut Mixture,
+    dynamics: &'a Dynamics,
+    seen: &'a Seen,
+    evidence: &'a Evidence,
+    room: &'a mut Successors,
+}
+
+impl WithSimd for MixtureStep<'_> {
+    type Output = Moments;
+
+    fn with_simd<S: Simd>(self, simd: S) -> Moments {
+        let MixtureStep { mixture, dynamics, seen, evidence, room } = self;
+        mixture.update(simd, dynamics, seen, [1.0; 2], evidence, room).unwrap()
+    }
+}
+
 /// The errors that merged atoms make, over 20,000 steps of the setting with the most atoms: messages that are tailored
 /// at nearly every step with much noise.
 #[test]
@@ -368,13 +387,15 @@ fn merged_atoms_are_close_to_a_hundred_times_as_many() {
         ..StepCount::paper(1.0)
     };
     let dynamics = Dynamics::of(&e);
-    let mut room = Successors::default();
+    let mut room = Successors::new(100 * ATOMS);
+    let sets = Isa::available();
     let mut draws = Stream::new(7, Purpose::TestEnvironment);
     let (mut sums, mut most, mut steps) = ([0.0; 4], [0.0_f64; 4], 0);
     let mut fullest = 0;
     while steps < 20_000 {
-        let mut both = [ATOMS, 100 * ATOMS].map(Mixture::new);
-        both.iter_mut().for_each(|mixture| mixture.begin(0.1, 0.5));
+        let mut all = vec![Mixture::new(ATOMS); sets.len()];
+        all.push(Mixture::new(100 * ATOMS));
+        all.iter_mut().for_each(|mixture| mixture.begin(0.1, 0.5));
         let (mut context, mut risk) = (u8::from(draws.unit() < 0.5), 0.1);
         for _ in 0..50 {
             let choice = if draws.below(8) == 0 { draws.below(2) } else { 2 + draws.below(2) };
@@ -396,10 +417,18 @@ fn merged_atoms_are_close_to_a_hundred_times_as_many() {
             );
             let evidence = Evidence { action, steps: None, disengaged: Some(false), probability };
             let seen = Seen::new(&e, probability);
-            let [few, many] = both.each_mut().map(|mixture| {
-                mixture.update(&dynamics, &seen, [1.0; 2], &evidence, &mut room).unwrap()
-            });
-            fullest = fullest.max(both[1].atoms().count());
+            let moments: Vec<Moments> = all
+                .iter_mut()
+                .zip(sets.iter().chain(&sets[..1]))
+                .map(|(mixture, set)| {
+                    let (seen, evidence) = (&seen, &evidence);
+                    let room = &mut room;
+                    set.run(MixtureStep { mixture, dynamics: &dynamics, seen, evidence, room })
+                })
+                .collect();
+            let (few, many) = (moments[0], moments[sets.len()]);
+            assert!(moments[..sets.len()].iter().all(|other| *other == few), "{moments:?}");
+            fullest = fullest.max(all[sets.len()].atoms().count());
             let pairs = [
                 (few.zero, many.zero),
                 (few.risk[0], many.risk[0]),
@@ -516,6 +545,7 @@ fn particles_come_true_as_often_as_they_say() {
 fn evidence_with_which_nothing_agrees_leaves_the_action_and_the_feature() {
     let quiet = StepCount { context_persistence: 0.8, ..StepCount::paper(0.6) };
     let noisy = StepCount { state_noise: StateNoise::Uniform, ..quiet.clone() };
+    let simd = pulp::Scalar::new();
     for e in [quiet, noisy] {
         let scenario = letters("F-E-R").unwrap();
         let mut filters = Filters::new(&e, &scenario, 1).unwrap();
@@ -530,8 +560,8 @@ fn evidence_with_which_nothing_agrees_leaves_the_action_and_the_feature() {
             let disengaged = Some(true);
             let evidence =
                 Evidence { action: action(message), steps: None, disengaged, probability };
-            filters.update(0, &e, &evidence);
-            of_action.update(0, &e, &Evidence { disengaged: None, ..evidence });
+            filters.update(simd, 0, &e, &evidence);
+            of_action.update(simd, 0, &e, &Evidence { disengaged: None, ..evidence });
             assert_eq!(numbers(&filters), numbers(&of_action), "{:?} {message}", e.state_noise);
         }
         let [zero, habituation, _, risk, ..] = numbers(&filters);
