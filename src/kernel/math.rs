@@ -54,14 +54,14 @@ pub fn root_plus<S: Simd>(simd: S, x: S::f32s, y: S::f32s) -> S::f32s {
     simd.mul_add_f32s(root, p, y)
 }
 
-/// A number whose low bits are the whole number nearest to x, for x from -0.5 to 2^16 - 2; ties go to even numbers.
-/// Adding whole numbers to it adds them to the low bits.
+/// A number whose low bits are the whole number nearest to x, for x from -0.5 to 2^50; ties go to even numbers. Adding
+/// whole numbers to it adds them to the low bits.
 #[inline(always)]
 pub fn nearest<S: Simd>(simd: S, x: S::f64s) -> S::f64s {
     simd.add_f64s(x, simd.splat_f64s(ROUND_F64))
 }
 
-/// The low bits of a number from [`nearest`].
+/// The low bits of a number from [`nearest`], which are less than 2^16.
 #[inline(always)]
 pub fn low_bits(x: f64) -> usize {
     usize::from(x.to_bits() as u16)

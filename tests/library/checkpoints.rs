@@ -320,6 +320,12 @@ fn small_jobs() -> Vec<(String, Job)> {
             jobs.push((format!("{name} {engine:?} with history"), remembering));
         }
     }
+    let policy = Agent::of(&reinforce(Engine::Fused, 1));
+    let [of_state, ..] = beyond_the_paper(&policy);
+    for (name, mut job) in [("a mixture", job(policy.clone(), |_| {})), ("particles", of_state.1)] {
+        job.scenario = "F-E-R".parse().unwrap();
+        jobs.push((format!("Fused with beliefs by {name}"), job));
+    }
     for (name, bandit) in bandits() {
         let agent = Agent::of(&bandit);
         jobs.push((name.to_owned(), job(agent.clone(), |_| {})));
@@ -507,7 +513,7 @@ fn a_checkpoint_of_other_code_or_another_job_is_refused_and_says_so() {
 
 /// The bytes of each state that are changed, about: many bytes are parts of equal numbers. `make test-damage` changes
 /// every byte.
-const CHANGED: usize = 1000;
+const CHANGED: usize = 500;
 
 #[test]
 fn states_that_make_no_sense_are_no_reason_to_panic() {
@@ -528,10 +534,11 @@ fn no_changed_state_panics(chosen: impl Fn(&str) -> bool) {
             1 + checkpoint.iter().enumerate().filter(|(_, b)| **b == b'\n').nth(1).unwrap().0;
         // An odd number of bytes apart, all parts of all numbers are met. Burn takes long to start.
         let bytes = checkpoint.len() - SEAL - state;
-        let stride = match name.contains("Burn") {
-            true => 31,
-            false if changes_all => 1,
-            false => bytes.div_ceil(CHANGED) | 1,
+        let stride = match (name.contains("Burn"), changes_all) {
+            (true, true) => 31,
+            (true, false) => 93,
+            (false, true) => 1,
+            (false, false) => bytes.div_ceil(CHANGED) | 1,
         };
         for place in (state..checkpoint.len() - SEAL).step_by(stride) {
             let mut changed = checkpoint[..checkpoint.len() - SEAL].to_vec();

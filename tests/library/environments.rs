@@ -351,10 +351,13 @@ fn beliefs_keep_the_contract() {
         ..persistent.clone()
     };
     let of_state = StepCount { step_noise: StepNoise::None, ..noisy.clone() };
+    // More risks than a mixture holds.
+    let long = StepCount { epsilon_d: 0.05, horizon: 40, ..persistent.clone() };
     let limited = StepCount { availability: 0.6, message_budget: 4, ..persistent.clone() };
     let cases = [
         (&persistent, "F-E-R", STEPS),
         (&persistent, "R-F-S", STEPS),
+        (&long, "F-E-R", STEPS),
         (&limited, "F-E-R-A", STEPS),
         (&noisy, "F-E-R-S", 20),
         (&of_state, "F-E-R", 20),

@@ -117,7 +117,7 @@ impl Dynamics {
 
     /// Disengagement risk after an untailored or a right message.
     #[inline(always)]
-    pub(super) fn calmed(&self, disengagement: f64) -> f64 {
+    fn calmed(&self, disengagement: f64) -> f64 {
         (1.0 - self.delta_d) * disengagement
     }
 

@@ -54,9 +54,8 @@ impl Feature {
     /// if the feature is not possible.
     #[inline(always)]
     pub(super) fn ahead(&self, context: usize) -> (f64, [f64; 2]) {
-        let weights = self.after(if context == 0 { [1.0, 0.0] } else { [0.0, 1.0] });
-        let sum = weights[0] + weights[1];
-        let [zero, one] = weights;
+        let [zero, one] = self.after(if context == 0 { [1.0, 0.0] } else { [0.0, 1.0] });
+        let sum = zero + one;
         (sum, if sum > 0.0 { [zero / sum, one / sum] } else { [0.0; 2] })
     }
 

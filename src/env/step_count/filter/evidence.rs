@@ -22,7 +22,7 @@ impl Evidence {
         Evidence { steps: None, disengaged: None, ..*self }
     }
 
-    /// The disengagement risks that the evidence allows after the step: from the first to less than the second.
+    /// The disengagement risks that the evidence allows after the step: at least the first and less than the second.
     #[inline(always)]
     pub(super) fn risks(&self, dynamics: &Dynamics) -> [f64; 2] {
         let threshold = dynamics.disengagement_threshold;

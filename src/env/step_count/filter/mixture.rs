@@ -25,14 +25,15 @@ const LEAST: f64 = 1e-60;
 
 /// A distribution of disengagement risk and of the context of the present step.
 ///
-/// Every array is \[atoms\], with place for [`SIDE`] more than `most`. Atoms without a weight have no meaning.
+/// Every array is \[atoms\], with place for [`SIDE`] more than `most`, because [`Mixture::append`] writes beyond the last
+/// atom. Atoms without a weight, and risks beyond `count`, have no meaning, but all risks are in \[0, 1\].
 #[derive(Clone, Debug)]
 pub(super) struct Mixture {
     most: usize,
     /// The number of atoms that are in use, a multiple of [`SIDE`].
     count: usize,
     risk: Vec<f64>,
-    /// The probabilities of a risk with context 0, and with context 1; their sum over all is 1.
+    /// The probabilities of a risk with context 0, and with context 1; their sum over `count` atoms is 1.
     weights: [Vec<f64>; 2],
 }
 
@@ -52,10 +53,10 @@ struct Successor {
     risk: Vec<f64>,
     /// Probabilities up to a common factor.
     weight: Vec<f64>,
-    /// Room for the cells of the risks, as numbers whose last bits are the cell.
+    /// Room for the cells of the risks, as numbers whose low bits are the cell.
     cell: Vec<f64>,
     /// Room for the products of risk and weight.
-    moment: Vec<f64>,
+    product: Vec<f64>,
 }
 
 /// Sums within cells; every array is \[cells\], and 0 between steps.
@@ -63,12 +64,13 @@ struct Successor {
 struct Cells {
     /// The weights of the successors of context 0, and of context 1.
     weights: [Vec<f64>; 2],
-    moment: Vec<f64>,
+    product: Vec<f64>,
 }
 
 impl Mixture {
-    /// A mixture of at most `most` atoms, before the first episode.
+    /// A mixture of at most `most` atoms, before the first episode: a multiple of [`SIDE`] below 2^16.
     pub(super) fn new(most: usize) -> Self {
+        debug_assert!(most > 0 && most.is_multiple_of(SIDE) && most < 1 << 16);
         let room = || vec![0.0; most + SIDE];
         let mut mixture = Mixture { most, count: SIDE, risk: room(), weights: [room(), room()] };
         mixture.begin(0.0, 0.5);
@@ -119,11 +121,10 @@ impl Mixture {
         let scale = 1.0 / sums.weight();
         let [[a, b], [c, d]] = next;
         let next = [[a * scale, b * scale], [c * scale, d * scale]];
-        let filled = room.of[0].filled() + room.of[1].filled();
         if evidence.action == Action::NONE || evidence.action == Action::UNTAILORED {
             self.take(&room.of);
             self.look(next);
-        } else if filled <= self.most {
+        } else if room.of[0].filled() + room.of[1].filled() <= self.most {
             self.append(&room.of);
             self.look(next);
         } else {
@@ -167,7 +168,8 @@ impl Mixture {
         ones[place..self.count].fill(0.0);
     }
 
-    /// Replaces the contexts of the step by the next contexts, whose weights by the context of the step are given.
+    /// Replaces the contexts of the step by the next contexts, given what a weight of each context of the step adds to
+    /// the weights of the next.
     #[inline(always)]
     fn look(&mut self, next: [[f64; 2]; 2]) {
         let [zeros, ones] = &mut self.weights;
@@ -177,35 +179,36 @@ impl Mixture {
         }
     }
 
-    /// Takes the means and the weights of all cells with the next contexts, as [`Mixture::look`] does, and clears them.
+    /// Takes the mean and the weights of every cell, replaces the contexts as [`Mixture::look`] does, and clears the
+    /// cells.
     #[inline(always)]
     fn collect<S: Simd>(&mut self, simd: S, cells: &mut Cells, next: [[f64; 2]; 2]) {
         self.count = self.most;
-        let most = self.most;
         let [from_zero, from_one] = [splat(simd, next[0]), splat(simd, next[1])];
-        let none = simd.splat_f64s(0.0);
-        let Mixture { risk, weights: [zero, one], .. } = self;
-        let risk = registers::<S>(&mut risk[..most]);
+        let [none, full] = splat(simd, [0.0, 1.0]);
+        let Mixture { most, risk, weights: [zero, one], .. } = self;
+        let risk = registers::<S>(&mut risk[..*most]);
         let own = registers::<S>(zero).iter_mut().zip(registers::<S>(one)).zip(risk);
-        let Cells { weights: [of_zero, of_one], moment } = cells;
+        let Cells { weights: [of_zero, of_one], product } = cells;
         let of = registers::<S>(of_zero).iter_mut().zip(registers::<S>(of_one));
-        let of = of.zip(registers::<S>(moment));
-        for (((zero, one), risk), ((of_zero, of_one), moment)) in own.zip(of) {
+        let of = of.zip(registers::<S>(product));
+        for (((zero, one), risk), ((of_zero, of_one), product)) in own.zip(of) {
             let weight = simd.add_f64s(*of_zero, *of_one);
-            let mean = simd.div_f64s(*moment, weight);
+            // Rounding could take the mean of risks near 1 beyond it.
+            let mean = simd.min_f64s(simd.div_f64s(*product, weight), full);
             *risk = simd.select_f64s(simd.greater_than_f64s(weight, none), mean, none);
             let then_zero = simd.mul_f64s(*of_zero, from_zero[0]);
             let then_one = simd.mul_f64s(*of_zero, from_zero[1]);
             *zero = simd.add_f64s(then_zero, simd.mul_f64s(*of_one, from_one[0]));
             *one = simd.add_f64s(then_one, simd.mul_f64s(*of_one, from_one[1]));
-            (*of_zero, *of_one, *moment) = (none, none, none);
+            (*of_zero, *of_one, *product) = (none, none, none);
         }
     }
 }
 
 /// Numbers in all lanes of a register each.
 ///
-/// A loop instead of a function of arrays: closures are not compiled for an instruction set.
+/// `array::map` takes a closure, and closures are not compiled for the instruction set.
 #[inline(always)]
 fn splat<S: Simd, const N: usize>(simd: S, numbers: [f64; N]) -> [S::f64s; N] {
     let mut all = [simd.splat_f64s(0.0); N];
@@ -215,7 +218,7 @@ fn splat<S: Simd, const N: usize>(simd: S, numbers: [f64; N]) -> [S::f64s; N] {
     all
 }
 
-/// Numbers, as many as fill registers.
+/// The numbers as registers; a remainder is left out.
 #[inline(always)]
 fn registers<S: Simd>(numbers: &mut [f64]) -> &mut [S::f64s] {
     S::as_mut_simd_f64s(numbers).0
@@ -236,7 +239,7 @@ impl Mixture {
 impl Successor {
     fn new(most: usize) -> Self {
         let room = || vec![0.0; most];
-        Successor { count: 0, risk: room(), weight: room(), cell: room(), moment: room() }
+        Successor { count: 0, risk: room(), weight: room(), cell: room(), product: room() }
     }
 
     /// Finds what follows a mixture after a step in a context, whose likelihood is given.
@@ -293,7 +296,7 @@ impl Successor {
         }
     }
 
-    /// The same, with V registers for each sum: the compiler alone would find no good order of additions.
+    /// The same, with V registers for each sum, which hold its [`SIDE`] accumulators.
     #[inline(always)]
     #[allow(clippy::needless_range_loop)]
     fn sums_in<S: Simd, const V: usize>(
@@ -302,7 +305,7 @@ impl Successor {
         dynamics: &Dynamics,
         origin: f64,
     ) -> [Block; 4] {
-        let near = Near::of(simd, dynamics);
+        let test = Near::of(simd, dynamics);
         let [origin, none] = splat(simd, [origin, 0.0]);
         let mut sums = [[none; V]; 4];
         let risks = self.risk[..self.count].chunks_exact(SIDE);
@@ -311,7 +314,7 @@ impl Successor {
             for v in 0..V {
                 let distance = simd.sub_f64s(risk[v], origin);
                 let first = simd.mul_f64s(weight[v], distance);
-                let near = simd.select_f64s(near.is(risk[v]), weight[v], none);
+                let near = simd.select_f64s(test.is(risk[v]), weight[v], none);
                 sums[0][v] = simd.add_f64s(sums[0][v], weight[v]);
                 sums[1][v] = simd.add_f64s(sums[1][v], near);
                 sums[2][v] = simd.add_f64s(sums[2][v], first);
@@ -325,7 +328,7 @@ impl Successor {
         blocks
     }
 
-    /// Finds the cells of all risks, which are below `most`, and the moments.
+    /// Finds the cells of all risks, which are below `most`, and the products of risk and weight.
     #[inline(always)]
     fn place<S: Simd>(&mut self, simd: S, dynamics: &Dynamics, most: usize) {
         let cut = dynamics.disengagement_threshold - dynamics.epsilon_d;
@@ -335,15 +338,15 @@ impl Successor {
         let near = Near::of(simd, dynamics);
         let [cut, cells, lowest] = splat(simd, [cut, cells, lowest]);
         let [none, one] = splat(simd, [0.0, 1.0]);
-        let Successor { count, risk, weight, cell, moment } = self;
+        let Successor { count, risk, weight, cell, product } = self;
         let from = S::as_simd_f64s(risk).0.iter().zip(S::as_simd_f64s(weight).0);
         let cells_of = registers::<S>(&mut cell[..*count]).iter_mut();
-        let to = cells_of.zip(registers::<S>(moment));
-        for ((cell, moment), (risk, weight)) in to.zip(from) {
+        let to = cells_of.zip(registers::<S>(product));
+        for ((cell, product), (risk, weight)) in to.zip(from) {
             let place = simd.mul_f64s(simd.sub_f64s(*risk, cut), cells);
             let place = math::nearest(simd, simd.sub_f64s(place, lowest));
             *cell = simd.add_f64s(place, simd.select_f64s(near.is(*risk), one, none));
-            *moment = simd.mul_f64s(*risk, *weight);
+            *product = simd.mul_f64s(*risk, *weight);
         }
     }
 }
@@ -378,7 +381,7 @@ impl Successors {
         let room = || vec![0.0; most];
         Successors {
             of: [Successor::new(most), Successor::new(most)],
-            cells: Cells { weights: [room(), room()], moment: room() },
+            cells: Cells { weights: [room(), room()], product: room() },
         }
     }
 
@@ -392,16 +395,16 @@ impl Successors {
     /// Sums the successors of both contexts within at most `most` cells.
     #[inline(always)]
     fn merge<S: Simd>(&mut self, simd: S, dynamics: &Dynamics, most: usize) {
-        let Cells { weights, moment: moments } = &mut self.cells;
+        let Cells { weights, product: products } = &mut self.cells;
         for (weights, successor) in weights.iter_mut().zip(&mut self.of) {
             successor.place(simd, dynamics, most);
             // Of equal lengths, so that a single check of the bounds is enough.
-            let (weights, moments) = (&mut weights[..most], &mut moments[..most]);
-            let Successor { count, weight, cell, moment, .. } = successor;
-            for ((cell, weight), moment) in cell[..*count].iter().zip(weight).zip(moment) {
+            let (weights, products) = (&mut weights[..most], &mut products[..most]);
+            let Successor { count, weight, cell, product, .. } = successor;
+            for ((cell, weight), product) in cell[..*count].iter().zip(weight).zip(product) {
                 let cell = math::low_bits(*cell);
                 weights[cell] += *weight;
-                moments[cell] += *moment;
+                products[cell] += *product;
             }
         }
     }

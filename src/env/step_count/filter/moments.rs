@@ -52,7 +52,8 @@ impl Sums {
         Sums { weight: none, squares: none, zero: none, near: none, habituation, risk }
     }
 
-    /// Sums over disengagement risks measured from `origin`, after which context 0 has the probabilities `zero`.
+    /// Sums over disengagement risks measured from `origin`, without squares and habituation. `zero` are the
+    /// probabilities of context 0 after the step.
     ///
     /// By the context of the step: sums of the weights, of the weights near the threshold, and of the weights times
     /// the distance from the origin and times its square.
@@ -127,7 +128,7 @@ fn share(part: f64, weight: f64) -> f64 {
 
 /// A function of the numbers of each state.
 #[inline(always)]
-pub(super) fn of([x, y]: [&Block; 2], of: impl Fn([f64; 2]) -> f64) -> Block {
+fn of([x, y]: [&Block; 2], of: impl Fn([f64; 2]) -> f64) -> Block {
     let at = |i: usize| of([x[i], y[i]]);
     [at(0), at(1), at(2), at(3), at(4), at(5), at(6), at(7)]
 }

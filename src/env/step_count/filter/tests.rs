@@ -359,45 +359,25 @@ fn equal_observations_give_equal_beliefs_whatever_is_true() {
     }
 }
 
-/// A step of a mixture on an instruction set.
-struct MixtureStep<'a> {
-    mixture: &'a mut Mixture,
-    dynamics: &'a Dynamics,
-    seen: &'a Seen,
-    evidence: &'a Evidence,
-    room: &'a mut Successors,
-}
-
-impl WithSimd for MixtureStep<'_> {
-    type Output = Moments;
-
-    fn with_simd<S: Simd>(self, simd: S) -> Moments {
-        let MixtureStep { mixture, dynamics, seen, evidence, room } = self;
-        mixture.update(simd, dynamics, seen, [1.0; 2], evidence, room).unwrap()
-    }
-}
-
-/// The errors that merged atoms make, over 20,000 steps of the setting with the most atoms: messages that are tailored
-/// at nearly every step with much noise.
-#[test]
-fn merged_atoms_are_close_to_a_hundred_times_as_many() {
-    let e = StepCount {
+/// The setting with the most atoms: messages that are tailored at nearly every step, with much noise.
+fn crowded() -> StepCount {
+    StepCount {
         first_context: FirstContext::Sampled,
         context_persistence: 0.5,
         ..StepCount::paper(1.0)
-    };
+    }
+}
+
+/// Calls `visit` with the feature and the evidence of each of `count` steps in [`crowded`] after which the episode runs,
+/// and whether it has begun before the step, at a risk of 0.1.
+fn crowded_steps(count: u32, mut visit: impl FnMut(bool, &Seen, &Evidence)) {
+    let e = crowded();
     let dynamics = Dynamics::of(&e);
-    let mut room = Successors::new(100 * ATOMS);
-    let sets = Isa::available();
     let mut draws = Stream::new(7, Purpose::TestEnvironment);
-    let (mut sums, mut most, mut steps) = ([0.0; 4], [0.0_f64; 4], 0);
-    let mut fullest = 0;
-    while steps < 20_000 {
-        let mut all = vec![Mixture::new(ATOMS); sets.len()];
-        all.push(Mixture::new(100 * ATOMS));
-        all.iter_mut().for_each(|mixture| mixture.begin(0.1, 0.5));
+    let mut steps = 0;
+    while steps < count {
         let (mut context, mut risk) = (u8::from(draws.unit() < 0.5), 0.1);
-        for _ in 0..50 {
+        for step in 0..50 {
             let choice = if draws.below(8) == 0 { draws.below(2) } else { 2 + draws.below(2) };
             let action = action(choice as usize);
             risk = dynamics.apply(context, action, 0.0, risk).disengagement;
@@ -406,48 +386,93 @@ fn merged_atoms_are_close_to_a_hundred_times_as_many() {
             }
             context = if draws.unit() < 0.5 { context } else { u8::from(draws.unit() < 0.5) };
             let mut stream = draws.clone();
-            let probability = crate::env::probability_of_zero(
-                context,
-                crate::env::variates::deviate(
-                    crate::env::variates::squared_radius(stream.bits()),
-                    draws.bits(),
-                ),
-                e.sigma,
-                1.0,
+            let deviate = crate::env::variates::deviate(
+                crate::env::variates::squared_radius(stream.bits()),
+                draws.bits(),
             );
+            let probability = crate::env::probability_of_zero(context, deviate, e.sigma, 1.0);
             let evidence = Evidence { action, steps: None, disengaged: Some(false), probability };
-            let seen = Seen::new(&e, probability);
-            let moments: Vec<Moments> = all
-                .iter_mut()
-                .zip(sets.iter().chain(&sets[..1]))
-                .map(|(mixture, set)| {
-                    let (seen, evidence) = (&seen, &evidence);
-                    let room = &mut room;
-                    set.run(MixtureStep { mixture, dynamics: &dynamics, seen, evidence, room })
-                })
-                .collect();
-            let (few, many) = (moments[0], moments[sets.len()]);
-            assert!(moments[..sets.len()].iter().all(|other| *other == few), "{moments:?}");
-            fullest = fullest.max(all[sets.len()].atoms().count());
-            let pairs = [
-                (few.zero, many.zero),
-                (few.risk[0], many.risk[0]),
-                (few.risk[1], many.risk[1]),
-                (few.near, many.near),
-            ];
-            for (i, (few, many)) in pairs.into_iter().enumerate() {
-                sums[i] += (few - many).abs();
-                most[i] = most[i].max((few - many).abs());
-            }
+            visit(step == 0, &Seen::new(&e, probability), &evidence);
             steps += 1;
         }
     }
+}
+
+/// A step of a mixture on an instruction set.
+struct MixtureStep<'a>(&'a mut Mixture, &'a Seen, &'a Evidence, &'a mut Successors);
+
+impl WithSimd for MixtureStep<'_> {
+    type Output = Moments;
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, simd: S) -> Moments {
+        let MixtureStep(mixture, seen, evidence, room) = self;
+        let dynamics = Dynamics::of(&crowded());
+        mixture.update(simd, &dynamics, seen, [1.0; 2], evidence, room).unwrap()
+    }
+}
+
+/// The errors that merged atoms make, over 20,000 steps.
+#[test]
+fn merged_atoms_are_close_to_a_hundred_times_as_many() {
+    let isa = Isa::chosen();
+    let mut room = Successors::new(100 * ATOMS);
+    let mut both = [ATOMS, 100 * ATOMS].map(Mixture::new);
+    let (mut sums, mut most, mut steps, mut fullest) = ([0.0; 4], [0.0_f64; 4], 0, 0);
+    crowded_steps(20_000, |begins, seen, evidence| {
+        if begins {
+            both.iter_mut().for_each(|mixture| mixture.begin(0.1, 0.5));
+        }
+        let [few, many] =
+            both.each_mut().map(|mixture| isa.run(MixtureStep(mixture, seen, evidence, &mut room)));
+        fullest = fullest.max(both[1].atoms().count());
+        let pairs = [
+            (few.zero, many.zero),
+            (few.risk[0], many.risk[0]),
+            (few.risk[1], many.risk[1]),
+            (few.near, many.near),
+        ];
+        for (i, (few, many)) in pairs.into_iter().enumerate() {
+            sums[i] += (few - many).abs();
+            most[i] = most[i].max((few - many).abs());
+        }
+        steps += 1;
+    });
     let means = sums.map(|sum| sum / f64::from(steps));
-    println!("{fullest} {means:?} {most:?}");
-    assert!(fullest > 10 * ATOMS);
+    println!("{steps} {fullest} {means:?} {most:?}");
+    assert!(steps >= 20_000 && fullest > 10 * ATOMS);
     // docs/beliefs.md has the numbers.
     assert!(means.iter().all(|error| *error < 1e-4), "{means:?}");
     assert!(most.iter().all(|error| *error < 0.06), "{most:?}");
+}
+
+/// Also of widths that this processor has not.
+#[test]
+fn mixtures_have_the_same_bits_at_every_width_of_registers() {
+    let mut room = Successors::new(ATOMS);
+    let mut all = [ATOMS; 4].map(Mixture::new);
+    let mut fullest = 0;
+    crowded_steps(5_000, |begins, seen, evidence| {
+        let moments: Vec<Moments> = all
+            .iter_mut()
+            .zip([1, 2, 4, 8])
+            .map(|(mixture, width)| {
+                if begins {
+                    mixture.begin(0.1, 0.5);
+                }
+                let step = MixtureStep(mixture, seen, evidence, &mut room);
+                match width {
+                    1 => pulp::Scalar.vectorize(step),
+                    2 => pulp::Scalar128b.vectorize(step),
+                    4 => pulp::Scalar256b.vectorize(step),
+                    _ => pulp::Scalar512b.vectorize(step),
+                }
+            })
+            .collect();
+        assert!(moments.iter().all(|other| *other == moments[0]), "{moments:?}");
+        fullest = fullest.max(all[0].atoms().count());
+    });
+    assert!(fullest > ATOMS / 2);
 }
 
 /// Environments whose beliefs are particles.
