@@ -1,6 +1,6 @@
 //! The learning curves of running jobs, for programs that watch a sweep.
 //!
-//! A running job appends the new points of its curve to a file, `<job key>.<attempt>.curve`, every three
+//! A running job appends the new points of its curve to a file, `<job key>.<attempt>.curve`, every two
 //! seconds. The file lies beside the checkpoints of the job, or in the folder of a submission. It is removed
 //! when the job ends. Results never depend on it: if it cannot be written, the job continues without it.
 
@@ -17,8 +17,8 @@ use crate::job::CurvePoint;
 use crate::schedule::checkpoint::{CheckpointFolder, Entry};
 use crate::train::TrainingProgress;
 
-/// Working time between two additions to a file.
-pub(super) const EVERY: Duration = Duration::from_secs(3);
+/// Working time between two additions to a file: `jitai watch` looks as often.
+pub(super) const EVERY: Duration = Duration::from_secs(2);
 /// The number of parts of the training whose points are averaged, so that the file stays small.
 const PARTS: u64 = 500;
 
