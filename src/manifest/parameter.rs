@@ -25,8 +25,15 @@ pub fn parameters() -> Vec<Parameter> {
 /// The parameter with this dotted name; `agent.parameters.<name>` and `environment.parameters.<name>` are
 /// parameters of outside programs.
 pub fn parameter(dotted: &str) -> Option<Parameter> {
-    let known = parameters().into_iter().find(|parameter| parameter.to_string() == dotted);
-    known.or_else(|| free_parameters(dotted).next())
+    let of_jobs = [Parameter::SCENARIO, Parameter::SEED];
+    let of_job = of_jobs.into_iter().find(|parameter| parameter.to_string() == dotted);
+    let of_key = || {
+        let (table, name) = dotted.split_once('.')?;
+        let sections = Section::all().into_iter().filter(|section| section.name() == table);
+        let mut found = sections.filter_map(|one| Some(one.parameter(one.find(name)?.1.name)));
+        found.next()
+    };
+    of_job.or_else(of_key).or_else(|| free_parameters(dotted).next())
 }
 
 /// Whether a job can have a parameter in an environment of this family.
