@@ -138,11 +138,9 @@ impl Looks {
     pub fn look(&self, name: &ArmId) -> Look {
         let agent = place(&self.agents, &name.agent);
         let scenario = place(&self.scenarios, &name.scenario);
-        let known = KNOWN.iter().find(|(known, _)| *known == name.scenario);
-        let (base, kind) = match (self.tells_agents(), known) {
-            (true, _) => (OF_AGENTS[agent % OF_AGENTS.len()], scenario),
-            (false, Some((_, color))) => (*color, agent),
-            (false, None) => (COLORS[(4 + self.unknown(name)) % COLORS.len()], agent),
+        let (base, kind) = match self.tells_agents() {
+            true => (OF_AGENTS[agent % OF_AGENTS.len()], scenario),
+            false => (self.color_of_scenario(&name.scenario), agent),
         };
         // Arms that differ in settings have colours of their own, if scenarios or agents need none; else dashes and
         // markers of their own, and shades when these are used up.
@@ -167,11 +165,18 @@ impl Looks {
         }
     }
 
-    /// The position of a scenario among the scenarios without a fixed colour.
-    fn unknown(&self, name: &ArmId) -> usize {
-        let is_known = |scenario: &&String| KNOWN.iter().any(|(known, _)| known == scenario);
-        let unknown = self.scenarios.iter().filter(|scenario| !is_known(scenario));
-        unknown.take_while(|scenario| **scenario != name.scenario).count()
+    /// The colour of a scenario: its fixed colour, or one that no scenario of the report has.
+    fn color_of_scenario(&self, scenario: &str) -> Color {
+        let fixed = |name: &str| KNOWN.iter().find(|known| known.0 == name).map(|known| known.1);
+        if let Some(color) = fixed(scenario) {
+            return color;
+        }
+        let taken: Vec<Color> = self.scenarios.iter().filter_map(|name| fixed(name)).collect();
+        // Those that no known scenario has come first.
+        let all = COLORS.iter().cycle().skip(4).take(COLORS.len()).chain(&OF_AGENTS[6..]);
+        let free: Vec<&Color> = all.filter(|color| !taken.contains(color)).collect();
+        let others = self.scenarios.iter().filter(|name| fixed(name).is_none());
+        *free[others.take_while(|name| *name != scenario).count() % free.len()]
     }
 
     /// The colour of a value of a facet, if colours distinguish that facet.
@@ -294,6 +299,16 @@ mod tests {
         assert!(are_distinct(&arms(&["a", "b"], &["P-H-D"], 8)));
         assert!(are_distinct(&arms(&["a", "b"], &["P-H-D", "L-H-D"], 6)));
         assert!(are_distinct(&arms(&["a", "b", "c", "d", "e"], &["P-H-D", "L-H-D"], 4)));
+    }
+
+    #[test]
+    fn scenarios_without_a_fixed_colour_have_one_that_no_other_has() {
+        let names = ["P-T", "F-E-R", "F-E-R-M-S", "P-H-D", "P-M-S", "M-S"];
+        let arms = names.map(|scenario| arm("a", scenario, 0.0));
+        let looks = Looks::of(&arms);
+        let colors: Vec<Color> = names.iter().map(|name| looks.color_of_scenario(name)).collect();
+        let is_new = |at: usize| !colors[..at].contains(&colors[at]);
+        assert!((0..names.len()).all(is_new), "{colors:?}");
     }
 
     #[test]
