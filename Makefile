@@ -69,7 +69,8 @@ lint: ## format, and lints as errors
 # compiled once for both.
 FEATURES := --no-default-features --features burn-flex
 
-test-slow: ## whole trainings of ten seeds, of both engines and against an independent port (minutes)
+test-slow: ## whole trainings of ten seeds, of both engines and against an independent port, and optima (minutes)
+	JITAI_EPISODES=100000 $(CARGO) test --release --quiet $(FEATURES) --test library optimum::
 	$(CARGO) test --release $(FEATURES) --test slow -- learning:: --nocapture --test-threads 1
 
 test-features: export RUST_TEST_THREADS ?= 4

@@ -15,7 +15,7 @@ use crate::failures::partly_diverging;
 use crate::support::{Effort, Finished, Folder, assert_same_rows, manifest};
 
 /// Number of places in a store at which a byte is changed; `JITAI_DAMAGED_PLACES` overrides it.
-const PLACES: usize = 30;
+const PLACES: usize = 20;
 
 /// Seed of the places and of the changes.
 const SEED: u64 = 7;
