@@ -128,8 +128,7 @@ fn time_episodes(
     });
 }
 
-/// A step of the vector environments of Python, whose lanes have a stream each, and the reset of ended lanes; counted in
-/// lanes.
+/// A step in lanes with a stream each, as in Python's vector environments. Ended lanes are reset. Counted in lanes.
 #[divan::bench(args = ["none", "uniform", "uniform, gamma"])]
 fn lanes_with_streams(bencher: Bencher<'_, '_>, noise: &str) {
     const LANES: usize = 4096;

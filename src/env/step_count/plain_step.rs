@@ -1,5 +1,5 @@
-//! A step of the simulation in which messages are always available and every step is paid: the paper's equations,
-//! without noise or with uniform noise of the state.
+//! A step of the simulation by the paper's equations, without noise or with uniform noise of the state. Messages are
+//! always available, and every step is paid.
 
 use std::hint::select_unpredictable;
 

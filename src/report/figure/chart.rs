@@ -213,7 +213,7 @@ fn line_marks(
             marks.extend(casing);
             marks.push(Shape::Line { points, stroke }.into());
         }
-        // A line of one point would be its label alone; one without a label has its points drawn beside it.
+        // A labelled line with a single point is drawn as a dash. The points of other lines have marks.
         let (low, high) = axes.1.range();
         if let ([(at, height)], Spread::Exact) = (points.as_slice(), line.spread)
             && !line.label.is_empty()

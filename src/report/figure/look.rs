@@ -172,7 +172,7 @@ impl Looks {
             return color;
         }
         let taken: Vec<Color> = self.scenarios.iter().filter_map(|name| fixed(name)).collect();
-        // Those that no known scenario has come first.
+        // Sky blue and orange come first, because hardly any fixed colour takes them.
         let all = COLORS.iter().cycle().skip(4).take(COLORS.len()).chain(&OF_AGENTS[6..]);
         let free: Vec<&Color> = all.filter(|color| !taken.contains(color)).collect();
         let others = self.scenarios.iter().filter(|name| fixed(name).is_none());

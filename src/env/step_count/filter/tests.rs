@@ -398,7 +398,7 @@ fn crowded_steps(count: u32, mut visit: impl FnMut(bool, &Seen, &Evidence)) {
     }
 }
 
-/// A step of a mixture on an instruction set.
+/// An update of a mixture, for any instruction set.
 struct MixtureStep<'a>(&'a mut Mixture, &'a Seen, &'a Evidence, &'a mut Successors);
 
 impl WithSimd for MixtureStep<'_> {
