@@ -6,7 +6,7 @@ use serde_json::{Value, json};
 
 use crate::cli::Error;
 use crate::cli::output::{Field, Format, Rows};
-use crate::manifest::{self, Manifest, Search};
+use crate::manifest::Search;
 use crate::plan::{Outcome, Race};
 use crate::schedule;
 use crate::store::Reader;
@@ -18,7 +18,11 @@ impl SearchRaces {
     pub(super) fn read(reader: &Reader) -> Result<SearchRaces, Error> {
         let mut searches = Vec::new();
         for (experiment, text) in reader.manifests()? {
-            let Some(manifest) = search_of(&experiment, &text) else { continue };
+            // The manifest of a large sweep takes long to read.
+            if !text.contains("search") {
+                continue;
+            }
+            let Some(manifest) = schedule::stored_manifest(reader, &text) else { continue };
             let races = schedule::races(&manifest, Some(reader))?;
             if let (Some(races), Some(search)) = (races, manifest.search) {
                 searches.push((experiment, search, races.races));
@@ -52,13 +56,6 @@ impl SearchRaces {
         }
         Ok(rows.finish()?)
     }
-}
-
-/// The manifest of a text that declares a search. A manifest of another release may be unreadable in this release.
-fn search_of(experiment: &str, text: &str) -> Option<Manifest> {
-    // The manifest of a large sweep takes long to read.
-    let may_be = text.contains("search");
-    may_be.then(|| manifest::parse(experiment, text.as_bytes()).ok()).flatten()
 }
 
 fn described(search: &Search, race: &Race) -> Value {

@@ -14,7 +14,6 @@ use crate::cli::races::SearchRaces;
 use crate::cli::{Error, Exit, StoreArgument, counts, submissions, summary};
 use crate::cluster::{self, Cluster, Look};
 use crate::key::Parameter;
-use crate::manifest;
 use crate::plan::Swept;
 use crate::schedule::{self, Left, Speeds};
 use crate::store::{ExperimentCounts, FailedJob, Reader};
@@ -177,8 +176,7 @@ impl Failed {
         for FailedJob { experiment, .. } in &jobs {
             if !swept.contains_key(experiment) {
                 let text = reader.manifest(experiment)?.unwrap_or_default();
-                // A manifest of another release may be unreadable in this release.
-                let manifest = manifest::parse(experiment, text.as_bytes()).ok();
+                let manifest = schedule::stored_manifest(reader, &text);
                 swept.insert(experiment.clone(), Swept::of(manifest.as_slice()));
             }
         }

@@ -2,6 +2,8 @@
 
 use std::collections::HashSet;
 use std::fs::File;
+use std::iter;
+use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use super::estimates::add_estimates;
@@ -13,8 +15,9 @@ use super::survey::Remaining;
 use super::sweep::{Context, OnFailure, Options, SweepError, Tally};
 use crate::job::{JobKey, counted};
 use crate::key::printable;
-use crate::manifest::Manifest;
+use crate::manifest::{self, Manifest, Runs};
 use crate::plan;
+use crate::portable::posterior_in;
 use crate::store::{Experiment, Reader, Registered, RetryFailed, Store, StoreError};
 use crate::train;
 
@@ -39,6 +42,26 @@ pub fn register_experiment(
         None => store.register_until(stop, &experiment, jobs),
         Some(part) => store.register_part_until(stop, &experiment, jobs, part),
     }
+}
+
+/// The manifest of an experiment in a store, from its text; `None` if this release cannot read it, or if a file that it
+/// names is in none of the folders from which the commands of the store were run.
+pub fn stored_manifest(reader: &Reader, text: &str) -> Option<Manifest> {
+    let policy = |key: &str| posterior_in(reader.path(), key);
+    let read = |folder: &Path| {
+        let label = folder.join("manifest.toml");
+        manifest::parse_with(&label.to_string_lossy(), text, &[], Runs(Some(&policy))).ok()
+    };
+    // A manifest's files are relative to its own folder, which the command names relative to the working folder.
+    let log = reader.log().unwrap_or_default();
+    let folders = log.iter().rev().flat_map(|(_, command)| {
+        let manifests = command.words.split_whitespace().filter(|word| word.ends_with(".toml"));
+        manifests.map(|path| Path::new(&command.folder).join(path).with_file_name(""))
+    });
+    let mut tried = HashSet::new();
+    let folders = iter::once(PathBuf::new()).chain(folders);
+    let mut manifests = folders.filter(|folder| tried.insert(folder.clone()));
+    manifests.find_map(|folder| read(&folder)).map(|read| read.manifest)
 }
 
 /// The warning that a registration dropped jobs of the experiment; `None` if it dropped no job.

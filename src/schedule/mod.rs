@@ -41,7 +41,9 @@ pub use estimate::{Left, Speeds, spoken};
 pub use estimates::{Estimated, add_estimates, trains_again};
 pub use event::{Event, EventSink, Found};
 pub use event_log::EventLog;
-pub use manifests::{dropped_note, register_experiment, removal, run_manifests, run_queue};
+pub use manifests::{
+    dropped_note, register_experiment, removal, run_manifests, run_queue, stored_manifest,
+};
 pub use preview::Preview;
 pub use provenance::{command, of_this_process};
 pub use queued::Queued;

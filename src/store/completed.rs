@@ -147,7 +147,7 @@ impl Reader {
         shared: &mut SharedNames,
     ) -> Result<HashMap<JobKey, Arc<CompletedRun>>, StoreError> {
         let keys: Vec<String> = wanted.keys().map(JobKey::to_string).collect();
-        self.read("read completed runs", |connection| {
+        self.read_at_once("read completed runs", |connection| {
             let mut runs = heads(connection, &keys, shared)?;
             add_metrics(connection, &mut runs, shared)?;
             let mut completed = HashMap::new();

@@ -116,7 +116,7 @@ pub fn mean_returns(experiments: &[&str], shown: &[String]) -> String {
         columns.push(format!(
             "(SELECT value FROM parameter AS p WHERE p.job_key = run_summary.job_key AND name = {}) AS {}",
             text(name),
-            short_name(name).replace('.', "_")
+            alias(name)
         ));
     }
     format!(
@@ -163,6 +163,14 @@ fn key(name: &str) -> String {
     format!("(SELECT value FROM parameter WHERE job_key = run.job_key AND name = {})", text(name))
 }
 
+/// The name of a parameter's column, without quotes. A name of one word may be a word of SQL, such as `update`; the
+/// column then has the name of the table, too.
+fn alias(dotted: &str) -> String {
+    let short = short_name(dotted);
+    let name = if short.contains('_') { short } else { dotted };
+    name.replace(|letter: char| !letter.is_ascii_alphanumeric(), "_")
+}
+
 /// A text as an SQL literal.
 fn text(text: &str) -> String {
     format!("'{}'", text.replace('\'', "''"))
@@ -182,6 +190,14 @@ mod tests {
     use super::*;
     use crate::job::metric::MEAN_RETURN;
     use crate::key::{Parameter, Value};
+
+    #[test]
+    fn no_column_of_a_parameter_is_a_word_of_sql() {
+        assert_eq!(alias("agent.update"), "agent_update");
+        assert_eq!(alias("environment.parameters.order"), "environment_parameters_order");
+        assert_eq!(alias("agent.learning_rate"), "learning_rate");
+        assert_eq!(alias("population.delta_d"), "population_delta_d");
+    }
 
     #[test]
     fn names_cannot_leave_their_quotes() {

@@ -12,6 +12,7 @@ use rusqlite::{Connection, OptionalExtension};
 use crate::job::{Effect, Estimate, EstimateDeclaration, Estimates, JobKey};
 
 use super::digest::ResultsDigest;
+use super::read::completed_run;
 use super::schema::has_table;
 use super::writer::Store;
 use super::{Reader, StoreError};
@@ -27,11 +28,6 @@ const SELECT: &str = "SELECT canonical, number, term, estimate, standard_error, 
         p_value, decisions, residual_sd, truth, failure, sha256
     FROM recorded_estimate AS recorded JOIN estimate_declaration AS declared ON declared.id = recorded.declaration
     WHERE run = ?1 ORDER BY canonical, number";
-
-/// The row id of the completed run of the job with key `?1`.
-const RUN_OF: &str =
-    "SELECT run.id FROM job JOIN run ON run.job = job.id AND run.status = 'completed'
-    WHERE job.key = ?1";
 
 /// Whether the file has the tables, which stores of earlier versions lack.
 pub(super) fn are_known(connection: &Connection) -> rusqlite::Result<bool> {
@@ -241,14 +237,14 @@ impl Reader {
             if wanted.is_empty() || !are_known(connection)? {
                 return Ok(wanted.to_vec());
             }
-            let has = format!(
-                "SELECT 1 FROM recorded_estimate WHERE run = ({RUN_OF})
-                    AND declaration = (SELECT id FROM estimate_declaration WHERE canonical = ?2)"
-            );
-            let mut has = connection.prepare_cached(&has)?;
+            let run = completed_run(connection, &key.to_string())?;
+            let mut has = connection.prepare_cached(
+                "SELECT 1 FROM recorded_estimate WHERE run = ?1
+                    AND declaration = (SELECT id FROM estimate_declaration WHERE canonical = ?2)",
+            )?;
             let mut lacking = Vec::new();
             for declaration in wanted {
-                if !has.exists([key.to_string(), declaration.canonical()])? {
+                if !has.exists((run, declaration.canonical()))? {
                     lacking.push(declaration.clone());
                 }
             }

@@ -8,6 +8,7 @@ use serde_json::{Map, Value as Json};
 use crate::job::{ActionCount, Decision, Job, Phase, Results};
 
 use super::insert::insert_rows;
+use super::read::completed_run;
 
 /// The tables of such results, in the order of the digest: name, columns besides the run, and how many of these
 /// belong to the key.
@@ -129,14 +130,7 @@ pub(super) fn description_of(
     connection: &Connection,
     key: &str,
 ) -> rusqlite::Result<Option<String>> {
-    let run = connection
-        .prepare_cached(
-            "SELECT run.id FROM job JOIN run ON run.job = job.id AND run.status = 'completed'
-             WHERE job.key = ?1",
-        )?
-        .query_row([key], |row| row.get(0))
-        .optional()?;
-    run.map_or(Ok(None), |run| description(connection, run))
+    completed_run(connection, key)?.map_or(Ok(None), |run| description(connection, run))
 }
 
 /// A job with the description of its environment in a run.

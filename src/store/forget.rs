@@ -144,7 +144,7 @@ fn without_guards(
         .query_map([], |row| Ok((row.get(0)?, row.get(1)?)))?
         .collect::<rusqlite::Result<_>>()?;
     for (name, _) in &guards {
-        connection.execute_batch(&format!("DROP TRIGGER {name}"))?;
+        connection.execute_batch(&format!("DROP TRIGGER \"{}\"", name.replace('"', "\"\"")))?;
     }
     delete()?;
     guards.iter().try_for_each(|(_, sql)| connection.execute_batch(sql))

@@ -10,6 +10,7 @@ use crate::job::{ParticipantRange, ParticipantValue, Phase, TestEpisode};
 use crate::record::{AmongParticipants, JobRecord, JobStatus};
 
 use super::insert::{RUN, insert_renumbered, insert_rows};
+use super::read::completed_run;
 use super::schema::has_table;
 use super::{Reader, StoreError};
 
@@ -103,12 +104,8 @@ fn among(
     key: &str,
     range: ParticipantRange,
 ) -> rusqlite::Result<Option<AmongParticipants>> {
-    let run: i64 = connection
-        .prepare_cached(
-            "SELECT run.id FROM job JOIN run ON run.job = job.id AND status = 'completed'
-             WHERE job.key = ?1",
-        )?
-        .query_row([key], |row| row.get(0))?;
+    // Another process may have deleted the run.
+    let Some(run) = completed_run(connection, key)? else { return Ok(None) };
     let mut values: Vec<(u32, f64)> = connection
         .prepare_cached(OF_TEST)?
         .query_map([run, range.place.into()], |row| Ok((row.get(0)?, row.get(1)?)))?

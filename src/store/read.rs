@@ -75,6 +75,11 @@ impl Reader {
         Reader::of(connection, path)
     }
 
+    /// The store's file.
+    pub fn path(&self) -> &Path {
+        &self.path
+    }
+
     fn of(mut connection: Connection, path: PathBuf) -> Result<Reader, StoreError> {
         schema::require(&connection, &path)?;
         sandbox::allow_reading_only(&mut connection)
@@ -268,6 +273,32 @@ impl Reader {
     ) -> Result<T, StoreError> {
         body(&self.connection).map_err(|fault| fault.at(&self.path, action))
     }
+
+    /// [`Reader::read`] of several statements, all of which see the store at one moment.
+    pub(super) fn read_at_once<T>(
+        &self,
+        action: &'static str,
+        body: impl FnOnce(&Connection) -> Result<T, Fault>,
+    ) -> Result<T, StoreError> {
+        self.read(action, |connection| {
+            // A reading connection begins no transactions, but an unfinished statement holds its snapshot.
+            let mut unfinished = connection.prepare_cached("SELECT 1 FROM sqlite_schema")?;
+            let mut rows = unfinished.query([])?;
+            rows.next()?;
+            body(connection)
+        })
+    }
+}
+
+/// The row id of the completed run of the job with this key.
+pub(super) fn completed_run(connection: &Connection, key: &str) -> rusqlite::Result<Option<i64>> {
+    connection
+        .prepare_cached(
+            "SELECT run.id FROM job JOIN run ON run.job = job.id AND run.status = 'completed'
+             WHERE job.key = ?1",
+        )?
+        .query_row([key], |row| row.get(0))
+        .optional()
 }
 
 impl Store {

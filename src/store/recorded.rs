@@ -5,6 +5,7 @@ use serde_json::{Map, Value as Json};
 use crate::job::{Decision, Job, Phase};
 
 use super::error::Fault;
+use super::read::completed_run;
 use super::{Reader, StoreError, decision, family};
 
 /// The columns that every family has.
@@ -16,10 +17,8 @@ impl Reader {
     pub fn described(&self, job: Job) -> Result<Job, StoreError> {
         let key = job.key().to_string();
         self.read("read the description of an environment", |connection| {
-            let text = family::description_of(connection, &key)?;
-            let environment = text.and_then(|text| job.environment.described(&text));
-            Ok(match environment {
-                Some(environment) => Job { environment, ..job },
+            Ok(match completed_run(connection, &key)? {
+                Some(run) => family::described(connection, run, job)?,
                 None => job,
             })
         })

@@ -8,7 +8,7 @@ use crate::cluster::{self, ChunkState, Cluster, ClusterError, HandedIn, Look, Pa
 use crate::job::metric::{MEAN_RETURN, metrics_with};
 use crate::job::{JobKey, MetricName, MetricPlace, counted};
 use crate::key::printable;
-use crate::manifest::{self, Manifest};
+use crate::manifest::Manifest;
 use crate::plan::Swept;
 use crate::schedule::{self, CheckpointFolder, Left, RunningCurve, Speeds};
 use crate::store::{Counts, FailedJob, JobState, Reader, StoreError, StoredArm};
@@ -149,8 +149,8 @@ impl Watcher {
             return Ok(jobs);
         }
         let text = self.reader.manifest(experiment)?.unwrap_or_default();
-        // A manifest that this release cannot read leaves names without swept parameters.
-        let manifest = manifest::parse(experiment, text.as_bytes()).ok();
+        // A manifest that cannot be read leaves names without swept parameters.
+        let manifest = schedule::stored_manifest(&self.reader, &text);
         let swept = Swept::of(manifest.as_slice());
         let arms = self.reader.arms(experiment)?;
         let names = arms.iter().map(|arm| swept.arm(&arm.agent, &arm.job)).collect();

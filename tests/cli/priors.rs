@@ -1,6 +1,7 @@
 //! Bandits that start from the posterior of an earlier job.
 
 use std::collections::BTreeMap;
+use std::fs;
 
 use crate::support::Folder;
 
@@ -92,6 +93,32 @@ fn assert_close(ours: &BTreeMap<String, Vec<f64>>, theirs: &BTreeMap<String, Vec
     for (row, other) in both {
         assert!(row.iter().zip(other).all(|(p, q)| (p - q).abs() < 1e-9), "{row:?} {other:?}");
     }
+}
+
+#[test]
+fn the_race_of_a_manifest_that_names_a_run_and_a_file_is_listed_from_any_folder() {
+    let folder = Folder::with(PILOT);
+    folder.jitai(["run", "sweep.toml"]).succeeded();
+    let pilot = key(&folder, "agent = 'thompson'");
+    let race = next(PILOT, &format!("run:{pilot}"))
+        .replace("seeds = 1\n", "")
+        .replace("noise_sd = 400", "noise_sd = { uniform = [300, 500] }")
+        .replace(
+            "[[agent]]",
+            "[search]\nsamples = 2\nrungs = [1, 2]\nkeep = 0.5\nfresh = 1\n[[agent]]",
+        )
+        .replace("evaluation", "population = { rows = \"people.csv\" }\nevaluation");
+    fs::create_dir(folder.path("studies")).unwrap();
+    folder.write("studies/race.toml", race);
+    folder.write("studies/people.csv", "delta_d,epsilon_d\n0.05,0.6\n0.15,0.2\n");
+    folder.jitai(["run", "studies/race.toml"]).succeeded();
+    let mut elsewhere = folder.command(["status", "--format", "json"]);
+    elsewhere.env("JITAI_STORE", folder.path("jitai.sqlite")).current_dir(folder.path("studies"));
+    let elsewhere = elsewhere.output().unwrap().stdout;
+    let here = folder.jitai(["status", "--format", "json"]).succeeded();
+    assert_eq!(here.stdout, String::from_utf8(elsewhere).unwrap());
+    let races = &here.json()[1]["races"];
+    assert_eq!((&races[0]["rungs"], &races[0]["arms"]), (&2.into(), &2.into()), "{races}");
 }
 
 #[test]

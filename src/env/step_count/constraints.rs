@@ -155,7 +155,7 @@ pub const PEOPLE_CONSTRAINTS: &[Constraint] = &[
             let environment = environment_of_beliefs(assignment)?;
             filter::is_undefined(&environment, &scenario).then(|| Violation::Impossible {
                 says: format!(
-                    "no estimates are computed for {scenario}, whose letter S shows steps without noise of a state \
+                    "no beliefs are computed for {scenario}, whose letter S shows steps without noise of a state \
                      with noise"
                 ),
                 help: format!(

@@ -172,8 +172,9 @@ impl Looks {
             return color;
         }
         let taken: Vec<Color> = self.scenarios.iter().filter_map(|name| fixed(name)).collect();
-        // Sky blue and orange come first, because hardly any fixed colour takes them.
-        let all = COLORS.iter().cycle().skip(4).take(COLORS.len()).chain(&OF_AGENTS[6..]);
+        // Hardly any fixed colour is sky blue or orange, so these come first; beside blue, sky blue comes last.
+        let first = if taken.contains(&COLORS[0]) { 5 } else { 4 };
+        let all = COLORS.iter().cycle().skip(first).take(COLORS.len()).chain(&OF_AGENTS[6..]);
         let free: Vec<&Color> = all.filter(|color| !taken.contains(color)).collect();
         let others = self.scenarios.iter().filter(|name| fixed(name).is_none());
         *free[others.take_while(|name| *name != scenario).count() % free.len()]
