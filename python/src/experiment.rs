@@ -383,8 +383,11 @@ fn swept(asked: &Asked, stop: &AtomicBool, events: &Sender<Json>) -> PyResult<Js
     let end = loop {
         let selection = asked.selection(&manifests)?;
         let stage = (&mut store, &selection, options, ran);
-        let end = swept_stage(stage, stop, events, &mut notes)?.after(ran);
+        let mut end = swept_stage(stage, stop, events, &mut notes)?.after(ran);
         let next = staged(&store)?;
+        if next != manifests {
+            end = end.before_next_stage(options.on_failure);
+        }
         if end.cause() != experiment::Cause::NothingLeft || next == manifests {
             break end;
         }
@@ -422,7 +425,7 @@ fn swept_stage(
     let workers = options.workers.get();
     let mut unseen = |_: Event<'_>| {};
     let estimated = experiment::add_estimates(store, lacking, workers, stop, &mut unseen);
-    let estimated = estimated.map_err(store_error)?;
+    let estimated = estimated.map_err(sweep_error)?;
     end.estimated = EstimatesEnd::of(&estimated, lacking.len());
     if end.estimated.failed > 0 {
         let failed = end.estimated.failed;

@@ -426,7 +426,7 @@ mod tests {
         };
         (0..100_000).for_each(|_| replay.push(&state, transition, &state).unwrap());
         let Replay { features, moments, rewards, steps, targets, .. } = &replay;
-        let stored = 4 * features.len() + 2 * moments.len() + 4 * rewards.len() + steps.len();
+        let stored = 4 * features.len() + 2 * moments.len() + 4 * rewards.len() + 2 * steps.len();
         assert!(stored + 4 * targets.len() <= 24 * replay.len());
         assert!(features.capacity() <= features.len() * 9 / 8);
     }

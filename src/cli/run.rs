@@ -151,10 +151,13 @@ fn run_jobs(
             let _ = writeln!(io::stderr(), "stopped before the first job; {RESUME}");
             return Ok(Exit::Interrupted);
         };
-        let end = end.after(ran);
-        *cause = end.cause();
+        let mut end = end.after(ran);
         let reader = store.reader()?;
         let next = schedule::at_stage(&manifests, Some(&reader))?;
+        if next != staged {
+            end = end.before_next_stage(arguments.options().on_failure);
+        }
+        *cause = end.cause();
         if end.cause() == Cause::NothingLeft && next != staged {
             // A job that failed is not retried at the next stage.
             (ran, staged, retry) = (end.ran(), next, RetryFailed::No);

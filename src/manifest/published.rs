@@ -14,6 +14,7 @@ use super::section::Section;
 use super::source::Span;
 use super::{Manifest, nearest};
 use crate::env::Family;
+use crate::job::metric::MEAN_RETURN;
 use crate::job::{MetricName, Scalar};
 use crate::key::{Kind, Parameter, free_key};
 
@@ -270,13 +271,16 @@ fn row(
             .into());
     }
     if row.subject.is_empty() {
-        row.subject = match (row.metric, is_difference, row.p) {
+        let kind = match (row.metric, is_difference, row.p) {
             (None, ..) => "error rate",
             (_, true, Some(_)) => "effect",
             (_, true, None) => "difference",
             (_, false, _) => "mean",
-        }
-        .to_owned();
+        };
+        row.subject = match row.metric.filter(|metric| *metric != MEAN_RETURN) {
+            Some(metric) => format!("{kind} ({})", metric.text().replace('_', " ")),
+            None => kind.to_owned(),
+        };
     }
     Ok(row)
 }
@@ -346,6 +350,14 @@ mod tests {
         assert_eq!(stated(1), ["environment.stationary=0", "trial.pooling=full"]);
         let stated = published.stated();
         assert_eq!(stated[0], "environment.effect_size", "{stated:?}");
+    }
+
+    #[test]
+    fn numbers_of_other_metrics_than_the_mean_return_are_subjects_of_their_own() {
+        let text = "agent,metric,value,n\na,mean_return,9,3\na,disengagement_rate,0.1,3\n";
+        let published = Published::parse(Path::new("p.csv"), text).unwrap();
+        let subjects = published.rows.iter().map(|row| row.subject.as_str());
+        assert!(subjects.eq(["mean", "mean (disengagement rate)"]));
     }
 
     #[test]

@@ -21,18 +21,21 @@ pub fn several(
     let next = AtomicUsize::new(0);
     let (sender, receiver) = mpsc::channel();
     thread::scope(|scope| {
-        for _ in 0..cores.min(pairs.len()) {
-            let (sender, next) = (sender.clone(), &next);
-            scope.spawn(move || {
-                loop {
-                    let place = next.fetch_add(1, Ordering::Relaxed);
-                    let Some((environment, scenario)) = pairs.get(place) else { break };
-                    let found = (place, optimum(environment, scenario));
-                    sender.send(found).expect("the receiver outlives the threads");
-                }
-            });
+        let next = &next;
+        let work = move || {
+            loop {
+                let place = next.fetch_add(1, Ordering::Relaxed);
+                let Some((environment, scenario)) = pairs.get(place) else { break };
+                let found = (place, optimum(environment, scenario));
+                sender.send(found).expect("the receiver outlives the threads");
+            }
+        };
+        let start = |_: &usize| thread::Builder::new().spawn_scoped(scope, work.clone()).is_ok();
+        // Where the system refuses every thread, this one does the work.
+        if (0..cores.min(pairs.len())).take_while(start).count() == 0 {
+            work.clone()();
         }
-        drop(sender);
+        drop(work);
         let mut found = Vec::with_capacity(pairs.len());
         for optimum in receiver {
             found.push(optimum);

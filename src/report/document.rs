@@ -201,17 +201,13 @@ impl Stems {
 /// The comparisons of all experiments, with each published number once.
 fn merged(experiments: &[ReportedExperiment]) -> Reproduction {
     let mut merged = Reproduction::default();
+    fn place(one: &Comparison) -> impl PartialEq {
+        let Comparison { subject, agent, scenario, settings, published, .. } = one;
+        (subject, agent, scenario, settings, published)
+    }
     for one in experiments.iter().filter_map(|experiment| experiment.reproduction.as_ref()) {
         for comparison in &one.comparisons {
-            let is_same = |known: &Comparison| {
-                (&known.subject, &known.agent, &known.scenario, &known.settings)
-                    == (
-                        &comparison.subject,
-                        &comparison.agent,
-                        &comparison.scenario,
-                        &comparison.settings,
-                    )
-            };
+            let is_same = |known: &Comparison| place(known) == place(comparison);
             if !merged.comparisons.iter().any(is_same) {
                 merged.comparisons.push(comparison.clone());
             }

@@ -89,10 +89,18 @@ impl End {
         let cause = match on_failure {
             _ if self.left() == 0 && self.estimated.lacking == 0 => Cause::NothingLeft,
             _ if is_stopped => Cause::Stopped,
-            OnFailure::Stop => Cause::Failure,
-            OnFailure::Continue => Cause::NothingLeft,
+            OnFailure::Stop if self.tally.failed > 0 => Cause::Failure,
+            OnFailure::Stop | OnFailure::Continue => Cause::NothingLeft,
         };
         End { cause, ..self }
+    }
+
+    /// The end before the next stage of a race, which does not begin after a failure that stops the sweep.
+    pub fn before_next_stage(self, on_failure: OnFailure) -> End {
+        match on_failure {
+            OnFailure::Stop if self.tally.failed > 0 => End { cause: Cause::Failure, ..self },
+            OnFailure::Stop | OnFailure::Continue => self,
+        }
     }
 
     /// Why it ended.
@@ -129,6 +137,9 @@ impl End {
             Cause::Stopped => {
                 let completed = counted(completed, "job");
                 format!("stopped: {completed} completed, {left} left; {resume}")
+            }
+            Cause::Failure if left == 0 => {
+                format!("{ran}; halted after the first failure, before the next stage")
             }
             Cause::Failure => {
                 format!("{ran}; halted after the first failure; {} left", counted(left, "job"))

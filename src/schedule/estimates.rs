@@ -13,6 +13,7 @@ use std::time::{Duration, Instant};
 use super::event::{Event, EventSink, Found};
 use super::panic;
 use super::queued::Queued;
+use super::sweep::SweepError;
 use super::worker::Slot;
 use crate::estimate::Estimation;
 use crate::job::{CurvePoint, EstimateDeclaration, Estimates, Failure, FailureKind, Job, Outcome};
@@ -67,14 +68,14 @@ struct Ended<'q> {
 /// Adds to completed jobs the estimates that they lack, until all are added or `stop` is set. `sink` receives events of the
 /// jobs that are trained again as if they ran for the first time; the others are skipped.
 ///
-/// **Errors**: the store fails. What was stored before remains.
+/// **Errors**: no thread can be started, or the store fails. What was stored before remains.
 pub fn add_estimates(
     store: &mut Store,
     jobs: &[Queued],
     workers: usize,
     stop: &AtomicBool,
     sink: &mut dyn EventSink,
-) -> Result<Estimated, StoreError> {
+) -> Result<Estimated, SweepError> {
     panic::capture();
     // Outlives this call, as waits on outside programs may.
     let halt = &Arc::new(AtomicBool::new(false));
@@ -86,7 +87,7 @@ pub fn add_estimates(
     thread::scope(|scope| {
         for (worker, (reader, slot)) in readers.into_iter().zip(&slots).enumerate() {
             let (messages, waiting) = (messages.clone(), &waiting);
-            scope.spawn(move || {
+            let work = move || {
                 let next = || {
                     let next = waiting.lock().unwrap_or_else(PoisonError::into_inner).next();
                     next.filter(|_| !halt.load(Ordering::Relaxed))
@@ -101,7 +102,15 @@ pub fn add_estimates(
                         return;
                     }
                 }
-            });
+            };
+            match thread::Builder::new().spawn_scoped(scope, work) {
+                Ok(_) => {}
+                Err(reason) if worker == 0 => return Err(SweepError::NoWorker(reason)),
+                Err(reason) => {
+                    sink.on_event(Event::FewerWorkers { started: worker, reason: &reason });
+                    break;
+                }
+            }
         }
         drop(messages);
         let mut estimated = Estimated::default();

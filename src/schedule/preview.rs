@@ -2,7 +2,7 @@
 //!
 //! In: a survey. Out: sums of jobs, and sentences about them.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, HashSet};
 use std::fmt;
 use std::num::NonZeroUsize;
 use std::time::Duration;
@@ -51,11 +51,13 @@ impl<'m> Preview<'m> {
         workers: NonZeroUsize,
     ) -> Result<Preview<'m>, StoreError> {
         let (mut all, mut experiments) = (Sum::default(), Vec::new());
+        // A job that several manifests list may lack the estimates of any of them.
+        let mut lacking = HashSet::new();
         for (index, manifest) in manifests.iter().enumerate() {
             let mut experiment = Sum::default();
             survey.walk(index, |job| {
                 let reason = job.reason()?;
-                if job.lacks_estimates(manifest)? {
+                if job.lacks_estimates(manifest)? && lacking.insert(job.planned.form.key()) {
                     let again = u64::from(trains_again(&job.planned.job));
                     all.lacking = [all.lacking[0] + 1, all.lacking[1] + again];
                 }

@@ -106,6 +106,10 @@ impl TrainingControl for Watched<'_> {
         self.control.report(progress, curve);
     }
 
+    fn report_is_due(&self) -> bool {
+        self.control.report_is_due()
+    }
+
     fn stop_requested(&self) -> bool {
         self.control.stop_requested() || self.program.failure().is_some()
     }

@@ -74,6 +74,8 @@ struct Jobs {
     experiment: String,
     /// The number of jobs in the store when they were read.
     total: u64,
+    /// The text of the manifest that declared them.
+    text: String,
     arms: Vec<StoredArm>,
     names: Vec<String>,
     swept: Swept,
@@ -142,20 +144,21 @@ impl Watcher {
         Ok(View { experiments: names, ..view? })
     }
 
-    /// The jobs of an experiment, read again if their number has changed.
+    /// The jobs of an experiment, read again if their number or the manifest has changed.
     fn jobs_of(&mut self, experiment: &str, total: u64) -> Result<Jobs, WatchError> {
-        let known = |jobs: &Jobs| jobs.experiment == experiment && jobs.total == total;
+        let text = self.reader.manifest(experiment)?.unwrap_or_default();
+        let known =
+            |jobs: &Jobs| jobs.experiment == experiment && jobs.total == total && jobs.text == text;
         if let Some(jobs) = self.jobs.take().filter(known) {
             return Ok(jobs);
         }
-        let text = self.reader.manifest(experiment)?.unwrap_or_default();
         // A manifest that cannot be read leaves names without swept parameters.
         let manifest = schedule::stored_manifest(&self.reader, &text);
         let swept = Swept::of(manifest.as_slice());
         let arms = self.reader.arms(experiment)?;
         let names = arms.iter().map(|arm| swept.arm(&arm.agent, &arm.job)).collect();
         let search = manifest.filter(|manifest| manifest.search.is_some());
-        Ok(Jobs { experiment: experiment.to_owned(), total, arms, names, swept, search })
+        Ok(Jobs { experiment: experiment.to_owned(), total, text, arms, names, swept, search })
     }
 
     /// Looks at the submissions from time to time, and at the parts that are new.
@@ -406,10 +409,13 @@ impl Watcher {
                 .collect();
             if !new.is_empty() {
                 self.curves.extend(self.reader.curves(&new, metric)?);
+                let unmerged = new.iter().filter(|key| !self.curves.contains_key(key));
                 let handed_in: HashSet<&PathBuf> =
-                    new.iter().filter_map(|key| Some(&self.parts.jobs.get(key)?.0)).collect();
+                    unmerged.filter_map(|key| Some(&self.parts.jobs.get(key)?.0)).collect();
                 for part in handed_in {
-                    self.curves.extend(Reader::open(part)?.curves(&new, metric)?);
+                    // A part that was merged and removed since is read from the store at the next look.
+                    let part = Reader::open(part).and_then(|part| part.curves(&new, metric));
+                    self.curves.extend(part.into_iter().flatten());
                 }
             }
             let curve = |key: &JobKey| match states.get(key) {

@@ -70,10 +70,12 @@ fn adding_an_estimate_to_completed_jobs_that_recorded_decisions_trains_nothing()
     let folder = Folder::completed(&recorded());
     let before = digests(&folder);
     folder.write("sweep.toml", format!("{}{ESTIMATES}", recorded()));
-    folder
-        .jitai(["plan", "sweep.toml"])
-        .succeeded()
-        .says("estimates of 4 completed jobs to compute, without training");
+    // A job of two manifests counts once.
+    folder.write("other.toml", folder.read("sweep.toml").replace("\"trial\"", "\"other\""));
+    for manifests in [&["plan", "sweep.toml"][..], &["plan", "sweep.toml", "other.toml"]] {
+        let plan = folder.jitai(manifests.iter().copied()).succeeded();
+        plan.says("estimates of 4 completed jobs to compute, without training");
+    }
     folder
         .jitai(["run", "sweep.toml"])
         .succeeded()

@@ -69,6 +69,24 @@ fn a_race_runs_to_its_end_and_says_before_it_how_long_it_can_be() {
 }
 
 #[test]
+fn a_failure_that_stops_the_sweep_starts_no_next_stage() {
+    let layers = ["64"; 24].join(", ");
+    let wild =
+        format!("algorithm = \"dueling_dqn\"\nbatch = 8\nlearning_rate = 1.0\nlayers = [{layers}]");
+    let text = RACE.replace("fresh = 3", "fresh = 1");
+    let folder =
+        folder(&text.replace("algorithm = \"reinforce\"\nepisodes = 200\nlayers = [8]", &wild));
+    // The last job of the first stage fails, so the stage has no job left.
+    let run = ["run", "sweep.toml", "--workers", "1", "--fail-fast"];
+    folder.jitai(run).ended(1).says(
+        "9 jobs run, 8 completed in all, 1 failed; halted after the first failure, before the next stage",
+    );
+    assert_eq!(folder.runs(), 9);
+    folder.jitai(["run", "sweep.toml"]).ended(1).says("has won");
+    assert_eq!(folder.runs(), 14);
+}
+
+#[test]
 fn check_gives_the_least_and_the_most_where_evidence_decides() {
     let text = RACE.replace("keep = 0.5", "level = 0.05");
     // 4 × 2 + 3 + 3 jobs if three arms leave at once, 4 × 4 + 3 + 3 if none leaves.

@@ -108,6 +108,8 @@ pub fn cells<'j>(jobs: &[&'j JobRecord]) -> impl Iterator<Item = &'j JobRecord> 
 pub enum Token<'s> {
     /// The bits of a number.
     Number(u64),
+    /// An integer that no number of 64 bits equals.
+    Integer(i64),
     /// A word or list.
     Text(&'s str),
 }
@@ -117,6 +119,7 @@ impl Token<'_> {
     pub fn of(setting: &Scalar) -> Token<'_> {
         match setting {
             Scalar::Real(number) => Token::Number(number.to_bits()),
+            Scalar::Integer(whole) if (*whole as f64) as i64 != *whole => Token::Integer(*whole),
             Scalar::Integer(whole) => Token::Number((*whole as f64).to_bits()),
             Scalar::Text(text) => Token::Text(text),
         }
@@ -236,6 +239,14 @@ mod tests {
     const ZIPPED: &str = "zip = [[\"environment.state_noise\", \"environment.kappa_h\", \"environment.kappa_d\"]]\n\
                           [environment]\nsigma = [0.4, 0.6]\nstate_noise = [\"none\", \"beta\", \"beta\"]\n\
                           kappa_h = [0.0, 5.0, 10.0]\nkappa_d = [0.0, 9.0, 9.0]\n";
+
+    #[test]
+    fn settings_are_one_token_where_their_values_are_equal() {
+        let two = 1i64 << 53;
+        let all = [Scalar::Integer(two), Scalar::Integer(two + 1), Scalar::Real(two as f64)];
+        let [even, odd, real] = all.each_ref().map(Token::of);
+        assert!(even == real && odd != even);
+    }
 
     #[test]
     fn zipped_keys_are_decided_by_one_that_has_more_values_and_others_are_not() {

@@ -8,7 +8,7 @@ use super::curve::ALPHA;
 use super::pairs::{Pair, pairs};
 use super::published::rows;
 use crate::analyse::{self, Corrected, Design, Detectable, Sample, Undefined, correct, detectable};
-use crate::job::{MetricName, Scalar};
+use crate::job::{MetricName, Scalar, short_name};
 use crate::manifest::{Contrast, Pairing, Published, PublishedRow, Sides};
 use crate::record::JobRecord;
 
@@ -132,7 +132,7 @@ fn labels(sides: &Sides) -> (String, String) {
     match sides.key() {
         key if key.is_empty() => words,
         key => {
-            let key = key.rsplit('.').next().unwrap_or(&key);
+            let key = short_name(&key);
             (format!("{key}={}", words.0), format!("{key}={}", words.1))
         }
     }

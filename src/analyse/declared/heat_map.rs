@@ -7,7 +7,7 @@ use super::pairs::{Pair, pairs};
 use super::published;
 use super::{Arm, ArmId};
 use crate::analyse::{Contrast, Design, Interval, Sample, TTest, Undefined, t_test};
-use crate::job::{Condition, MetricName};
+use crate::job::{Condition, MetricName, short_name};
 use crate::manifest::{HeatMap, Published, PublishedRow, Sides};
 use crate::record::JobRecord;
 
@@ -171,10 +171,7 @@ fn figure(
             tiles.push(HeatTile { x: column, y: row, value, interval, seeds, published });
         }
     }
-    let settings = name
-        .settings
-        .iter()
-        .map(|(key, value)| format!(" {}={value}", key.rsplit('.').next().unwrap_or(key)));
+    let settings = name.settings.iter().map(|(key, value)| format!(" {}={value}", short_name(key)));
     HeatFigure {
         scale: if sides.is_some() { Scale::Difference } else { Scale::Mean },
         x: (x.clone(), columns),

@@ -1,5 +1,6 @@
 //! The looks of arms. An arm looks the same in every figure of a report.
 
+use crate::job::short_name;
 use crate::key::shortened;
 use crate::report::symbols;
 use std::collections::HashMap;
@@ -214,7 +215,7 @@ pub fn facets(name: &ArmId) -> Facets {
     let settings = name
         .settings
         .iter()
-        .map(|(key, value)| (symbols::key(last(key)), shortened(&value.to_string())));
+        .map(|(key, value)| (symbols::short(key), shortened(&value.to_string())));
     words.chain(settings).collect()
 }
 
@@ -234,19 +235,14 @@ fn joined(parts: [&str; 3]) -> String {
 
 /// Settings on one line: `learning_rate=0.001 σ=0.6`.
 pub fn settings_label(settings: &[(String, Scalar)]) -> String {
-    let word = |(key, value): &(String, Scalar)| format!("{}={value}", symbols::key(last(key)));
+    let word = |(key, value): &(String, Scalar)| format!("{}={value}", symbols::short(key));
     shortened(&settings.iter().map(word).collect::<Vec<_>>().join(" "))
 }
 
 /// Settings on one line with the names of keys: `learning_rate=0.001 horizon=50`.
 pub fn settings_key(settings: &[(String, Scalar)]) -> String {
-    let word = |(key, value): &(String, Scalar)| format!("{}={value}", last(key));
+    let word = |(key, value): &(String, Scalar)| format!("{}={value}", short_name(key));
     settings.iter().map(word).collect::<Vec<_>>().join(" ")
-}
-
-/// The last part of a dotted name.
-fn last(dotted: &str) -> &str {
-    dotted.rsplit('.').next().unwrap_or(dotted)
 }
 
 /// The labels of arms that are shown together, without the parts that all of them share.
@@ -300,6 +296,14 @@ mod tests {
         assert!(are_distinct(&arms(&["a", "b"], &["P-H-D"], 8)));
         assert!(are_distinct(&arms(&["a", "b"], &["P-H-D", "L-H-D"], 6)));
         assert!(are_distinct(&arms(&["a", "b", "c", "d", "e"], &["P-H-D", "L-H-D"], 4)));
+    }
+
+    #[test]
+    fn keys_of_the_population_are_not_those_of_the_environment() {
+        let both = ["environment.delta_d", "population.delta_d"];
+        let settings = both.map(|key| (key.to_owned(), Scalar::Real(0.5)));
+        assert_eq!(settings_label(&settings), "δ_d=0.5 population.δ_d=0.5");
+        assert_eq!(settings_key(&settings), "delta_d=0.5 population.delta_d=0.5");
     }
 
     #[test]
