@@ -6,26 +6,28 @@
 //! Q-learning).
 
 mod episodes;
+#[cfg(test)]
+mod episodes_tests;
+mod experience;
 mod learner;
 mod play;
-mod recurrent;
-#[cfg(test)]
-mod recurrent_tests;
+mod transitions;
 
 use crate::agent::network::{
     Activation, BEFORE_GRU, Engine, LAYER_WIDTHS, LEARNING_RATE, Recurrent, UNITS,
 };
 use crate::agent::policy::{ActionNetwork, best};
-use crate::agent::replay::{Batch, TerminalTarget, Transition};
+use crate::agent::replay::{TerminalTarget, Transition};
 use crate::agent::unavailable::Unavailable;
 use crate::agent::weights::Weights;
 use crate::env::{EpisodeStatus, Observations};
 use crate::key::{Keyed, Kind, choices, keys};
 use crate::state::Resumable;
 
-pub use episodes::{EpisodeReplay, SequenceBatch};
+pub use episodes::{EpisodeReplay, Episodes, SequenceBatch};
+pub use experience::Experience;
 pub use learner::DuelingDqnLearner;
-pub use recurrent::{RecurrentDqnEngine, RecurrentDqnLearner};
+pub use transitions::Transitions;
 
 keys! {
     /// Hyper-parameters of the dueling DQN; the defaults reproduce the published figures.
@@ -102,19 +104,26 @@ choices! {
 pub trait DuelingDqnEngine: Resumable {
     /// The network at the time of the call, which chooses actions.
     type Network: ActionNetwork + Send + 'static;
+    /// What the network learns from: [`Transitions`], or [`Episodes`] if it has a memory.
+    type Experience: Experience;
 
-    /// Replaces `out` by the action values for every observation, \[rows, actions\].
-    fn values(&mut self, observations: &Observations, out: &mut Vec<f32>);
+    /// Size of the network's memory of an episode, in numbers.
+    fn memory(&self) -> usize;
+
+    /// Replaces `out` by the action values for the next observations, \[rows, actions\]; `memory`
+    /// is as in [`ActionNetwork::recall`].
+    fn values(&mut self, observations: &Observations, memory: &mut [f32], out: &mut Vec<f32>);
 
     /// Replaces `out` by the action values of the target network, \[rows, actions\].
-    fn target_values(&mut self, observations: &Observations, out: &mut Vec<f32>);
+    fn target_values(&mut self, states: &States<Self>, out: &mut Vec<f32>);
 
     /// Copies the network into the target network.
     fn renew_target(&mut self);
 
-    /// One step of Adam on the mean squared difference between Q(s, a) and the targets; returns
-    /// this loss. If the loss is not finite, the engine may leave the network unchanged.
-    fn update(&mut self, batch: &Batch) -> f32;
+    /// One step of Adam on the mean squared difference between Q(s, a) and the targets, over the
+    /// rows that count; returns this loss. If the loss is not finite, the engine may leave the
+    /// network unchanged.
+    fn update(&mut self, batch: &BatchOf<Self>) -> f32;
 
     /// The current network.
     fn network(&self) -> Self::Network;
@@ -122,6 +131,11 @@ pub trait DuelingDqnEngine: Resumable {
     /// The weights of the current network.
     fn weights(&self) -> Weights;
 }
+
+/// The batches that an engine learns from.
+pub type BatchOf<E> = <<E as DuelingDqnEngine>::Experience as Experience>::Batch;
+/// The states that the target network of an engine evaluates.
+pub type States<E> = <<E as DuelingDqnEngine>::Experience as Experience>::States;
 
 /// The value of the state s' after a transition: max Q(s', ·), or Q(s', 0) if no message can be sent there.
 ///

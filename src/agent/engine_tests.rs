@@ -1,6 +1,7 @@
 //! Tests of the kernels' engines against Burn's engines, and of the instruction sets against each
 //! other.
 
+use crate::agent::burn::BurnQNetwork;
 use crate::agent::burn::device;
 use crate::agent::dueling_dqn::DuelingDqnEngine;
 use crate::agent::layers::Shape;
@@ -9,8 +10,8 @@ use crate::agent::reinforce::{ReinforceEngine, Trajectories};
 use crate::agent::replay::Batch;
 use crate::agent::{Activation, DuelingDqn, Reinforce, Trunk};
 use crate::agent::{
-    BurnDuelingDqn, BurnReinforce, DuelingQNetwork, FusedDuelingDqn, FusedReinforce, PolicyNetwork,
-    Weights, layers,
+    BurnDuelingDqn, BurnReinforce, DuelingQNetwork, FusedDuelingDqn, FusedDuelingNetwork,
+    FusedReinforce, PolicyNetwork, Weights, layers,
 };
 use crate::env::{Action, Observations};
 use crate::kernel::Isa;
@@ -135,9 +136,15 @@ fn fused_dueling_dqns_learn_as_burns_do() {
         let batch = case.batch();
         let device = device::training();
         let network = DuelingQNetwork::from_weights(&parameters, shape, &weights, &device).unwrap();
-        let expected = gradients(&network, BurnDuelingDqn::loss(&network, &batch)).weights();
+        let expected = gradients(&network, network.loss(&batch)).weights();
         let mut burn = BurnDuelingDqn::new(&parameters, shape, &weights).unwrap();
-        let mut fused = FusedDuelingDqn::new(&parameters, shape, &weights, Isa::chosen()).unwrap();
+        let mut fused = FusedDuelingDqn::<FusedDuelingNetwork>::new(
+            &parameters,
+            shape,
+            &weights,
+            Isa::chosen(),
+        )
+        .unwrap();
         assert_weights_close(&fused.gradient(&batch), &expected, 1e-5, &case.name());
         let batches: Vec<Batch> = (0..10).map(|_| case.batch()).collect();
         (0..100).for_each(|i| assert!(burn.update(&batches[i % 10]).is_finite()));
@@ -178,7 +185,8 @@ fn every_instruction_set_learns_the_same_bits() {
         let p_weights = layers::draw(&[layers::policy(&reinforce, shape)], &mut case.stream);
         let (batch, trajectories) = (case.batch(), case.trajectories());
         let mut learned = Isa::available().into_iter().map(|isa| {
-            let mut q = FusedDuelingDqn::new(&dqn, shape, &q_weights, isa).unwrap();
+            let mut q =
+                FusedDuelingDqn::<FusedDuelingNetwork>::new(&dqn, shape, &q_weights, isa).unwrap();
             let mut p = FusedReinforce::new(&reinforce, shape, &p_weights, isa).unwrap();
             let losses: Vec<u32> = (0..3)
                 .flat_map(|_| {

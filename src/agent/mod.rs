@@ -60,8 +60,8 @@ pub use burn::{
 pub use burn::{column as action_tensor, input as observation_tensor};
 pub use constraint::{HORIZON, longest_episode, recorded_decisions};
 pub use dueling_dqn::{
-    DuelingDqn, DuelingDqnEngine, DuelingDqnLearner, EpisodeReplay, RecurrentDqnEngine,
-    RecurrentDqnLearner, SequenceBatch, Trunk,
+    DuelingDqn, DuelingDqnEngine, DuelingDqnLearner, EpisodeReplay, Episodes, Experience,
+    SequenceBatch, Transitions, Trunk,
 };
 pub use effect_posterior::EffectPosterior;
 pub use external::External;

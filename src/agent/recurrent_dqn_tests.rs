@@ -4,8 +4,9 @@
 
 use serde_json::Value;
 
+use crate::agent::burn::BurnQNetwork;
 use crate::agent::burn::device;
-use crate::agent::dueling_dqn::{RecurrentDqnEngine, SequenceBatch, target};
+use crate::agent::dueling_dqn::{DuelingDqnEngine, Episodes, SequenceBatch, target};
 use crate::agent::engine_tests::actions;
 use crate::agent::layers::Shape;
 use crate::agent::policy::{ActionNetwork, best};
@@ -78,7 +79,7 @@ impl Case {
     }
 
     /// Acts along the sequences, evaluates them, and performs three updates.
-    fn check<E: RecurrentDqnEngine>(&self, engine: impl Fn(&str) -> E) {
+    fn check<E: DuelingDqnEngine<Experience = Episodes>>(&self, engine: impl Fn(&str) -> E) {
         let mut network = engine("network");
         let lanes = self.batch.lanes;
         let mut memory = vec![0.0; lanes * network.memory()];
@@ -156,7 +157,7 @@ fn gradients_of_the_recurrent_dqn_are_those_of_pytorch() {
         let network =
             RecurrentDuelingQNetwork::from_weights(&case.parameters, SHAPE, &start, &device)
                 .unwrap();
-        let loss = BurnRecurrentDqn::loss(&network, &case.batch);
+        let loss = network.loss(&case.batch);
         assert_weights_close(&gradients(&network, loss).weights(), &expected, 1e-5, &case.name);
         for isa in Isa::available() {
             let ours = case.fused(&start, isa).gradient(&case.batch);

@@ -6,8 +6,9 @@ use burn::optim::GradientsParams;
 use burn::tensor::{Tensor, activation};
 use serde_json::Value;
 
+use crate::agent::burn::BurnQNetwork;
 use crate::agent::burn::device;
-use crate::agent::dueling_dqn::{self, DuelingDqnEngine};
+use crate::agent::dueling_dqn::{self, DuelingDqnEngine, Transitions};
 use crate::agent::layers::Shape;
 use crate::agent::policy::{self, ActionNetwork};
 use crate::agent::reinforce::{ReinforceEngine, Trajectories, returns_to_go};
@@ -192,10 +193,10 @@ impl DqnCase {
     }
 
     /// Checks values, targets, loss and three updates of an engine against PyTorch's.
-    fn check<E: DuelingDqnEngine>(&self, engine: impl Fn(&str) -> E) {
+    fn check<E: DuelingDqnEngine<Experience = Transitions>>(&self, engine: impl Fn(&str) -> E) {
         let mut network = engine("network");
         let mut out = Vec::new();
-        network.values(&self.batch.observations, &mut out);
+        network.values(&self.batch.observations, &mut [], &mut out);
         assert_close(&out, &numbers(&self.case["q"]), 1e-5, &self.name);
         assert_eq!(evaluated(network.network(), &self.batch.observations), out);
 
@@ -216,7 +217,7 @@ impl DqnCase {
         let expected = weights(&self.case["after_3_adam_steps"]);
         assert_weights_close(&network.weights(), &expected, 2e-6, &self.name);
         network.renew_target();
-        network.values(&self.batch.observations, &mut out);
+        network.values(&self.batch.observations, &mut [], &mut out);
         let values = out.clone();
         network.target_values(&self.batch.observations, &mut out);
         assert_eq!(out, values);
@@ -238,7 +239,7 @@ fn gradients_of_the_dueling_dqn_are_those_of_pytorch() {
     for case in DqnCase::all() {
         let expected = weights(&case.case["gradients"]);
         let network = case.network();
-        let ours = gradients(&network, BurnDuelingDqn::loss(&network, &case.batch)).weights();
+        let ours = gradients(&network, network.loss(&case.batch)).weights();
         assert_weights_close(&ours, &expected, 1e-5, &case.name);
         for isa in Isa::available() {
             let ours = case.fused("network", isa).gradient(&case.batch);
@@ -427,7 +428,7 @@ pub(super) fn assert_finite_differences(
 fn gradients_are_finite_differences_of_the_losses() {
     for case in DqnCase::all().iter().filter(|case| case.name.contains("tanh")) {
         let network = case.network();
-        let loss = |network: &DuelingQNetwork| BurnDuelingDqn::loss(network, &case.batch);
+        let loss = |network: &DuelingQNetwork| network.loss(&case.batch);
         let gradients = gradients(&network, loss(&network)).weights();
         assert_finite_differences(&network.weights(), &gradients, &case.name, |weights| {
             loss(&case.with_weights(weights)).into_scalar()

@@ -12,7 +12,6 @@ mod gates;
 mod network;
 mod ppo;
 mod recurrent;
-mod recurrent_dqn;
 mod reinforce;
 mod trainer;
 
@@ -22,11 +21,12 @@ use crate::agent::policy::ActionNetwork;
 use crate::env::{Action, Observations};
 
 pub use autodiff::{AutodiffPolicy, PolicyGradient};
-pub use dueling_dqn::BurnDuelingDqn;
+#[cfg(test)]
+pub use dueling_dqn::BurnQNetwork;
+pub use dueling_dqn::{BurnDuelingDqn, BurnRecurrentDqn};
 pub use network::{ActorCritic, DuelingQNetwork, PolicyNetwork};
 pub use ppo::{BurnActorCritic, BurnPpo};
 pub use recurrent::{RecurrentActorCritic, RecurrentDuelingQNetwork};
-pub use recurrent_dqn::BurnRecurrentDqn;
 pub use reinforce::BurnReinforce;
 
 /// Observations as a matrix with the one-hots expanded: \[rows, inputs\].

@@ -1,7 +1,17 @@
-//! A replay buffer of whole episodes, and sequences of steps drawn from it.
+//! The experience of a dueling DQN with a memory: whole episodes, and sequences of steps drawn from
+//! them.
+//!
+//! **Source**: Hausknecht and Stone, "Deep recurrent Q-learning for partially observable MDPs",
+//! 2015: "bootstrapped sequential updates" from whole episodes and the zero state, or "random
+//! updates" from sequences. Kapturowski et al., "Recurrent experience replay in distributed
+//! reinforcement learning", 2019 (R2D2): the burn-in, here from the zero state, because no states
+//! are stored. Ni et al., "Recurrent model-free RL can be a strong baseline for many POMDPs", 2022:
+//! all episodes are equally likely, whatever their length, and the loss is the mean over all steps
+//! that count.
 
 use std::collections::VecDeque;
 
+use crate::agent::dueling_dqn::{DuelingDqn, Experience, target, value_after};
 use crate::agent::memory::{self, OutOfMemory, reserve};
 use crate::agent::replay::{Replay, Sampled, TerminalTarget, Transition};
 use crate::env::{Action, EpisodeStatus, Observations};
@@ -265,3 +275,73 @@ impl EpisodeReplay {
             && self.episodes.iter().map(|episode| episode.len).sum::<usize>() <= stored
     }
 }
+
+/// The latest episodes, and the sequences of a batch.
+pub struct Episodes {
+    replay: EpisodeReplay,
+    batch: SequenceBatch,
+    values: Vec<f32>,
+}
+
+impl Experience for Episodes {
+    type Batch = SequenceBatch;
+    type States = SequenceBatch;
+
+    fn new(parameters: &DuelingDqn, none: &Observations) -> Self {
+        let DuelingDqn { buffer, terminal_target, .. } = *parameters;
+        Episodes {
+            replay: EpisodeReplay::new(buffer as usize, none, terminal_target),
+            batch: SequenceBatch::new(none.clone()),
+            values: Vec::new(),
+        }
+    }
+
+    fn push(
+        &mut self,
+        before: &Observations,
+        transition: Transition,
+        after: &Observations,
+    ) -> Result<(), OutOfMemory> {
+        self.replay.push(before, transition, after)
+    }
+
+    fn stored(&self) -> usize {
+        self.replay.episodes()
+    }
+
+    fn fits(&self, count: usize) -> bool {
+        self.replay.fits(count)
+    }
+
+    /// Targets are computed anew for every batch.
+    fn forget_targets(&mut self) {}
+
+    /// The target network computes its own states from the steps of the batch.
+    fn draw(
+        &mut self,
+        parameters: &DuelingDqn,
+        stream: &mut Stream,
+        mut target_values: impl FnMut(&SequenceBatch, &mut Vec<f32>),
+    ) -> Result<&SequenceBatch, OutOfMemory> {
+        let Episodes { replay, batch, values } = self;
+        let DuelingDqn { batch: count, sequence, burn_in, gamma, terminal_target, .. } =
+            *parameters;
+        let steps = [sequence, burn_in].map(|steps| steps as usize);
+        replay.draw(count as usize, steps, stream, batch)?;
+        target_values(batch, values);
+        let (lanes, actions) = (batch.lanes, values.len() / batch.rows());
+        for row in 0..batch.rows() {
+            if !batch.learned[row] {
+                continue;
+            }
+            let Some(transition) = replay.transition(row % lanes, row / lanes) else { continue };
+            let next = (row + lanes) * actions;
+            let values = &values[next..next + actions];
+            batch.targets[row] =
+                target(&transition, value_after(&transition, values), gamma, terminal_target);
+        }
+        Ok(batch)
+    }
+}
+
+resumable!([] Episodes { parts replay });

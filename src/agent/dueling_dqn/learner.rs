@@ -1,34 +1,25 @@
-//! The learner of the dueling DQN without memory, which learns from single transitions.
+//! The learner of the dueling DQN, with and without memory.
 
 #[cfg(test)]
 mod tests;
 
 use crate::agent::actor::{Actor, StepObserver, reborrowed};
 use crate::agent::dueling_dqn::play::Play;
-use crate::agent::dueling_dqn::{DuelingDqn, DuelingDqnEngine, target, value_after};
+use crate::agent::dueling_dqn::{DuelingDqn, DuelingDqnEngine, Experience};
 use crate::agent::learner::{Actions, Learner, LearnerError, Span, TrainedEpisode};
 use crate::agent::memory::OutOfMemory;
 use crate::agent::policy::best;
-use crate::agent::replay::{Batch, Replay};
 use crate::agent::weights::Weights;
-use crate::env::{Action, Observations, Simulated, VectorEnvironment};
+use crate::env::{Action, Simulated, VectorEnvironment};
 use crate::state::resumable;
 
 /// A dueling DQN in training, one episode at a time.
-pub struct DuelingDqnLearner<E, Env = Simulated> {
+pub struct DuelingDqnLearner<E: DuelingDqnEngine, Env = Simulated> {
     engine: E,
-    replay: Replay,
+    experience: E::Experience,
     play: Play<Env>,
-    workspace: Workspace,
-}
-
-/// Buffers that are reused, so that an update allocates nothing.
-struct Workspace {
-    positions: Vec<usize>,
-    batch: Batch,
-    /// Drawn positions whose target is unknown.
-    unknown: Vec<usize>,
-    next: Observations,
+    /// The network's memory of the running episode; empty without a memory.
+    memory: Vec<f32>,
     values: Vec<f32>,
 }
 
@@ -37,73 +28,36 @@ impl<E: DuelingDqnEngine, Env: VectorEnvironment> DuelingDqnLearner<E, Env> {
     pub fn new(engine: E, parameters: &DuelingDqn, environment: Env, seed: u64) -> Self {
         let none = environment.observation_spec().observations();
         DuelingDqnLearner {
-            engine,
-            replay: Replay::new(parameters.buffer as usize, &none, parameters.terminal_target),
-            workspace: Workspace {
-                positions: vec![0; parameters.batch as usize],
-                batch: Batch {
-                    observations: none.clone(),
-                    actions: Vec::new(),
-                    targets: Vec::new(),
-                },
-                unknown: Vec::new(),
-                next: none,
-                values: Vec::new(),
-            },
+            experience: Experience::new(parameters, &none),
             play: Play::new(parameters, environment, seed),
+            memory: vec![0.0; engine.memory()],
+            values: Vec::new(),
+            engine,
         }
     }
 
-    /// One update from a batch of the buffer.
+    /// One update from a batch of the experience.
     fn update(&mut self) -> Result<(), LearnerError> {
-        if self.play.renews_target() {
-            self.engine.renew_target();
-            self.replay.forget_targets();
+        let DuelingDqnLearner { engine, experience, play, .. } = self;
+        if play.renews_target() {
+            engine.renew_target();
+            experience.forget_targets();
         }
-        self.replay.draw(&mut self.play.replay_stream, &mut self.workspace.positions);
-        self.learn_targets()?;
-        let Workspace { positions, batch, .. } = &mut self.workspace;
-        self.replay.gather(positions, batch);
-        let loss = self.engine.update(batch);
-        self.play.count_update(loss)
-    }
-
-    /// Computes the unknown targets of the drawn transitions. The target network changes only once
-    /// per period, so targets stay valid until the period ends.
-    fn learn_targets(&mut self) -> Result<(), OutOfMemory> {
-        let Workspace { positions, unknown, next, values, .. } = &mut self.workspace;
-        unknown.clear();
-        next.clear();
-        for &position in positions.iter() {
-            if self.replay.target(position).is_none() {
-                unknown.push(position);
-                self.replay.push_after(position, next);
-            }
-        }
-        if unknown.is_empty() {
-            return Ok(());
-        }
-        self.engine.target_values(next, values);
-        let DuelingDqn { gamma, terminal_target, .. } = self.play.parameters;
-        let actions = self.play.actions();
-        for (&position, values) in unknown.iter().zip(values.chunks_exact(actions)) {
-            let transition = self.replay.transition(position);
-            let target =
-                target(&transition, value_after(&transition, values), gamma, terminal_target);
-            self.replay.set_target(position, target)?;
-        }
-        Ok(())
+        let target_values = |states: &_, out: &mut _| engine.target_values(states, out);
+        let batch = experience.draw(&play.parameters, &mut play.replay_stream, target_values)?;
+        let loss = engine.update(batch);
+        play.count_update(loss)
     }
 
     /// Whether the stored actions are actions of the environment.
     fn fits(&self) -> bool {
-        self.replay.fits(self.play.actions())
+        self.experience.fits(self.play.actions())
     }
 
-    /// The action with the highest value in the current observation.
+    /// The action with the highest value in the current observation, which the memory then includes.
     fn greedy(&mut self) -> Action {
-        self.engine.values(&self.play.observation, &mut self.workspace.values);
-        best(&self.workspace.values)
+        self.engine.values(&self.play.observation, &mut self.memory, &mut self.values);
+        best(&self.values)
     }
 
     /// Takes one step in the running episode and stores it; returns the step's part of the return.
@@ -112,19 +66,22 @@ impl<E: DuelingDqnEngine, Env: VectorEnvironment> DuelingDqnLearner<E, Env> {
         mut observer: Option<&mut dyn StepObserver<Env>>,
     ) -> Result<f64, OutOfMemory> {
         let explored = self.play.explore();
-        let action = match &mut observer {
-            None => explored.unwrap_or_else(|| self.greedy()),
-            Some(observer) => {
+        // A memory advances with every step, also when the agent explores.
+        let action = match explored {
+            Some(explored) if self.memory.is_empty() && observer.is_none() => explored,
+            _ => {
                 let greedy = self.greedy();
                 let action = explored.unwrap_or(greedy);
-                let probabilities = self.play.probabilities(greedy);
-                observer.chosen(&self.play.environment, &[action], &probabilities);
+                if let Some(observer) = &mut observer {
+                    let probabilities = self.play.probabilities(greedy);
+                    observer.chosen(&self.play.environment, &[action], &probabilities);
+                }
                 action
             }
         };
         let (transition, outcome) = self.play.step(action, observer);
         let Play { observation, next_observation, .. } = &self.play;
-        self.replay.push(observation, transition, next_observation)?;
+        self.experience.push(observation, transition, next_observation)?;
         self.play.move_on();
         Ok(outcome)
     }
@@ -139,6 +96,7 @@ impl<E: DuelingDqnEngine, Env: VectorEnvironment> Learner<Env> for DuelingDqnLea
     ) -> Result<Span, LearnerError> {
         if !self.play.environment.any_running() {
             self.play.begin();
+            self.memory.fill(0.0);
         }
         while self.play.environment.any_running() {
             if pause() {
@@ -146,7 +104,7 @@ impl<E: DuelingDqnEngine, Env: VectorEnvironment> Learner<Env> for DuelingDqnLea
             }
             let outcome = self.act(reborrowed(&mut observer))?;
             let may_update = self.play.count_step(outcome);
-            if may_update && self.replay.len() >= self.play.parameters.batch as usize {
+            if may_update && self.experience.stored() >= self.play.parameters.batch as usize {
                 self.update()?;
             }
         }
@@ -163,4 +121,4 @@ impl<E: DuelingDqnEngine, Env: VectorEnvironment> Learner<Env> for DuelingDqnLea
     }
 }
 
-resumable!([E: DuelingDqnEngine, Env: VectorEnvironment] DuelingDqnLearner<E, Env> { parts engine, replay, play; check fits, "actions" });
+resumable!([E: DuelingDqnEngine, Env: VectorEnvironment] DuelingDqnLearner<E, Env> { parts engine, experience, play; fixed memory; check fits, "actions" });

@@ -1,5 +1,6 @@
 //! Policy and value of PPO, each with layers of its own.
 
+use crate::agent::fused::network::FusedNetwork;
 use crate::agent::fused::ppo_loss::{Objective, PpoLoss, ROWS, Sums};
 use crate::agent::fused::ppo_network::FusedPpoNetwork;
 use crate::agent::fused::stack::{BLOCK, Stack, Workspace, blocks};
@@ -75,16 +76,7 @@ impl ActionNetwork for FusedActorCritic {
 
 resumable!([] FusedActorCritic { fixed parameters });
 
-impl FusedPpoNetwork for FusedActorCritic {
-    fn from_weights(
-        parameters: &Ppo,
-        shape: Shape,
-        weights: &Weights,
-        isa: Isa,
-    ) -> Result<Self, WeightsError> {
-        FusedActorCritic::new(parameters, shape, weights, isa)
-    }
-
+impl FusedNetwork for FusedActorCritic {
     fn isa(&self) -> Isa {
         self.isa
     }
@@ -102,6 +94,17 @@ impl FusedPpoNetwork for FusedActorCritic {
         self.policy.store(flat, &mut weights);
         self.value.store(flat, &mut weights);
         weights
+    }
+}
+
+impl FusedPpoNetwork for FusedActorCritic {
+    fn from_weights(
+        parameters: &Ppo,
+        shape: Shape,
+        weights: &Weights,
+        isa: Isa,
+    ) -> Result<Self, WeightsError> {
+        FusedActorCritic::new(parameters, shape, weights, isa)
     }
 
     fn outputs(

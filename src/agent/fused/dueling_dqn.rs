@@ -3,7 +3,8 @@
 use std::ops::Range;
 
 use crate::agent::DuelingDqn;
-use crate::agent::dueling_dqn::DuelingDqnEngine;
+use crate::agent::dueling_dqn::{DuelingDqnEngine, Experience, Transitions};
+use crate::agent::fused::network::FusedNetwork;
 use crate::agent::fused::stack::{Stack, Workspace, blocks};
 use crate::agent::layers::{self, Shape};
 use crate::agent::policy::ActionNetwork;
@@ -51,18 +52,6 @@ impl FusedDuelingNetwork {
             workspaces,
             actions: shape.actions,
         })
-    }
-
-    /// The weights, by name.
-    pub fn weights(&self) -> Weights {
-        self.named(&self.parameters)
-    }
-
-    /// The values of a flat array laid out like the parameters, by the names of the weights.
-    fn named(&self, flat: &[f32]) -> Weights {
-        let mut weights = Weights::default();
-        self.stacks.iter().for_each(|stack| stack.store(flat, &mut weights));
-        weights
     }
 
     fn forward(&mut self, observations: &Observations, rows: Range<usize>) {
@@ -119,16 +108,102 @@ impl ActionNetwork for FusedDuelingNetwork {
     }
 }
 
+/// A network that the dueling DQN trains, in a flat array.
+pub trait FusedQNetwork: FusedNetwork {
+    /// What the network learns from.
+    type Experience: Experience;
+
+    /// A network with these weights, of this shape.
+    ///
+    /// **Errors**: an array is missing or of another shape.
+    fn from_weights(
+        parameters: &DuelingDqn,
+        shape: Shape,
+        weights: &Weights,
+        isa: Isa,
+    ) -> Result<Self, WeightsError>;
+
+    /// Replaces `out` by the action values in the states of a batch, \[rows, actions\].
+    fn values(&mut self, states: &StatesOf<Self>, out: &mut Vec<f32>);
+
+    /// Returns the loss of a batch and adds its gradient to `gradient`.
+    fn differentiate(&mut self, batch: &BatchOf<Self>, gradient: &mut [f32]) -> f32;
+}
+
+type BatchOf<N> = <<N as FusedQNetwork>::Experience as Experience>::Batch;
+type StatesOf<N> = <<N as FusedQNetwork>::Experience as Experience>::States;
+
+resumable!([] FusedDuelingNetwork { fixed parameters });
+
+impl FusedNetwork for FusedDuelingNetwork {
+    fn isa(&self) -> Isa {
+        self.isa
+    }
+
+    fn parameters(&self) -> &Aligned {
+        &self.parameters
+    }
+
+    fn parameters_mut(&mut self) -> &mut Aligned {
+        &mut self.parameters
+    }
+
+    fn named(&self, flat: &[f32]) -> Weights {
+        let mut weights = Weights::default();
+        self.stacks.iter().for_each(|stack| stack.store(flat, &mut weights));
+        weights
+    }
+}
+
+impl FusedQNetwork for FusedDuelingNetwork {
+    type Experience = Transitions;
+
+    fn from_weights(
+        parameters: &DuelingDqn,
+        shape: Shape,
+        weights: &Weights,
+        isa: Isa,
+    ) -> Result<Self, WeightsError> {
+        FusedDuelingNetwork::new(parameters, shape, weights, isa)
+    }
+
+    fn values(&mut self, states: &Observations, out: &mut Vec<f32>) {
+        self.evaluate(states, out);
+    }
+
+    fn differentiate(&mut self, batch: &Batch, gradient: &mut [f32]) -> f32 {
+        let rows = batch.actions.len();
+        for (stack, workspace) in self.stacks.iter().zip(&mut self.workspaces) {
+            stack.prepare(&self.parameters, workspace);
+        }
+        let mut squares = 0.0;
+        for block in blocks(rows) {
+            self.forward(&batch.observations, block.clone());
+            for (row, position) in block.clone().enumerate() {
+                let action = batch.actions[position].index();
+                let error = action_value(self.streams(row), action) - batch.targets[position];
+                squares += f64::from(error) * f64::from(error);
+                self.derive_outputs(row, action, 2.0 * error / rows as f32);
+            }
+            for (stack, workspace) in self.stacks.iter().zip(&mut self.workspaces) {
+                let observations = (&batch.observations, block.clone());
+                stack.backward(self.isa, &self.parameters, observations, workspace, gradient);
+            }
+        }
+        (squares / rows as f64) as f32
+    }
+}
+
 /// A dueling network with its target network and its optimiser.
 #[derive(Clone, Debug)]
-pub struct FusedDuelingDqn {
-    network: FusedDuelingNetwork,
-    target: FusedDuelingNetwork,
+pub struct FusedDuelingDqn<N = FusedDuelingNetwork> {
+    network: N,
+    target: N,
     gradient: Aligned,
     adam: Adam,
 }
 
-impl FusedDuelingDqn {
+impl<N: FusedQNetwork> FusedDuelingDqn<N> {
     /// An engine that starts from these weights, of this shape.
     ///
     /// **Errors**: the weights do not fit the network.
@@ -138,71 +213,54 @@ impl FusedDuelingDqn {
         weights: &Weights,
         isa: Isa,
     ) -> Result<Self, WeightsError> {
-        let network = FusedDuelingNetwork::new(parameters, shape, weights, isa)?;
+        let network = N::from_weights(parameters, shape, weights, isa)?;
+        let numbers = network.parameters().len();
         Ok(FusedDuelingDqn {
-            gradient: Aligned::zeros(network.parameters.len()),
-            adam: Adam::new(parameters.learning_rate, network.parameters.len()),
+            gradient: Aligned::zeros(numbers),
+            adam: Adam::new(parameters.learning_rate, numbers),
             target: network.clone(),
             network,
         })
     }
 
     /// The gradient of the loss of a batch, by the names of the weights.
-    pub fn gradient(&mut self, batch: &Batch) -> Weights {
+    pub fn gradient(&mut self, batch: &BatchOf<N>) -> Weights {
         self.gradient.fill(0.0);
-        self.differentiate(batch);
+        self.network.differentiate(batch, &mut self.gradient);
         let gradient = self.network.named(&self.gradient);
         self.gradient.fill(0.0);
         gradient
     }
-
-    /// Returns the loss of a batch and adds its gradient to the stored gradient.
-    fn differentiate(&mut self, batch: &Batch) -> f32 {
-        let FusedDuelingDqn { network, gradient, .. } = self;
-        let rows = batch.actions.len();
-        for (stack, workspace) in network.stacks.iter().zip(&mut network.workspaces) {
-            stack.prepare(&network.parameters, workspace);
-        }
-        let mut squares = 0.0;
-        for block in blocks(rows) {
-            network.forward(&batch.observations, block.clone());
-            for (row, position) in block.clone().enumerate() {
-                let action = batch.actions[position].index();
-                let error = action_value(network.streams(row), action) - batch.targets[position];
-                squares += f64::from(error) * f64::from(error);
-                network.derive_outputs(row, action, 2.0 * error / rows as f32);
-            }
-            for (stack, workspace) in network.stacks.iter().zip(&mut network.workspaces) {
-                let observations = (&batch.observations, block.clone());
-                stack.backward(network.isa, &network.parameters, observations, workspace, gradient);
-            }
-        }
-        (squares / rows as f64) as f32
-    }
 }
 
-impl DuelingDqnEngine for FusedDuelingDqn {
-    type Network = FusedDuelingNetwork;
+impl<N: FusedQNetwork> DuelingDqnEngine for FusedDuelingDqn<N> {
+    type Network = N;
+    type Experience = N::Experience;
 
-    fn values(&mut self, observations: &Observations, out: &mut Vec<f32>) {
-        self.network.evaluate(observations, out);
+    fn memory(&self) -> usize {
+        self.network.memory()
     }
 
-    fn target_values(&mut self, observations: &Observations, out: &mut Vec<f32>) {
-        self.target.evaluate(observations, out);
+    fn values(&mut self, observations: &Observations, memory: &mut [f32], out: &mut Vec<f32>) {
+        self.network.recall(observations, memory, out);
+    }
+
+    fn target_values(&mut self, states: &StatesOf<N>, out: &mut Vec<f32>) {
+        self.target.values(states, out);
     }
 
     fn renew_target(&mut self) {
-        self.target.parameters.copy_from_slice(&self.network.parameters);
+        self.target.parameters_mut().copy_from_slice(self.network.parameters());
     }
 
-    fn update(&mut self, batch: &Batch) -> f32 {
-        let loss = self.differentiate(batch);
-        self.adam.update(self.network.isa, &mut self.network.parameters, &mut self.gradient);
+    fn update(&mut self, batch: &BatchOf<N>) -> f32 {
+        let loss = self.network.differentiate(batch, &mut self.gradient);
+        let isa = self.network.isa();
+        self.adam.update(isa, self.network.parameters_mut(), &mut self.gradient);
         loss
     }
 
-    fn network(&self) -> FusedDuelingNetwork {
+    fn network(&self) -> N {
         self.network.clone()
     }
 
@@ -212,4 +270,4 @@ impl DuelingDqnEngine for FusedDuelingDqn {
 }
 
 // The gradient is not saved, because it is 0 between updates.
-resumable!([] FusedDuelingDqn { parts adam; fixed network.parameters, target.parameters });
+resumable!([N: FusedQNetwork] FusedDuelingDqn<N> { parts adam, network, target });

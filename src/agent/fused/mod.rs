@@ -9,6 +9,7 @@
 mod actor_critic;
 mod dense;
 mod dueling_dqn;
+mod network;
 mod ppo;
 mod ppo_loss;
 mod ppo_network;
@@ -27,7 +28,10 @@ pub use actor_critic::FusedActorCritic;
 pub use dueling_dqn::{FusedDuelingDqn, FusedDuelingNetwork};
 pub use ppo::FusedPpo;
 pub use recurrent_actor_critic::FusedRecurrentActorCritic;
-pub use recurrent_dqn::{FusedRecurrentDqn, FusedRecurrentDuelingNetwork};
+pub use recurrent_dqn::FusedRecurrentDuelingNetwork;
+
+/// The dueling DQN with a GRU.
+pub type FusedRecurrentDqn = FusedDuelingDqn<FusedRecurrentDuelingNetwork>;
 pub use reinforce::{FusedPolicyNetwork, FusedReinforce};
 
 resumable!([] Adam { fixed first, second, powers, decays });

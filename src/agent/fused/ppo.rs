@@ -94,7 +94,7 @@ impl<N: FusedPpoNetwork> PpoEngine for FusedPpo<N> {
     }
 
     fn weights(&self) -> Weights {
-        self.network.named(self.network.parameters())
+        self.network.weights()
     }
 }
 

@@ -1,5 +1,6 @@
 //! PPO's policy and value with a shared GRU.
 
+use crate::agent::fused::network::FusedNetwork;
 use crate::agent::fused::ppo_loss::{Objective, PpoLoss, ROWS, Sums};
 use crate::agent::fused::ppo_network::FusedPpoNetwork;
 use crate::agent::fused::recurrent_network::RecurrentNetwork;
@@ -51,16 +52,7 @@ impl ActionNetwork for FusedRecurrentActorCritic {
 
 resumable!([] FusedRecurrentActorCritic { fixed 0.parameters });
 
-impl FusedPpoNetwork for FusedRecurrentActorCritic {
-    fn from_weights(
-        parameters: &Ppo,
-        shape: Shape,
-        weights: &Weights,
-        isa: Isa,
-    ) -> Result<Self, WeightsError> {
-        FusedRecurrentActorCritic::new(parameters, shape, weights, isa)
-    }
-
+impl FusedNetwork for FusedRecurrentActorCritic {
     fn isa(&self) -> Isa {
         self.0.isa
     }
@@ -75,6 +67,17 @@ impl FusedPpoNetwork for FusedRecurrentActorCritic {
 
     fn named(&self, flat: &[f32]) -> Weights {
         self.0.layers.store(flat)
+    }
+}
+
+impl FusedPpoNetwork for FusedRecurrentActorCritic {
+    fn from_weights(
+        parameters: &Ppo,
+        shape: Shape,
+        weights: &Weights,
+        isa: Isa,
+    ) -> Result<Self, WeightsError> {
+        FusedRecurrentActorCritic::new(parameters, shape, weights, isa)
     }
 
     fn outputs(

@@ -1,14 +1,15 @@
-//! Updates of the dueling DQN with a GRU.
+//! The network of the dueling DQN with a GRU.
 
-use crate::agent::dueling_dqn::{RecurrentDqnEngine, SequenceBatch};
-use crate::agent::fused::dueling_dqn::{action_value, action_values};
+use crate::agent::dueling_dqn::{Episodes, SequenceBatch};
+use crate::agent::fused::dueling_dqn::{FusedQNetwork, action_value, action_values};
+use crate::agent::fused::network::FusedNetwork;
 use crate::agent::fused::recurrent_network::RecurrentNetwork;
 use crate::agent::fused::sequences::{Between, Through};
 use crate::agent::layers::{self, Shape};
 use crate::agent::policy::ActionNetwork;
 use crate::agent::{DuelingDqn, Weights, WeightsError};
 use crate::env::Observations;
-use crate::kernel::{Adam, Aligned, Isa};
+use crate::kernel::{Aligned, Isa};
 use crate::state::resumable;
 
 /// A dueling network with a GRU, in a flat array.
@@ -62,49 +63,52 @@ impl ActionNetwork for FusedRecurrentDuelingNetwork {
     }
 }
 
-/// A dueling network with a GRU, its target network and its optimiser.
-#[derive(Clone, Debug)]
-pub struct FusedRecurrentDqn {
-    network: FusedRecurrentDuelingNetwork,
-    target: FusedRecurrentDuelingNetwork,
-    gradient: Aligned,
-    adam: Adam,
+resumable!([] FusedRecurrentDuelingNetwork { fixed 0.parameters });
+
+impl FusedNetwork for FusedRecurrentDuelingNetwork {
+    fn isa(&self) -> Isa {
+        self.0.isa
+    }
+
+    fn parameters(&self) -> &Aligned {
+        &self.0.parameters
+    }
+
+    fn parameters_mut(&mut self) -> &mut Aligned {
+        &mut self.0.parameters
+    }
+
+    fn named(&self, flat: &[f32]) -> Weights {
+        self.0.layers.store(flat)
+    }
 }
 
-impl FusedRecurrentDqn {
-    /// An engine that starts from these weights, of this shape.
-    ///
-    /// **Errors**: the weights do not fit the network.
-    pub fn new(
+impl FusedQNetwork for FusedRecurrentDuelingNetwork {
+    type Experience = Episodes;
+
+    fn from_weights(
         parameters: &DuelingDqn,
         shape: Shape,
         weights: &Weights,
         isa: Isa,
     ) -> Result<Self, WeightsError> {
-        let network = FusedRecurrentDuelingNetwork::new(parameters, shape, weights, isa)?;
-        let numbers = network.0.parameters.len();
-        Ok(FusedRecurrentDqn {
-            gradient: Aligned::zeros(numbers),
-            adam: Adam::new(parameters.learning_rate, numbers),
-            target: network.clone(),
-            network,
-        })
+        FusedRecurrentDuelingNetwork::new(parameters, shape, weights, isa)
     }
 
-    /// The gradient of the loss of a batch, by the names of the weights.
-    pub fn gradient(&mut self, batch: &SequenceBatch) -> Weights {
-        self.gradient.fill(0.0);
-        self.differentiate(batch);
-        let gradient = self.network.0.layers.store(&self.gradient);
-        self.gradient.fill(0.0);
-        gradient
+    fn values(&mut self, batch: &SequenceBatch, out: &mut Vec<f32>) {
+        self.forward(batch);
+        let RecurrentNetwork { layers, between, .. } = &self.0;
+        let width = layers.width();
+        out.clear();
+        for row in between.heads.known(batch.rows() * width).chunks_exact(width) {
+            let (advantages, value) = layers.outputs(row);
+            out.extend(action_values((value, advantages)));
+        }
     }
 
-    /// Returns the loss of a batch and adds its gradient to the stored gradient.
-    fn differentiate(&mut self, batch: &SequenceBatch) -> f32 {
-        let FusedRecurrentDqn { network, gradient, .. } = self;
-        network.forward(batch);
-        let RecurrentNetwork { isa, layers, parameters, between } = &mut network.0;
+    fn differentiate(&mut self, batch: &SequenceBatch, gradient: &mut [f32]) -> f32 {
+        self.forward(batch);
+        let RecurrentNetwork { isa, layers, parameters, between } = &mut self.0;
         let (rows, steps, width) = (batch.rows(), batch.steps(), layers.width());
         let Between { heads, by_heads, .. } = &mut *between;
         let (heads, by_heads) = (heads.known(rows * width), by_heads.of(rows * width));
@@ -129,48 +133,3 @@ impl FusedRecurrentDqn {
         (squares / steps as f64) as f32
     }
 }
-
-impl RecurrentDqnEngine for FusedRecurrentDqn {
-    type Network = FusedRecurrentDuelingNetwork;
-
-    fn memory(&self) -> usize {
-        self.network.memory()
-    }
-
-    fn values(&mut self, observations: &Observations, memory: &mut [f32], out: &mut Vec<f32>) {
-        self.network.recall(observations, memory, out);
-    }
-
-    fn target_values(&mut self, batch: &SequenceBatch, out: &mut Vec<f32>) {
-        self.target.forward(batch);
-        let RecurrentNetwork { layers, between, .. } = &self.target.0;
-        let width = layers.width();
-        out.clear();
-        for row in between.heads.known(batch.rows() * width).chunks_exact(width) {
-            let (advantages, value) = layers.outputs(row);
-            out.extend(action_values((value, advantages)));
-        }
-    }
-
-    fn renew_target(&mut self) {
-        self.target.0.parameters.copy_from_slice(&self.network.0.parameters);
-    }
-
-    fn update(&mut self, batch: &SequenceBatch) -> f32 {
-        let loss = self.differentiate(batch);
-        let network = &mut self.network.0;
-        self.adam.update(network.isa, &mut network.parameters, &mut self.gradient);
-        loss
-    }
-
-    fn network(&self) -> FusedRecurrentDuelingNetwork {
-        self.network.clone()
-    }
-
-    fn weights(&self) -> Weights {
-        self.network.0.layers.store(&self.network.0.parameters)
-    }
-}
-
-// The gradient is not saved, because it is 0 between updates.
-resumable!([] FusedRecurrentDqn { parts adam; fixed network.0.parameters, target.0.parameters });

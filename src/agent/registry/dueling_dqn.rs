@@ -8,7 +8,7 @@ use crate::agent::burn::{
 use crate::agent::constraint::{
     GRU_HAS_ITS_LAYERS, HORIZON, RECURRENT, UNPAID_LAST_STEP, has_gru, longest_episode, replay_size,
 };
-use crate::agent::dueling_dqn::{DuelingDqn, DuelingDqnLearner, RecurrentDqnLearner};
+use crate::agent::dueling_dqn::{DuelingDqn, DuelingDqnEngine, DuelingDqnLearner};
 use crate::agent::fused::{
     FusedDuelingDqn, FusedDuelingNetwork, FusedRecurrentDqn, FusedRecurrentDuelingNetwork,
 };
@@ -220,26 +220,30 @@ pub fn learner_in<Env: VectorEnvironment + 'static>(
         }
     };
     let isa = Isa::chosen();
+    let of = (parameters, environment, seed);
     Ok(match (parameters.engine, parameters.recurrent) {
         (Engine::Fused, Recurrent::None) => {
-            let engine = FusedDuelingDqn::new(parameters, shape, &weights, isa);
-            let engine = engine.expect(layers::DRAWN);
-            Box::new(DuelingDqnLearner::new(engine, parameters, environment, seed))
+            boxed(FusedDuelingDqn::<FusedDuelingNetwork>::new(parameters, shape, &weights, isa), of)
         }
         (Engine::Fused, Recurrent::Gru) => {
-            let engine = FusedRecurrentDqn::new(parameters, shape, &weights, isa);
-            let engine = engine.expect(layers::DRAWN);
-            Box::new(RecurrentDqnLearner::new(engine, parameters, environment, seed))
+            boxed(FusedRecurrentDqn::new(parameters, shape, &weights, isa), of)
         }
         (Engine::Burn, Recurrent::None) => {
-            let engine = BurnDuelingDqn::new(parameters, shape, &weights).expect(layers::DRAWN);
-            Box::new(DuelingDqnLearner::new(engine, parameters, environment, seed))
+            boxed(BurnDuelingDqn::new(parameters, shape, &weights), of)
         }
         (Engine::Burn, Recurrent::Gru) => {
-            let engine = BurnRecurrentDqn::new(parameters, shape, &weights).expect(layers::DRAWN);
-            Box::new(RecurrentDqnLearner::new(engine, parameters, environment, seed))
+            boxed(BurnRecurrentDqn::new(parameters, shape, &weights), of)
         }
     })
+}
+
+/// The learner with an engine that starts from drawn weights.
+fn boxed<E: DuelingDqnEngine + 'static, Env: VectorEnvironment + 'static>(
+    engine: Result<E, WeightsError>,
+    (parameters, environment, seed): (&DuelingDqn, Env, u64),
+) -> Box<dyn Learner<Env>> {
+    let engine = engine.expect(layers::DRAWN);
+    Box::new(DuelingDqnLearner::new(engine, parameters, environment, seed))
 }
 
 /// Number of lanes in training.

@@ -1,9 +1,12 @@
 //! Tests of the dueling DQN's learner: the batches that it gives its engine.
 
 use super::*;
+use crate::agent::dueling_dqn::{Transitions, target};
 use crate::agent::policy::ActionNetwork;
-use crate::agent::replay::{TerminalTarget, Transition};
-use crate::env::{EpisodeStatus, FirstContext, PhysicalActivity, StepCount, TimeIndicator};
+use crate::agent::replay::{Batch, TerminalTarget, Transition};
+use crate::env::{
+    EpisodeStatus, FirstContext, Observations, PhysicalActivity, StepCount, TimeIndicator,
+};
 use crate::state::resumable;
 
 /// An engine whose values are a formula of the state and of the number of target renewals. It
@@ -39,8 +42,13 @@ fn state(observations: &Observations, row: usize) -> Vec<f32> {
 
 impl DuelingDqnEngine for Formula {
     type Network = Nothing;
+    type Experience = Transitions;
 
-    fn values(&mut self, observations: &Observations, out: &mut Vec<f32>) {
+    fn memory(&self) -> usize {
+        0
+    }
+
+    fn values(&mut self, observations: &Observations, _: &mut [f32], out: &mut Vec<f32>) {
         *out = values(&state(observations, 0), 0).to_vec();
     }
 
@@ -127,7 +135,7 @@ fn trains_on_what_it_did(parameters: DuelingDqn, environment: &StepCount) {
             let before = state(&learner.play.observation, 0);
             let reward = learner.act(None);
             let position = (steps % parameters.buffer) as usize;
-            let transition = learner.replay.transition(position);
+            let transition = learner.experience.replay.transition(position);
             assert_eq!(transition.reward, reward.unwrap() as f32);
             learner.engine.steps.push((
                 before,
@@ -137,7 +145,7 @@ fn trains_on_what_it_did(parameters: DuelingDqn, environment: &StepCount) {
                 state(&learner.play.observation, 0),
             ));
             steps += 1;
-            if learner.replay.len() >= parameters.batch as usize {
+            if learner.experience.stored() >= parameters.batch as usize {
                 learner.update().unwrap();
             }
         }

@@ -186,8 +186,9 @@ impl ActionNetwork for Nothing {
     }
 }
 
-impl RecurrentDqnEngine for Counting {
+impl DuelingDqnEngine for Counting {
     type Network = Nothing;
+    type Experience = Episodes;
 
     fn memory(&self) -> usize {
         1
@@ -260,7 +261,7 @@ fn the_recurrent_dqn_learns_from_the_episodes_that_it_played() {
     let environment = StepCount { horizon: 4, ..StepCount::paper(0.6) };
     let environment = PhysicalActivity::new(&environment, &"P".parse().unwrap(), 1);
     let engine = Counting { parameters: parameters.clone(), renewals: 0, updates: 0, acted: 0 };
-    let mut learner = RecurrentDqnLearner::new(engine, &parameters, environment, 1);
+    let mut learner = DuelingDqnLearner::new(engine, &parameters, environment, 1);
     let mut finished = Vec::new();
     for _ in 0..40 {
         assert_eq!(learner.advance(&mut finished, None, &|| false).unwrap(), Span::Whole);
