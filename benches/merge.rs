@@ -45,7 +45,7 @@ impl Filled {
 fn fill(store: &mut Store, jobs: &[Job], outcome: &Outcome) {
     let experiment = Experiment { name: "bench", question: None, hypothesis: None, manifest: "" };
     let named = jobs.iter().map(|job| ("agent", job));
-    store.register_until(&AtomicBool::new(false), &experiment, named).unwrap();
+    store.register_until(&AtomicBool::new(false), &experiment, named, None).unwrap();
     let [code_version, git_revision, backend, host, processor] = [(); 5].map(|()| String::new());
     let provenance = Provenance { code_version, git_revision, backend, host, processor };
     let session = store.begin_session(&provenance).unwrap();

@@ -51,7 +51,7 @@ impl Fresh {
             Experiment { name: "bench", question: None, hypothesis: None, manifest: "" };
         let stop = AtomicBool::new(false);
         let named = jobs.iter().map(|job| ("reinforce", job));
-        self.store.register_until(&stop, &experiment, named).unwrap().unwrap();
+        self.store.register_until(&stop, &experiment, named, None).unwrap().unwrap();
     }
 
     fn begin_session(&mut self) -> SessionId {

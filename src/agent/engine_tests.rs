@@ -1,8 +1,8 @@
 //! Tests of the kernels' engines against Burn's engines, and of the instruction sets against each
 //! other.
 
-use crate::agent::burn::BurnQNetwork;
 use crate::agent::burn::device;
+use crate::agent::burn::{BurnNetwork, BurnQNetwork};
 use crate::agent::dueling_dqn::DuelingDqnEngine;
 use crate::agent::layers::Shape;
 use crate::agent::reference_tests::{assert_weights_close, gradients, sampled_by};

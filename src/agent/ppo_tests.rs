@@ -3,6 +3,7 @@
 
 use serde_json::Value;
 
+use crate::agent::burn::BurnNetwork;
 use crate::agent::burn::device;
 use crate::agent::engine_tests::actions;
 use crate::agent::layers::Shape;

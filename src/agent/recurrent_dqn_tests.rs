@@ -4,8 +4,8 @@
 
 use serde_json::Value;
 
-use crate::agent::burn::BurnQNetwork;
 use crate::agent::burn::device;
+use crate::agent::burn::{BurnNetwork, BurnQNetwork};
 use crate::agent::dueling_dqn::{DuelingDqnEngine, Episodes, SequenceBatch, target};
 use crate::agent::engine_tests::actions;
 use crate::agent::layers::Shape;

@@ -2,6 +2,7 @@
 //! (`tests/data/torch/ppo.json`), against finite differences, against each other, and of the
 //! effects of padding and resets.
 
+use crate::agent::burn::BurnNetwork;
 use crate::agent::burn::device;
 use crate::agent::engine_tests::actions;
 use crate::agent::layers::Shape;

@@ -6,8 +6,8 @@ use burn::optim::GradientsParams;
 use burn::tensor::{Tensor, activation};
 use serde_json::Value;
 
-use crate::agent::burn::BurnQNetwork;
 use crate::agent::burn::device;
+use crate::agent::burn::{BurnNetwork, BurnQNetwork};
 use crate::agent::dueling_dqn::{self, DuelingDqnEngine, Transitions};
 use crate::agent::layers::Shape;
 use crate::agent::policy::{self, ActionNetwork};

@@ -8,7 +8,7 @@ use std::sync::Arc;
 
 use serde_json::{Value as Json, json};
 
-use crate::agent::{BanditAllocation, BanditFeatures, LinearThompson};
+use crate::agent::LinearThompson;
 use crate::cli::{Error, Exit, folder};
 use crate::job::{EstimateDeclaration, PlannedJob, REWARD};
 use crate::manifest::{self, Manifest};
@@ -216,14 +216,7 @@ fn description(
         .collect();
     let (means, precisions): (Vec<_>, Vec<_>) = prior.into_iter().unzip();
     let bias = |action: usize| agent.action_bias.get(action).copied().unwrap_or(0.0);
-    let allocation = match agent.allocation {
-        BanditAllocation::Thompson => "thompson",
-        BanditAllocation::Logistic => "logistic",
-    };
-    let features = match agent.features {
-        BanditFeatures::Linear => "linear",
-        BanditFeatures::Interactions => "interactions",
-    };
+    let (allocation, features) = (agent.allocation.word(), agent.features.word());
     json!({
         "features": traced.trace.decisions.first().map_or(0, |one| one.observed.len()),
         "width": width,

@@ -3,11 +3,10 @@
 use std::io::{self, Write};
 use std::path::PathBuf;
 
-use clap::ValueEnum;
 use serde_json::json;
 
 use crate::agent::{Actions, Weights};
-use crate::cli::output::{counted, shell_word};
+use crate::cli::output::{TextOrJson, counted, shell_word};
 use crate::cli::store_argument::this_command;
 use crate::cli::{Error, Exit, StoreArgument};
 use crate::job::Job;
@@ -26,17 +25,9 @@ pub(super) struct Arguments {
     salvage: Option<PathBuf>,
     /// Output format
     #[arg(long, value_enum, default_value = "text")]
-    format: Format,
+    format: TextOrJson,
     #[command(flatten)]
     store: StoreArgument,
-}
-
-#[derive(Clone, Copy, PartialEq, Eq, ValueEnum)]
-enum Format {
-    /// Text for reading.
-    Text,
-    /// One JSON object.
-    Json,
 }
 
 pub(super) fn run(arguments: &Arguments) -> Result<Exit, Error> {
@@ -74,7 +65,7 @@ fn check_weights(job: &Job, safetensors: Option<&[u8]>) -> Result<(), String> {
 fn show_diagnosis(arguments: &Arguments, diagnosis: &Diagnosis) -> Result<(), Error> {
     let Diagnosis { findings, completed, intact } = diagnosis;
     let mut out = io::stdout().lock();
-    if arguments.format == Format::Json {
+    if arguments.format == TextOrJson::Json {
         let findings: Vec<_> = findings
             .iter()
             .map(|Finding { part, job_key, what }| {
@@ -112,7 +103,7 @@ fn show_diagnosis(arguments: &Arguments, diagnosis: &Diagnosis) -> Result<(), Er
 fn show_salvaged(arguments: &Arguments, new: &str, salvaged: Salvaged) -> Result<(), Error> {
     let Salvaged { experiments, jobs, completed, lost, lost_more, others } = salvaged;
     let mut out = io::stdout().lock();
-    if arguments.format == Format::Json {
+    if arguments.format == TextOrJson::Json {
         let answer = json!({
             "store": new, "experiments": experiments, "jobs": jobs, "completed": completed,
             "lost": lost, "lost_more": lost_more, "failed_or_interrupted": others,

@@ -3,11 +3,10 @@
 use std::io::{self, Write};
 use std::path::PathBuf;
 
-use clap::ValueEnum;
 use serde_json::{Value, json};
 
 use crate::cli::counting::Counting;
-use crate::cli::output::counted;
+use crate::cli::output::{TextOrJson, counted};
 use crate::cli::{Error, Exit, StoreArgument};
 use crate::key::printable;
 use crate::store::{self, Conflict, Damage, Merged, Origin, OtherManifest, Sources};
@@ -25,17 +24,9 @@ pub(super) struct Arguments {
     from: Vec<PathBuf>,
     /// Output format
     #[arg(long, value_enum, default_value = "text")]
-    format: Format,
+    format: TextOrJson,
     #[command(flatten)]
     store: StoreArgument,
-}
-
-#[derive(Clone, Copy, PartialEq, Eq, ValueEnum)]
-enum Format {
-    /// Text for reading.
-    Text,
-    /// One JSON object.
-    Json,
 }
 
 pub(super) fn run(arguments: &Arguments) -> Result<Exit, Error> {
@@ -54,8 +45,8 @@ pub(super) fn run(arguments: &Arguments) -> Result<Exit, Error> {
     drop(counting);
     let merged = merged?;
     match arguments.format {
-        Format::Text => show(arguments, &merged)?,
-        Format::Json => writeln!(io::stdout(), "{}", as_json(&merged))?,
+        TextOrJson::Text => show(arguments, &merged)?,
+        TextOrJson::Json => writeln!(io::stdout(), "{}", as_json(&merged))?,
     }
     let clean = merged.conflicts.is_empty() && merged.damaged.is_empty();
     Ok(if clean { Exit::Done } else { Exit::Differs })

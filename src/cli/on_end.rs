@@ -81,7 +81,7 @@ impl OnEnd {
 
     /// Adds a job that failed.
     pub(super) fn failed(&self, key: JobKey, failure: &Failure) {
-        let plain = |failure: &Failure| (failure.kind.name(), without_numbers(&failure.message));
+        let plain = |failure: &Failure| (failure.kind.word(), without_numbers(&failure.message));
         self.change(|Facts { failures, .. }| {
             match failures.iter().position(|(_, other, _)| plain(other) == plain(failure)) {
                 Some(place) => failures[place].2 += 1,
@@ -161,7 +161,7 @@ impl OnEnd {
         let facts = self.facts.lock().unwrap_or_else(PoisonError::into_inner);
         let failures = facts.failures.iter().map(|(key, failure, jobs)| {
             json!({
-                "job_key": key.to_string(), "kind": failure.kind.name(),
+                "job_key": key.to_string(), "kind": failure.kind.word(),
                 "message": failure.message, "jobs": jobs,
             })
         });

@@ -5,6 +5,7 @@ use std::io::{self, Write};
 
 use clap::ValueEnum;
 use comfy_table::{CellAlignment, ColumnConstraint, ContentArrangement, Table, Width, presets};
+use data_encoding::HEXLOWER;
 use serde_json::Value;
 
 pub(super) use crate::job::counted;
@@ -30,6 +31,15 @@ pub(super) enum Format {
     /// gets a leading apostrophe.
     Csv,
     /// A JSON array with one object per line.
+    Json,
+}
+
+/// Output format of a report about a store.
+#[derive(Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub(super) enum TextOrJson {
+    /// Text for reading.
+    Text,
+    /// One JSON object.
     Json,
 }
 
@@ -72,7 +82,7 @@ impl<'a> Field<'a> {
             Field::Text(text) => shown(text),
             Field::Nested(value) => shown(&value.to_string()),
             Field::Bytes(bytes) if bytes.len() > MOST_SHOWN / 2 => {
-                let first: String = digits(&bytes[..MOST_SHOWN / 2]).collect();
+                let first = HEXLOWER.encode(&bytes[..MOST_SHOWN / 2]);
                 format!("x'{first}… ({} bytes)", bytes.len())
             }
             Field::Empty | Field::Integer(_) | Field::Figure(_) | Field::Bytes(_) => {
@@ -116,7 +126,7 @@ impl<'a> Field<'a> {
             Field::Bytes(bytes) => {
                 out.write_all(b"\"x'")?;
                 for piece in bytes.chunks(1 << 12) {
-                    out.write_all(digits(piece).collect::<String>().as_bytes())?;
+                    out.write_all(HEXLOWER.encode(piece).as_bytes())?;
                 }
                 out.write_all(b"'\"")
             }
@@ -149,13 +159,7 @@ fn widest() -> Option<u16> {
 
 /// Bytes as an SQL literal.
 pub(super) fn as_sql(bytes: &[u8]) -> String {
-    ["x'"].into_iter().flat_map(str::chars).chain(digits(bytes)).chain(['\'']).collect()
-}
-
-/// The hexadecimal digits of bytes.
-fn digits(bytes: &[u8]) -> impl Iterator<Item = char> {
-    let digit = |half: u8| char::from(b"0123456789abcdef"[usize::from(half)]);
-    bytes.iter().flat_map(move |byte| [digit(byte >> 4), digit(byte & 15)])
+    format!("x'{}'", HEXLOWER.encode(bytes))
 }
 
 /// The text for a table: [`printable`], and cut if it is long.

@@ -156,7 +156,7 @@ impl Shown {
                 self.failed += 1;
                 let same = self
                     .failures
-                    .entry((failure.kind.name(), without_numbers(&failure.message)))
+                    .entry((failure.kind.word(), without_numbers(&failure.message)))
                     .or_default();
                 *same += 1;
                 is_news = *same == 1;

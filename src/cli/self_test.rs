@@ -13,6 +13,7 @@ use clap::ValueEnum;
 use data_encoding::HEXLOWER;
 use serde_json::{Value, json};
 
+use crate::cli::output::TextOrJson;
 use crate::cli::{Error, Exit, StoreArgument};
 use crate::job::Outcome;
 use crate::kernel::Isa;
@@ -44,20 +45,12 @@ const DIGESTS: [&str; 6] = [
 pub(super) struct Arguments {
     /// Output format
     #[arg(long, value_enum, default_value = "text")]
-    format: Format,
+    format: TextOrJson,
     /// What a process of the test does
     #[arg(long, value_enum, hide = true)]
     part: Option<Part>,
     #[command(flatten)]
     store: StoreArgument,
-}
-
-#[derive(Clone, Copy, PartialEq, Eq, ValueEnum)]
-enum Format {
-    /// Text for reading.
-    Text,
-    /// One JSON object.
-    Json,
 }
 
 /// What another process does for the test.
@@ -142,7 +135,7 @@ fn print_digests() -> Result<Exit, Error> {
             Outcome::Completed(results) => {
                 HEXLOWER.encode(&results_digest(&planned.job, &results)?)
             }
-            Outcome::Failed(failure) => failure.kind.name().to_owned(),
+            Outcome::Failed(failure) => failure.kind.word().to_owned(),
             Outcome::Interrupted => "interrupted".to_owned(),
         };
         writeln!(io::stdout(), "{digest} {}", planned.agent)?;
@@ -184,10 +177,10 @@ fn output(command: &mut Command) -> Result<String, String> {
     Ok(String::from_utf8_lossy(&ended.stdout).trim().to_owned())
 }
 
-fn show(format: Format, checks: &[Check], seconds: f64) -> Result<(), Error> {
+fn show(format: TextOrJson, checks: &[Check], seconds: f64) -> Result<(), Error> {
     let mut out = io::stdout().lock();
     let passed = checks.iter().all(|check| check.found.is_ok());
-    if format == Format::Json {
+    if format == TextOrJson::Json {
         let checks = checks.iter().map(|Check { name, found, .. }| {
             let fault = found.as_ref().err();
             json!({ "check": name, "passed": fault.is_none(), "found": found.as_ref().ok(), "fault": fault })

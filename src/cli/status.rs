@@ -197,7 +197,7 @@ impl Failed {
                     self.swept[experiment].object(&failed.agent, job)
                 }),
                 "attempt": failed.attempt,
-                "failure_kind": failed.failure.kind.name(),
+                "failure_kind": failed.failure.kind.word(),
                 "failure_message": failed.failure.message,
                 "failure_episode": failed.failure.episode,
             })
@@ -222,7 +222,7 @@ impl Failed {
                 Field::text(summary::name_of_failed(&self.swept[&failed.experiment], failed)),
                 Field::Integer(jobs as i64),
                 Field::Integer(i64::from(failed.attempt)),
-                Field::text(failed.failure.kind.name()),
+                Field::text(failed.failure.kind.word()),
                 Field::Integer(i64::from(failed.failure.episode)),
                 Field::text(&failed.failure.message),
             ])?;

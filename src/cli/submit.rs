@@ -9,12 +9,11 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread;
 use std::time::{Duration, Instant};
 
-use clap::ValueEnum;
 use serde_json::json;
 
 use crate::cli::check::ManifestArguments;
 use crate::cli::on_end::{Jobs, OnEnd};
-use crate::cli::output::counted;
+use crate::cli::output::{TextOrJson, counted};
 use crate::cli::replacing::Replacing;
 use crate::cli::{Error, Exit, StoreArgument, run, signals, submissions};
 use crate::cluster::{
@@ -67,17 +66,9 @@ pub(super) struct Arguments {
     replacing: Replacing,
     /// Output format
     #[arg(long, value_enum, default_value = "text")]
-    format: Format,
+    format: TextOrJson,
     #[command(flatten)]
     store: StoreArgument,
-}
-
-#[derive(Clone, Copy, PartialEq, Eq, ValueEnum)]
-enum Format {
-    /// Text for reading.
-    Text,
-    /// One JSON object.
-    Json,
 }
 
 pub(super) fn run(arguments: &Arguments) -> Result<Exit, Error> {
@@ -235,7 +226,7 @@ impl Submitting<'_> {
 
     fn report(&self, draft: &Draft, submitted: Option<&Submission>) -> Result<(), Error> {
         let mut out = io::stdout();
-        if self.arguments.format == Format::Json {
+        if self.arguments.format == TextOrJson::Json {
             let object = json!({
                 "submission": submitted.map(Submission::name),
                 "array": submitted.and_then(Submission::array),
@@ -463,7 +454,7 @@ fn dry_run(
     let draft = cluster.draft(request, reader.as_ref(), &look, limits)?;
     let script = cluster.script(&draft, request);
     let mut out = io::stdout().lock();
-    if arguments.format == Format::Json {
+    if arguments.format == TextOrJson::Json {
         let chunks: Vec<_> = draft
             .chunks
             .iter()

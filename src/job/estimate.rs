@@ -21,35 +21,20 @@ choices! {
     }
 }
 
-/// What the standard errors of an estimate account for.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub enum StandardErrors {
-    /// People who are independent.
-    #[default]
-    Nominal,
-    /// An agent that learned from everybody, too.
-    AfterStudy,
+choices! {
+    /// What the standard errors of an estimate account for.
+    #[derive(Default, Serialize, Deserialize)]
+    #[serde(rename_all = "snake_case")]
+    pub enum StandardErrors {
+        /// People who are independent.
+        #[default]
+        Nominal = "nominal",
+        /// An agent that learned from everybody, too.
+        AfterStudy = "after_study",
+    }
 }
 
 impl StandardErrors {
-    /// The words in manifests, in the order of the variants.
-    pub const WORDS: [&str; 2] = ["nominal", "after_study"];
-
-    /// The word in manifests.
-    pub fn word(self) -> &'static str {
-        match self {
-            StandardErrors::Nominal => StandardErrors::WORDS[0],
-            StandardErrors::AfterStudy => StandardErrors::WORDS[1],
-        }
-    }
-
-    /// The standard errors that a manifest writes with this word.
-    pub fn named(word: &str) -> Option<StandardErrors> {
-        let all = [StandardErrors::Nominal, StandardErrors::AfterStudy];
-        all.into_iter().find(|one| one.word() == word)
-    }
-
     fn is_nominal(&self) -> bool {
         *self == StandardErrors::Nominal
     }

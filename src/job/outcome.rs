@@ -6,6 +6,7 @@ use std::fmt;
 
 use super::{Estimates, MetricName, ParticipantRange};
 use crate::agent::features_of_state;
+use crate::key::choices;
 
 /// A named number about a completed run.
 #[derive(Clone, Debug, PartialEq)]
@@ -202,55 +203,27 @@ pub enum DataPart {
     Participants(ParticipantRange),
 }
 
-/// Why a run failed.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum FailureKind {
-    /// The process that trained the job crashed repeatedly.
-    Crashed,
-    /// A loss or weight became infinite or NaN.
-    Diverged,
-    /// The outside program did not start, ended early or broke the protocol.
-    External,
-    /// There was not enough memory.
-    OutOfMemory,
-    /// The run exceeded its declared time limit.
-    OverTime,
-    /// The training code panicked.
-    Panicked,
-}
-
-impl FailureKind {
-    /// All kinds.
-    pub const ALL: [FailureKind; 6] = [
-        FailureKind::Crashed,
-        FailureKind::Diverged,
-        FailureKind::External,
-        FailureKind::OutOfMemory,
-        FailureKind::OverTime,
-        FailureKind::Panicked,
-    ];
-
-    /// The kind of this name.
-    pub fn from_name(name: &str) -> Option<FailureKind> {
-        FailureKind::ALL.into_iter().find(|kind| kind.name() == name)
-    }
-
-    /// The name in the store and on the command line.
-    pub fn name(self) -> &'static str {
-        match self {
-            FailureKind::Crashed => "crashed",
-            FailureKind::Diverged => "diverged",
-            FailureKind::External => "external",
-            FailureKind::OutOfMemory => "out_of_memory",
-            FailureKind::OverTime => "over_time",
-            FailureKind::Panicked => "panicked",
-        }
+choices! {
+    /// Why a run failed.
+    pub enum FailureKind {
+        /// The process that trained the job crashed repeatedly.
+        Crashed = "crashed",
+        /// A loss or weight became infinite or NaN.
+        Diverged = "diverged",
+        /// The outside program did not start, ended early or broke the protocol.
+        External = "external",
+        /// There was not enough memory.
+        OutOfMemory = "out_of_memory",
+        /// The run exceeded its declared time limit.
+        OverTime = "over_time",
+        /// The training code panicked.
+        Panicked = "panicked",
     }
 }
 
 impl fmt::Display for FailureKind {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(self.name())
+        f.write_str(self.word())
     }
 }
 

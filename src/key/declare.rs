@@ -151,104 +151,32 @@ fn finite(number: f64) -> f64 {
     number + 0.0
 }
 
-impl KeyType for f64 {
-    fn to_value(&self) -> Value {
-        Value::Real(finite(*self))
-    }
+macro_rules! types {
+    ($($Variant:ident $type:ty, $stored:expr;)+) => {$(
+        impl KeyType for $type {
+            fn to_value(&self) -> Value {
+                let stored: fn(&Self) -> Self = $stored;
+                Value::$Variant(stored(self))
+            }
 
-    fn from_value(value: &Value) -> Option<Self> {
-        if let Value::Real(real) = value { Some(*real) } else { None }
-    }
+            fn from_value(value: &Value) -> Option<Self> {
+                if let Value::$Variant(value) = value { Some(value.to_owned()) } else { None }
+            }
+        }
+    )+};
 }
 
-impl KeyType for [f64; 2] {
-    fn to_value(&self) -> Value {
-        Value::RealPair(self.map(finite))
-    }
-
-    fn from_value(value: &Value) -> Option<Self> {
-        if let Value::RealPair(pair) = value { Some(*pair) } else { None }
-    }
-}
-
-impl KeyType for Vec<f64> {
-    fn to_value(&self) -> Value {
-        Value::Reals(self.iter().copied().map(finite).collect())
-    }
-
-    fn from_value(value: &Value) -> Option<Self> {
-        if let Value::Reals(reals) = value { Some(reals.clone()) } else { None }
-    }
-}
-
-impl KeyType for Vec<u32> {
-    fn to_value(&self) -> Value {
-        Value::Wholes(self.clone())
-    }
-
-    fn from_value(value: &Value) -> Option<Self> {
-        if let Value::Wholes(wholes) = value { Some(wholes.clone()) } else { None }
-    }
-}
-
-impl KeyType for String {
-    fn to_value(&self) -> Value {
-        Value::Text(self.clone())
-    }
-
-    fn from_value(value: &Value) -> Option<Self> {
-        if let Value::Text(text) = value { Some(text.clone()) } else { None }
-    }
-}
-
-impl KeyType for Vec<String> {
-    fn to_value(&self) -> Value {
-        Value::Words(self.clone())
-    }
-
-    fn from_value(value: &Value) -> Option<Self> {
-        if let Value::Words(words) = value { Some(words.clone()) } else { None }
-    }
-}
-
-impl KeyType for Distribution {
-    fn to_value(&self) -> Value {
-        Value::Distribution(self.clone())
-    }
-
-    fn from_value(value: &Value) -> Option<Self> {
-        if let Value::Distribution(of) = value { Some(of.clone()) } else { None }
-    }
-}
-
-impl KeyType for Content {
-    fn to_value(&self) -> Value {
-        Value::Content(self.clone())
-    }
-
-    fn from_value(value: &Value) -> Option<Self> {
-        if let Value::Content(content) = value { Some(content.clone()) } else { None }
-    }
-}
-
-impl KeyType for Rows {
-    fn to_value(&self) -> Value {
-        Value::Rows(self.clone())
-    }
-
-    fn from_value(value: &Value) -> Option<Self> {
-        if let Value::Rows(rows) = value { Some(rows.clone()) } else { None }
-    }
-}
-
-impl KeyType for bool {
-    fn to_value(&self) -> Value {
-        Value::Flag(*self)
-    }
-
-    fn from_value(value: &Value) -> Option<Self> {
-        if let Value::Flag(flag) = value { Some(*flag) } else { None }
-    }
+types! {
+    Real f64, |real| finite(*real);
+    RealPair [f64; 2], |pair| pair.map(finite);
+    Reals Vec<f64>, |reals| reals.iter().copied().map(finite).collect();
+    Wholes Vec<u32>, Clone::clone;
+    Text String, Clone::clone;
+    Words Vec<String>, Clone::clone;
+    Distribution Distribution, Clone::clone;
+    Content Content, Clone::clone;
+    Rows Rows, Clone::clone;
+    Flag bool, Clone::clone;
 }
 
 impl FixedKind for bool {
@@ -353,13 +281,13 @@ macro_rules! choices {
     (
         $(#[$attribute:meta])*
         $visibility:vis enum $Name:ident {
-            $($(#[doc = $doc:literal])+ $Variant:ident = $word:literal,)+
+            $($(#[$of_variant:meta])+ $Variant:ident = $word:literal,)+
         }
     ) => {
         $(#[$attribute])*
         #[derive(Clone, Copy, Debug, PartialEq, Eq)]
         $visibility enum $Name {
-            $($(#[doc = $doc])+ $Variant,)+
+            $($(#[$of_variant])+ $Variant,)+
         }
 
         impl $Name {

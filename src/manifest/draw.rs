@@ -9,19 +9,20 @@ use super::fault::{Fault, nearest};
 use super::respelt::respelt;
 use super::sweep::{Node, Reader};
 use super::written::list;
-use crate::key::{Kind, Value};
+use crate::key::{Kind, Value, choices};
 
-/// How values are drawn.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum DrawForm {
-    /// Numbers between two ends, uniform in their logarithm; whole numbers for a key of whole numbers.
-    LogUniform,
-    /// Numbers between two ends.
-    Uniform,
-    /// Whole numbers from one end to the other, both included.
-    Integers,
-    /// One of the listed values.
-    Choices,
+choices! {
+    /// How values are drawn.
+    pub enum DrawForm {
+        /// Numbers between two ends, uniform in their logarithm; whole numbers for a key of whole numbers.
+        LogUniform = "log_uniform",
+        /// Numbers between two ends.
+        Uniform = "uniform",
+        /// Whole numbers from one end to the other, both included.
+        Integers = "integers",
+        /// One of the listed values.
+        Choices = "choices",
+    }
 }
 
 /// A draw of the values of a key.
@@ -36,25 +37,6 @@ pub struct Draw {
 const DIGITS: i32 = 3;
 
 impl DrawForm {
-    /// Every form.
-    pub(super) const ALL: [DrawForm; 4] =
-        [DrawForm::LogUniform, DrawForm::Uniform, DrawForm::Integers, DrawForm::Choices];
-
-    /// The word in manifests.
-    pub(super) fn word(self) -> &'static str {
-        match self {
-            DrawForm::LogUniform => "log_uniform",
-            DrawForm::Uniform => "uniform",
-            DrawForm::Integers => "integers",
-            DrawForm::Choices => "choices",
-        }
-    }
-
-    /// The words of all forms.
-    pub(super) fn words() -> [&'static str; 4] {
-        DrawForm::ALL.map(DrawForm::word)
-    }
-
     /// The kind of the ends for a key of this kind; `None` if the key has no such draw, or for choices.
     pub(super) fn ends(self, kind: Kind) -> Option<Kind> {
         let whole = Kind::Integer { min: 0, max: i64::MAX as u64 };
@@ -126,30 +108,33 @@ impl fmt::Display for Draw {
 pub(super) fn is_draw(node: &Node) -> bool {
     let Some(table) = node.get_ref().as_table() else { return false };
     let mut keys = table.keys().map(|key| key.get_ref().as_ref());
-    keys.any(|key| DrawForm::words().contains(&key))
+    keys.any(|key| DrawForm::WORDS.contains(&key))
         || (table.len() == 1
-            && table.keys().any(|key| nearest(key.get_ref(), DrawForm::words()).is_some()))
+            && table
+                .keys()
+                .any(|key| nearest(key.get_ref(), DrawForm::WORDS.iter().copied()).is_some()))
 }
 
 impl Reader<'_> {
     /// The draw of the key `name` in `node`, which [`is_draw`]; reports faults.
     pub fn draw(&mut self, name: &str, kind: Kind, node: &Node) -> Option<Draw> {
-        let words = DrawForm::words();
+        let words = DrawForm::WORDS;
         let table = node.get_ref().as_table()?;
         for key in table.keys().filter(|key| !words.contains(&key.get_ref().as_ref())) {
             let found = key.get_ref();
             let message = format!("unknown key `{found}` in the draw of `{name}`");
-            self.faults.add(Fault::at(key.span().into(), message).nearest(found, words));
+            self.faults
+                .add(Fault::at(key.span().into(), message).nearest(found, words.iter().copied()));
         }
-        let table = &*respelt(table, &words);
+        let table = &*respelt(table, words);
         if table.len() > 1 {
             let message = format!("a draw of `{name}` has one key");
             let fault = Fault::at(node.span().into(), message);
             self.faults.add(fault.help(format!("write one of {}", words.join(", "))));
             return None;
         }
-        let form = DrawForm::ALL.into_iter().find(|form| table.contains_key(form.word()))?;
-        let of = table.get(form.word())?;
+        let (word, of) = words.iter().find_map(|word| Some((word, table.get(*word)?)))?;
+        let form = DrawForm::named(word)?;
         let values = match form {
             DrawForm::Choices => self.choices(name, kind, of)?,
             DrawForm::LogUniform | DrawForm::Uniform | DrawForm::Integers => {

@@ -196,14 +196,8 @@ fn why_missing(program: &str, folder: &Path) -> Option<&'static str> {
     (!is_found).then_some("is in no folder of the PATH")
 }
 
-#[cfg(unix)]
 fn is_executable(file: &fs::Metadata) -> bool {
     std::os::unix::fs::PermissionsExt::mode(&file.permissions()) & 0o111 != 0
-}
-
-#[cfg(not(unix))]
-fn is_executable(_: &fs::Metadata) -> bool {
-    true
 }
 
 /// A hint for `layers = [32, 64, 128]`: widths that increase from the input on are rare in a network and

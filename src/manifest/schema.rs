@@ -294,7 +294,7 @@ fn swept(key: &Key) -> Json {
 
 /// The schemas of the draws that a key of this kind takes.
 fn draws(kind: Kind) -> impl Iterator<Item = Json> {
-    DrawForm::ALL.into_iter().filter_map(move |form| {
+    DrawForm::WORDS.iter().filter_map(|word| DrawForm::named(word)).filter_map(move |form| {
         let (of, most) = match (form, form.ends(kind)) {
             (DrawForm::Choices, _) => (value(kind), None),
             (_, Some(ends)) => (value(ends), Some(2)),

@@ -166,7 +166,7 @@ fn failed(experiment: &str, job: &JobRecord, told_by: &[String]) -> Option<Vec<E
         Entry::text(&job.scenario),
         Entry::text(settings_key(&settings)),
         Entry::number(job.seed as f64, 0),
-        Entry::text(failure.kind.name()),
+        Entry::text(failure.kind.word()),
         Entry::text(&failure.message),
         Entry::number(f64::from(failure.episode), 0),
         Entry::text(job.job_key.to_string()),

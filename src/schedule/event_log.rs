@@ -52,7 +52,7 @@ impl EventLog {
                         event["mean_return"] = json!(results.metric("mean_return"));
                     }
                     Outcome::Failed(failure) => {
-                        event["kind"] = json!(failure.kind.name());
+                        event["kind"] = json!(failure.kind.word());
                         event["message"] = json!(failure.message);
                     }
                     Outcome::Interrupted => {}

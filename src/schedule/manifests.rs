@@ -38,10 +38,7 @@ pub fn register_experiment(
         manifest: &manifest.source,
     };
     let jobs = plan::jobs(manifest).map(|planned| (planned.agent, planned.form));
-    match part {
-        None => store.register_until(stop, &experiment, jobs),
-        Some(part) => store.register_part_until(stop, &experiment, jobs, part),
-    }
+    store.register_until(stop, &experiment, jobs, part)
 }
 
 /// The manifest of an experiment in a store, from its text; `None` if this release cannot read it, or if a file that it

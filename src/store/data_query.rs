@@ -26,7 +26,7 @@ impl DataQuery {
         let is_of_seed = |one: &&Condition| one.parameter == Parameter::SEED;
         let (of_seeds, of_arms): (Vec<_>, Vec<_>) = self.conditions.iter().partition(is_of_seed);
         let meets = |conditions: &[&Condition], job: &JobRecord| {
-            conditions.iter().all(|condition| condition.is_met_by(&job))
+            conditions.iter().all(|condition| condition.is_met_by(job))
         };
         let arms = jobs.chunk_by(JobRecord::shares_arm).filter(|arm| meets(&of_arms, &arm[0]));
         arms.flatten().filter(|job| meets(&of_seeds, job)).collect()

@@ -34,7 +34,7 @@ pub(super) fn end_run(
 ) -> rusqlite::Result<()> {
     let of_failure = |failure: &Failure| {
         let Failure { kind, message, episode } = failure;
-        digest::of_failure(connection, run, (kind.name(), message, i64::from(*episode)))
+        digest::of_failure(connection, run, (kind.word(), message, i64::from(*episode)))
     };
     let digest = failure.map(of_failure).transpose()?;
     connection
@@ -48,7 +48,7 @@ pub(super) fn end_run(
             run,
             status,
             wall_seconds,
-            failure.map(|failure| failure.kind.name()),
+            failure.map(|failure| failure.kind.word()),
             failure.map(|failure| &failure.message),
             failure.map(|failure| failure.episode),
             digest,

@@ -52,42 +52,23 @@ impl Store {
         jobs: impl IntoIterator<Item = (A, J)>,
     ) -> Result<Registered, StoreError> {
         let never = AtomicBool::new(false);
-        let registered = self.register_until(&never, experiment, jobs)?;
+        let registered = self.register_until(&never, experiment, jobs, None)?;
         Ok(registered.expect("nothing stops it"))
     }
 
     /// Like [`Store::register`], until all jobs are registered or `stop` is set; `None` if it was stopped.
     ///
     /// Each transaction registers ten thousand jobs. After a stop, the jobs registered so far remain, and so
-    /// do jobs that the manifest dropped. Registering again completes the rest.
+    /// do jobs that the manifest dropped. Registering again completes the rest. With `part`, adds only the jobs
+    /// in it, at their places in the whole order, and keeps other jobs that the experiment already holds.
     pub fn register_until<A: AsRef<str>, J: Into<CanonicalForm>>(
         &mut self,
         stop: &AtomicBool,
         experiment: &Experiment<'_>,
         jobs: impl IntoIterator<Item = (A, J)>,
+        part: Option<&HashSet<JobKey>>,
     ) -> Result<Option<Registered>, StoreError> {
-        self.register_where(stop, experiment, jobs, |_| true)
-    }
-
-    /// Like [`Store::register_until`], but adds only the jobs in `part`, at their places in the whole order.
-    /// Keeps other jobs that the experiment already holds.
-    pub fn register_part_until<A: AsRef<str>, J: Into<CanonicalForm>>(
-        &mut self,
-        stop: &AtomicBool,
-        experiment: &Experiment<'_>,
-        jobs: impl IntoIterator<Item = (A, J)>,
-        part: &HashSet<JobKey>,
-    ) -> Result<Option<Registered>, StoreError> {
-        self.register_where(stop, experiment, jobs, |key| part.contains(key))
-    }
-
-    fn register_where<A: AsRef<str>, J: Into<CanonicalForm>>(
-        &mut self,
-        stop: &AtomicBool,
-        experiment: &Experiment<'_>,
-        jobs: impl IntoIterator<Item = (A, J)>,
-        is_held: impl Fn(&JobKey) -> bool,
-    ) -> Result<Option<Registered>, StoreError> {
+        let is_held = |key: &JobKey| part.is_none_or(|part| part.contains(key));
         let action = "register an experiment";
         let id =
             self.write(action, |transaction| Ok(upsert_experiment(transaction, experiment)?))?;

@@ -20,6 +20,17 @@ const ORDERS: [(&str, &str); 13] = [
     ("posterior", "job_key, number, action"),
 ];
 
+/// The names of the public views, which `docs/store.md` describes.
+pub const VIEWS: [&str; ORDERS.len()] = {
+    let mut names = [""; ORDERS.len()];
+    let mut place = 0;
+    while place < names.len() {
+        names[place] = ORDERS[place].0;
+        place += 1;
+    }
+    names
+};
+
 /// The documentation of the views, which defines their columns.
 const REFERENCE: &str = include_str!("../../docs/store.md");
 
@@ -128,11 +139,8 @@ mod tests {
             let statement = store.connection.prepare(&format!("SELECT * FROM {view}")).unwrap();
             assert_eq!(statement.column_names().collect::<Vec<_>>(), known[view], "{view}");
         }
-    }
-
-    #[test]
-    fn every_view_is_exported() {
-        let exported: Vec<&str> = exports(&[]).map(|(view, _)| view).collect();
-        assert_eq!(exported, VIEWS);
+        let views = "SELECT count(*) FROM sqlite_schema WHERE type = 'view'";
+        let count: usize = store.connection.query_row(views, [], |row| row.get(0)).unwrap();
+        assert_eq!(count, VIEWS.len());
     }
 }

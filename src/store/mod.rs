@@ -88,7 +88,7 @@ pub use earlier_manifest::UsedManifest;
 pub use error::StoreError;
 pub use estimate::Added;
 pub use experiment::{Experiment, Registered};
-pub use export::{Column, columns};
+pub use export::{Column, VIEWS, columns};
 pub use folder::{Contender, FolderFault, contend, try_folder};
 pub use forget::{Belongings, Forgotten};
 pub use job_states::JobStates;
@@ -98,7 +98,7 @@ pub use merge::{
 };
 pub use migrate::SCHEMA_VERSION;
 pub use place::{beside, require_one_name, resolve};
-pub use query::{Answer, Interrupter, QueryError, VIEWS, Value};
+pub use query::{Answer, Interrupter, QueryError, Value};
 pub use read::{FailedJob, Pace, Reader, StoredArm};
 pub use results::{Finished, RunEnd, results_digest};
 pub use salvage::{Salvaged, salvage};

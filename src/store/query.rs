@@ -7,25 +7,9 @@ use rusqlite::{Error, ErrorCode, InterruptHandle, Row, Statement};
 
 use super::declared::distinct;
 use super::error::is_damage;
+use super::export::VIEWS;
 use super::read::Reader;
 use crate::job::counted;
-
-/// The public views, which `docs/store.md` describes.
-pub const VIEWS: [&str; 13] = [
-    "run_summary",
-    "parameter",
-    "metric",
-    "learning_curve",
-    "evaluation_episode",
-    "action_choice",
-    "arm_summary",
-    "decision",
-    "participant",
-    "manifest",
-    "conflict",
-    "estimate",
-    "posterior",
-];
 
 /// Why a query failed.
 #[derive(Debug, thiserror::Error)]

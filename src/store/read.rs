@@ -321,7 +321,7 @@ pub(super) fn failure_kind(
     column: usize,
 ) -> rusqlite::Result<FailureKind> {
     let kind: String = row.get(column)?;
-    FailureKind::from_name(&kind)
+    FailureKind::named(&kind)
         .ok_or_else(|| rusqlite::Error::InvalidColumnName(format!("failure kind {kind}")))
 }
 

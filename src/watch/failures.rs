@@ -44,7 +44,7 @@ pub fn different<'f>(failed: impl IntoIterator<Item = &'f FailedJob>) -> Vec<Sam
     let mut different: Vec<SameFailure<'f>> = Vec::new();
     for job in failed {
         let message = without_numbers(&job.failure.message);
-        let failure = (&job.experiment, job.failure.kind.name(), message);
+        let failure = (&job.experiment, job.failure.kind.word(), message);
         let place = *places.entry(failure).or_insert(different.len());
         match different.get_mut(place) {
             Some(same) => same.jobs += 1,

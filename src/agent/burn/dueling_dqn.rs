@@ -1,8 +1,8 @@
 //! Updates of the dueling DQN.
 
-use burn::module::Module;
 use burn::tensor::{Device, Tensor};
 
+use crate::agent::burn::network::BurnNetwork;
 use crate::agent::burn::recurrent::Unrolled;
 use crate::agent::burn::trainer::BurnDqn;
 use crate::agent::burn::{
@@ -17,19 +17,9 @@ use crate::agent::{DuelingDqn, Shape, Weights, WeightsError};
 use crate::env::Observations;
 
 /// A module that the dueling DQN trains.
-pub trait BurnQNetwork: Module + ActionNetwork + Send + 'static {
+pub trait BurnQNetwork: BurnNetwork<Parameters = DuelingDqn> {
     /// What the network learns from.
     type Experience: Experience;
-
-    /// A network with these weights, of this shape.
-    ///
-    /// **Errors**: an array is missing or of another shape.
-    fn load(
-        parameters: &DuelingDqn,
-        shape: Shape,
-        weights: &Weights,
-        device: &Device,
-    ) -> Result<Self, WeightsError>;
 
     /// Action values in the states of a batch, \[rows, actions\].
     fn along(&self, states: &StatesOf<Self>, device: &Device) -> Tensor<2>;
@@ -37,9 +27,6 @@ pub trait BurnQNetwork: Module + ActionNetwork + Send + 'static {
     /// Mean squared difference of Q(s, a) from the targets over the rows that count; a tensor of one
     /// element.
     fn loss(&self, batch: &BatchOf<Self>) -> Tensor<1>;
-
-    /// The weights, by name.
-    fn named(&self) -> Weights;
 }
 
 type BatchOf<N> = <<N as BurnQNetwork>::Experience as Experience>::Batch;
@@ -59,7 +46,7 @@ impl<N: BurnQNetwork> BurnDqn<N> {
         shape: Shape,
         weights: &Weights,
     ) -> Result<Self, WeightsError> {
-        let network = N::load(parameters, shape, weights, &device::training())?;
+        let network = N::from_weights(parameters, shape, weights, &device::training())?;
         Ok(BurnDqn::of(network, parameters.learning_rate))
     }
 }
@@ -94,21 +81,12 @@ impl<N: BurnQNetwork> DuelingDqnEngine for BurnDqn<N> {
     }
 
     fn weights(&self) -> Weights {
-        self.network.module().named()
+        self.network.module().weights()
     }
 }
 
 impl BurnQNetwork for DuelingQNetwork {
     type Experience = Transitions;
-
-    fn load(
-        parameters: &DuelingDqn,
-        shape: Shape,
-        weights: &Weights,
-        device: &Device,
-    ) -> Result<Self, WeightsError> {
-        DuelingQNetwork::from_weights(parameters, shape, weights, device)
-    }
 
     fn along(&self, states: &Observations, device: &Device) -> Tensor<2> {
         self.forward(input(states, device))
@@ -120,28 +98,15 @@ impl BurnQNetwork for DuelingQNetwork {
         let values = self.along(&batch.observations, &device);
         (values.gather(1, column(&batch.actions, &device)) - targets).square().mean()
     }
-
-    fn named(&self) -> Weights {
-        self.weights()
-    }
 }
 
 impl BurnQNetwork for RecurrentDuelingQNetwork {
     type Experience = Episodes;
 
-    fn load(
-        parameters: &DuelingDqn,
-        shape: Shape,
-        weights: &Weights,
-        device: &Device,
-    ) -> Result<Self, WeightsError> {
-        RecurrentDuelingQNetwork::from_weights(parameters, shape, weights, device)
-    }
-
     fn along(&self, batch: &SequenceBatch, device: &Device) -> Tensor<2> {
         let SequenceBatch { observations, lanes, firsts, cuts, .. } = batch;
         let sequences = Unrolled { observations, lanes: *lanes, memory: None, firsts, cuts };
-        self.values(self.unroll(&sequences, device))
+        self.values(self.layers.unroll(&sequences, device))
     }
 
     fn loss(&self, batch: &SequenceBatch) -> Tensor<1> {
@@ -153,23 +118,19 @@ impl BurnQNetwork for RecurrentDuelingQNetwork {
         let squares = errors.square() * matrix(learned, rows, &device);
         squares.sum().div_scalar(batch.steps() as f64)
     }
-
-    fn named(&self) -> Weights {
-        self.weights()
-    }
 }
 
 impl ActionNetwork for RecurrentDuelingQNetwork {
     fn evaluate(&mut self, observations: &Observations, out: &mut Vec<f32>) {
-        self.recall(observations, &mut vec![0.0; observations.rows() * self.units()], out);
+        self.recall(observations, &mut vec![0.0; observations.rows() * self.layers.units()], out);
     }
 
     fn memory(&self) -> usize {
-        self.units()
+        self.layers.units()
     }
 
     fn recall(&mut self, observations: &Observations, memory: &mut [f32], out: &mut Vec<f32>) {
-        let states = self.recalled(observations, memory);
-        *out = numbers(RecurrentDuelingQNetwork::values(self, states));
+        let states = self.layers.recalled(observations, memory);
+        *out = numbers(self.values(states));
     }
 }

@@ -24,7 +24,7 @@ pub use autodiff::{AutodiffPolicy, PolicyGradient};
 #[cfg(test)]
 pub use dueling_dqn::BurnQNetwork;
 pub use dueling_dqn::{BurnDuelingDqn, BurnRecurrentDqn};
-pub use network::{ActorCritic, DuelingQNetwork, PolicyNetwork};
+pub use network::{ActorCritic, BurnNetwork, DuelingQNetwork, PolicyNetwork};
 pub use ppo::{BurnActorCritic, BurnPpo};
 pub use recurrent::{RecurrentActorCritic, RecurrentDuelingQNetwork};
 pub use reinforce::BurnReinforce;

@@ -6,8 +6,28 @@ use burn::tensor::{Device, Tensor};
 
 use crate::agent::burn::activation;
 use crate::agent::layers::{self, Layer, Shape};
+use crate::agent::policy::ActionNetwork;
 use crate::agent::weights::{Tensor as WeightTensor, Weights, WeightsError};
 use crate::agent::{Activation, DuelingDqn, Ppo, Reinforce};
+
+/// A module that an algorithm trains.
+pub trait BurnNetwork: Module + ActionNetwork + Send + 'static {
+    /// The hyper-parameters of the algorithm.
+    type Parameters;
+
+    /// A network with these weights, of this shape.
+    ///
+    /// **Errors**: an array is missing or of another shape.
+    fn from_weights(
+        parameters: &Self::Parameters,
+        shape: Shape,
+        weights: &Weights,
+        device: &Device,
+    ) -> Result<Self, WeightsError>;
+
+    /// The weights, by name.
+    fn weights(&self) -> Weights;
+}
 
 pub(super) fn linear(
     layer: &Layer,
@@ -109,11 +129,29 @@ pub struct DuelingQNetwork {
 }
 
 impl DuelingQNetwork {
-    /// A network with these weights, of this shape.
+    /// Action values of observations.
     ///
-    /// **Errors**: an array is missing or of another shape.
-    pub fn from_weights(
-        parameters: &DuelingDqn,
+    /// **Shapes**: \[rows, width\] to \[rows, actions\].
+    pub fn forward(&self, observations: Tensor<2>) -> Tensor<2> {
+        let (for_value, for_advantage) = match &self.advantage_trunk {
+            Some(trunk) => {
+                (self.value_trunk.forward(observations.clone()), trunk.forward(observations))
+            }
+            None => {
+                let shared = self.value_trunk.forward(observations);
+                (shared.clone(), shared)
+            }
+        };
+        let advantage = affine(&self.advantage, for_advantage);
+        affine(&self.value, for_value) + advantage.clone() - advantage.mean_dim(1)
+    }
+}
+
+impl BurnNetwork for DuelingQNetwork {
+    type Parameters = DuelingDqn;
+
+    fn from_weights(
+        parameters: &Self::Parameters,
         shape: Shape,
         weights: &Weights,
         device: &Device,
@@ -132,25 +170,7 @@ impl DuelingQNetwork {
         })
     }
 
-    /// Action values of observations.
-    ///
-    /// **Shapes**: \[rows, width\] to \[rows, actions\].
-    pub fn forward(&self, observations: Tensor<2>) -> Tensor<2> {
-        let (for_value, for_advantage) = match &self.advantage_trunk {
-            Some(trunk) => {
-                (self.value_trunk.forward(observations.clone()), trunk.forward(observations))
-            }
-            None => {
-                let shared = self.value_trunk.forward(observations);
-                (shared.clone(), shared)
-            }
-        };
-        let advantage = affine(&self.advantage, for_advantage);
-        affine(&self.value, for_value) + advantage.clone() - advantage.mean_dim(1)
-    }
-
-    /// The weights, by name.
-    pub fn weights(&self) -> Weights {
+    fn weights(&self) -> Weights {
         let mut weights = Weights::default();
         match &self.advantage_trunk {
             Some(trunk) => {
@@ -173,11 +193,19 @@ pub struct PolicyNetwork {
 }
 
 impl PolicyNetwork {
-    /// A network with these weights, of this shape.
+    /// Logits of observations.
     ///
-    /// **Errors**: an array is missing or of another shape.
-    pub fn from_weights(
-        parameters: &Reinforce,
+    /// **Shapes**: \[rows, width\] to \[rows, actions\].
+    pub fn forward(&self, observations: Tensor<2>) -> Tensor<2> {
+        affine(&self.logits, self.trunk.forward(observations))
+    }
+}
+
+impl BurnNetwork for PolicyNetwork {
+    type Parameters = Reinforce;
+
+    fn from_weights(
+        parameters: &Self::Parameters,
         shape: Shape,
         weights: &Weights,
         device: &Device,
@@ -188,15 +216,7 @@ impl PolicyNetwork {
         Ok(PolicyNetwork { trunk, logits: linear(&stack.heads[0], weights, device)? })
     }
 
-    /// Logits of observations.
-    ///
-    /// **Shapes**: \[rows, width\] to \[rows, actions\].
-    pub fn forward(&self, observations: Tensor<2>) -> Tensor<2> {
-        affine(&self.logits, self.trunk.forward(observations))
-    }
-
-    /// The weights, by name.
-    pub fn weights(&self) -> Weights {
+    fn weights(&self) -> Weights {
         let mut weights = Weights::default();
         self.trunk.store("trunk", &mut weights);
         store_linear("logits", &self.logits, &mut weights);
@@ -214,11 +234,27 @@ pub struct ActorCritic {
 }
 
 impl ActorCritic {
-    /// Networks with these weights, of this shape.
+    /// Logits and values of observations.
     ///
-    /// **Errors**: an array is missing or of another shape.
-    pub fn from_weights(
-        parameters: &Ppo,
+    /// **Shapes**: \[rows, width\] to \[rows, actions\] and \[rows, 1\].
+    pub fn forward(&self, observations: Tensor<2>) -> (Tensor<2>, Tensor<2>) {
+        let values = affine(&self.value, self.value_trunk.forward(observations.clone()));
+        (self.logits(observations), values)
+    }
+
+    /// Logits of observations.
+    ///
+    /// **Shapes**: \[rows, width\] to \[rows, actions\].
+    pub fn logits(&self, observations: Tensor<2>) -> Tensor<2> {
+        affine(&self.logits, self.policy_trunk.forward(observations))
+    }
+}
+
+impl BurnNetwork for ActorCritic {
+    type Parameters = Ppo;
+
+    fn from_weights(
+        parameters: &Self::Parameters,
         shape: Shape,
         weights: &Weights,
         device: &Device,
@@ -235,23 +271,7 @@ impl ActorCritic {
         })
     }
 
-    /// Logits and values of observations.
-    ///
-    /// **Shapes**: \[rows, width\] to \[rows, actions\] and \[rows, 1\].
-    pub fn forward(&self, observations: Tensor<2>) -> (Tensor<2>, Tensor<2>) {
-        let values = affine(&self.value, self.value_trunk.forward(observations.clone()));
-        (self.logits(observations), values)
-    }
-
-    /// Logits of observations.
-    ///
-    /// **Shapes**: \[rows, width\] to \[rows, actions\].
-    pub fn logits(&self, observations: Tensor<2>) -> Tensor<2> {
-        affine(&self.logits, self.policy_trunk.forward(observations))
-    }
-
-    /// The weights, by name.
-    pub fn weights(&self) -> Weights {
+    fn weights(&self) -> Weights {
         let mut weights = Weights::default();
         self.policy_trunk.store("policy_trunk", &mut weights);
         self.value_trunk.store("value_trunk", &mut weights);

@@ -1,9 +1,9 @@
 //! Updates of PPO.
 
-use burn::module::Module;
 use burn::tensor::{Device, Tensor, activation};
 
 use crate::agent::Weights;
+use crate::agent::burn::network::BurnNetwork;
 use crate::agent::burn::recurrent::Unrolled;
 use crate::agent::burn::trainer::Trainer;
 use crate::agent::burn::{
@@ -15,7 +15,7 @@ use crate::env::Observations;
 use crate::state::resumable;
 
 /// A module that PPO trains.
-pub trait BurnActorCritic: Module + ActionNetwork + Send + 'static {
+pub trait BurnActorCritic: BurnNetwork<Parameters = Ppo> {
     /// Logits, \[rows, actions\], and values, \[rows, 1\], of the next observations of episodes;
     /// `memory` is as in [`ActionNetwork::recall`].
     fn outputs(&self, observations: &Observations, memory: &mut [f32]) -> (Tensor<2>, Tensor<2>);
@@ -23,9 +23,6 @@ pub trait BurnActorCritic: Module + ActionNetwork + Send + 'static {
     /// Logits and values as in [`BurnActorCritic::outputs`] for the rows of a minibatch. A network
     /// with memory replays their sequences.
     fn replay(&self, minibatch: &Minibatch, device: &Device) -> (Tensor<2>, Tensor<2>);
-
-    /// The weights, by name.
-    fn weights(&self) -> Weights;
 }
 
 /// The policy and value networks with their optimiser.
@@ -166,10 +163,6 @@ impl BurnActorCritic for ActorCritic {
     fn replay(&self, minibatch: &Minibatch, device: &Device) -> (Tensor<2>, Tensor<2>) {
         self.forward(input(&minibatch.observations, device))
     }
-
-    fn weights(&self) -> Weights {
-        ActorCritic::weights(self)
-    }
 }
 
 impl ActionNetwork for ActorCritic {
@@ -180,7 +173,7 @@ impl ActionNetwork for ActorCritic {
 
 impl BurnActorCritic for RecurrentActorCritic {
     fn outputs(&self, observations: &Observations, memory: &mut [f32]) -> (Tensor<2>, Tensor<2>) {
-        self.heads(self.recalled(observations, memory))
+        self.layers.heads(self.layers.recalled(observations, memory))
     }
 
     fn replay(&self, minibatch: &Minibatch, device: &Device) -> (Tensor<2>, Tensor<2>) {
@@ -193,21 +186,17 @@ impl BurnActorCritic for RecurrentActorCritic {
             firsts,
             cuts: &[],
         };
-        self.heads(self.unroll(&sequences, device))
-    }
-
-    fn weights(&self) -> Weights {
-        RecurrentActorCritic::weights(self)
+        self.layers.heads(self.layers.unroll(&sequences, device))
     }
 }
 
 impl ActionNetwork for RecurrentActorCritic {
     fn evaluate(&mut self, observations: &Observations, out: &mut Vec<f32>) {
-        self.recall(observations, &mut vec![0.0; observations.rows() * self.units()], out);
+        self.recall(observations, &mut vec![0.0; observations.rows() * self.layers.units()], out);
     }
 
     fn memory(&self) -> usize {
-        self.units()
+        self.layers.units()
     }
 
     fn recall(&mut self, observations: &Observations, memory: &mut [f32], out: &mut Vec<f32>) {

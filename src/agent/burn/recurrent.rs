@@ -4,24 +4,28 @@ use burn::module::Module;
 use burn::nn::Linear;
 use burn::tensor::{Device, Tensor};
 
-use crate::agent::burn::network::{Affine, HiddenLayers, affine, linear, store_linear};
+use crate::agent::burn::network::{
+    Affine, BurnNetwork, HiddenLayers, affine, linear, store_linear,
+};
 use crate::agent::burn::{device, gates, input, matrix, values};
 use crate::agent::layers::{self, Layer, Shape};
 use crate::agent::weights::{Weights, WeightsError};
 use crate::agent::{Activation, DuelingDqn, Ppo};
 use crate::env::Observations;
 
-/// A GRU between hidden layers.
+/// A GRU between hidden layers, with a head for the actions and one for the state value.
 ///
 /// **Source**: Cho et al., "Learning phrase representations using RNN encoder-decoder for
 /// statistical machine translation", 2014, in PyTorch's form: the reset gate multiplies the output
 /// of the linear layer on the state, bias included, instead of the state itself.
 #[derive(Module, Debug)]
-struct GruLayers {
+pub(super) struct GruLayers {
     trunk: HiddenLayers,
     gru_input: Linear,
     gru_hidden: Linear,
     trunk_after: HiddenLayers,
+    actions: Linear,
+    value: Linear,
 }
 
 /// The number of steps whose input is computed at once. A larger block takes fewer operations, but
@@ -56,15 +60,18 @@ impl GruLayers {
             gru_input: linear(&layers.gru[0], weights, device)?,
             gru_hidden: linear(&layers.gru[1], weights, device)?,
             trunk_after: hidden(&layers.after)?,
+            actions: linear(&layers.heads[0], weights, device)?,
+            value: linear(&layers.heads[1], weights, device)?,
         })
     }
 
-    fn units(&self) -> usize {
+    /// Units of the GRU.
+    pub(super) fn units(&self) -> usize {
         self.gru_hidden.weight.dims()[0]
     }
 
     /// Advances the memory of episodes, \[rows, units\], by one step; returns the new states.
-    fn recalled(&self, observations: &Observations, memory: &mut [f32]) -> Tensor<2> {
+    pub(super) fn recalled(&self, observations: &Observations, memory: &mut [f32]) -> Tensor<2> {
         let device = device::inference();
         let states = matrix(memory.to_vec(), observations.rows(), &device);
         let states = self.step(input(observations, &device), states);
@@ -87,7 +94,7 @@ impl GruLayers {
     }
 
     /// The states after every step of sequences, \[rows, units\].
-    fn unroll(&self, sequences: &Unrolled<'_>, device: &Device) -> Tensor<2> {
+    pub(super) fn unroll(&self, sequences: &Unrolled<'_>, device: &Device) -> Tensor<2> {
         let Unrolled { observations, lanes, memory, firsts, cuts } = *sequences;
         assert_eq!(observations.rows() % lanes, 0, "whole steps");
         let written = observations.written_out();
@@ -124,134 +131,83 @@ impl GruLayers {
         Tensor::cat(each.collect(), 0)
     }
 
-    /// The units of the last hidden layer, given states.
-    fn after(&self, states: Tensor<2>) -> Tensor<2> {
-        self.trunk_after.forward(states)
+    /// The outputs of the heads in states.
+    ///
+    /// **Shapes**: \[rows, units\] to \[rows, actions\] and \[rows, 1\].
+    pub(super) fn heads(&self, states: Tensor<2>) -> (Tensor<2>, Tensor<2>) {
+        let shared = self.trunk_after.forward(states);
+        (affine(&self.actions, shared.clone()), affine(&self.value, shared))
     }
 
-    fn store(&self, weights: &mut Weights) {
-        self.trunk.store("trunk", weights);
-        self.trunk_after.store("trunk_after", weights);
-        store_linear("gru_input", &self.gru_input, weights);
-        store_linear("gru_hidden", &self.gru_hidden, weights);
+    /// The weights by name; `actions` names the head for the actions.
+    fn weights(&self, actions: &str) -> Weights {
+        let mut weights = Weights::default();
+        self.trunk.store("trunk", &mut weights);
+        self.trunk_after.store("trunk_after", &mut weights);
+        store_linear("gru_input", &self.gru_input, &mut weights);
+        store_linear("gru_hidden", &self.gru_hidden, &mut weights);
+        store_linear(actions, &self.actions, &mut weights);
+        store_linear("value", &self.value, &mut weights);
+        weights
     }
 }
 
 /// A policy and a state value that share a GRU between hidden layers.
 #[derive(Module, Debug)]
 pub struct RecurrentActorCritic {
-    layers: GruLayers,
-    logits: Linear,
-    value: Linear,
+    pub(super) layers: GruLayers,
 }
 
-impl RecurrentActorCritic {
-    /// Networks with these weights, of this shape.
-    ///
-    /// **Errors**: an array is missing or of another shape.
-    pub fn from_weights(
+impl BurnNetwork for RecurrentActorCritic {
+    type Parameters = Ppo;
+
+    fn from_weights(
         parameters: &Ppo,
         shape: Shape,
         weights: &Weights,
         device: &Device,
     ) -> Result<Self, WeightsError> {
         let layers = layers::Recurrent::actor_critic(parameters, shape);
-        Ok(RecurrentActorCritic {
-            logits: linear(&layers.heads[0], weights, device)?,
-            value: linear(&layers.heads[1], weights, device)?,
-            layers: GruLayers::from_weights(&layers, parameters.activation, weights, device)?,
-        })
+        let layers = GruLayers::from_weights(&layers, parameters.activation, weights, device)?;
+        Ok(RecurrentActorCritic { layers })
     }
 
-    /// Units of the GRU.
-    pub fn units(&self) -> usize {
-        self.layers.units()
-    }
-
-    /// Advances the memory of episodes, \[rows, units\], by one step; returns the new states.
-    pub(super) fn recalled(&self, observations: &Observations, memory: &mut [f32]) -> Tensor<2> {
-        self.layers.recalled(observations, memory)
-    }
-
-    /// The states after every step of sequences, \[rows, units\].
-    pub(super) fn unroll(&self, sequences: &Unrolled<'_>, device: &Device) -> Tensor<2> {
-        self.layers.unroll(sequences, device)
-    }
-
-    /// Logits and values in states.
-    ///
-    /// **Shapes**: \[rows, units\] to \[rows, actions\] and \[rows, 1\].
-    pub fn heads(&self, states: Tensor<2>) -> (Tensor<2>, Tensor<2>) {
-        let shared = self.layers.after(states);
-        (affine(&self.logits, shared.clone()), affine(&self.value, shared))
-    }
-
-    /// The weights, by name.
-    pub fn weights(&self) -> Weights {
-        let mut weights = Weights::default();
-        self.layers.store(&mut weights);
-        store_linear("logits", &self.logits, &mut weights);
-        store_linear("value", &self.value, &mut weights);
-        weights
+    fn weights(&self) -> Weights {
+        self.layers.weights("logits")
     }
 }
 
 /// Action values Q = V + A - mean A behind a GRU.
 #[derive(Module, Debug)]
 pub struct RecurrentDuelingQNetwork {
-    layers: GruLayers,
-    advantage: Linear,
-    value: Linear,
+    pub(super) layers: GruLayers,
 }
 
-impl RecurrentDuelingQNetwork {
-    /// A network with these weights, of this shape.
-    ///
-    /// **Errors**: an array is missing or of another shape.
-    pub fn from_weights(
+impl BurnNetwork for RecurrentDuelingQNetwork {
+    type Parameters = DuelingDqn;
+
+    fn from_weights(
         parameters: &DuelingDqn,
         shape: Shape,
         weights: &Weights,
         device: &Device,
     ) -> Result<Self, WeightsError> {
         let layers = layers::Recurrent::dueling(parameters, shape);
-        Ok(RecurrentDuelingQNetwork {
-            advantage: linear(&layers.heads[0], weights, device)?,
-            value: linear(&layers.heads[1], weights, device)?,
-            layers: GruLayers::from_weights(&layers, parameters.activation, weights, device)?,
-        })
+        let layers = GruLayers::from_weights(&layers, parameters.activation, weights, device)?;
+        Ok(RecurrentDuelingQNetwork { layers })
     }
 
-    /// Units of the GRU.
-    pub fn units(&self) -> usize {
-        self.layers.units()
+    fn weights(&self) -> Weights {
+        self.layers.weights("advantage")
     }
+}
 
-    /// See [`RecurrentActorCritic::recalled`].
-    pub(super) fn recalled(&self, observations: &Observations, memory: &mut [f32]) -> Tensor<2> {
-        self.layers.recalled(observations, memory)
-    }
-
-    /// The states after every step of sequences, \[rows, units\].
-    pub(super) fn unroll(&self, sequences: &Unrolled<'_>, device: &Device) -> Tensor<2> {
-        self.layers.unroll(sequences, device)
-    }
-
+impl RecurrentDuelingQNetwork {
     /// Action values in states.
     ///
     /// **Shapes**: \[rows, units\] to \[rows, actions\].
-    pub fn values(&self, states: Tensor<2>) -> Tensor<2> {
-        let shared = self.layers.after(states);
-        let advantage = affine(&self.advantage, shared.clone());
-        affine(&self.value, shared) + advantage.clone() - advantage.mean_dim(1)
-    }
-
-    /// The weights, by name.
-    pub fn weights(&self) -> Weights {
-        let mut weights = Weights::default();
-        self.layers.store(&mut weights);
-        store_linear("advantage", &self.advantage, &mut weights);
-        store_linear("value", &self.value, &mut weights);
-        weights
+    pub(super) fn values(&self, states: Tensor<2>) -> Tensor<2> {
+        let (advantage, value) = self.layers.heads(states);
+        value + advantage.clone() - advantage.mean_dim(1)
     }
 }

@@ -4,6 +4,7 @@ use burn::module::Module;
 use burn::tensor::{Tensor, activation};
 
 use crate::agent::Reinforce;
+use crate::agent::burn::network::BurnNetwork;
 use crate::agent::burn::trainer::Trainer;
 use crate::agent::burn::{PolicyNetwork, column, device, input, matrix};
 use crate::agent::reinforce::{ReinforceEngine, Trajectories};

@@ -189,7 +189,7 @@ mod tests {
 
     use super::*;
     use crate::agent::Shape;
-    use crate::agent::burn::{PolicyNetwork, device, matrix};
+    use crate::agent::burn::{BurnNetwork, PolicyNetwork, device, matrix};
     use crate::agent::{Reinforce, layers};
     use crate::rng::{Purpose, Stream};
 

@@ -24,31 +24,6 @@ pub struct FusedActorCritic {
 }
 
 impl FusedActorCritic {
-    /// Networks with these weights, of this shape.
-    ///
-    /// **Errors**: an array is missing or of another shape.
-    pub fn new(
-        parameters: &Ppo,
-        shape: Shape,
-        weights: &Weights,
-        isa: Isa,
-    ) -> Result<Self, WeightsError> {
-        let [policy, value] = layers::actor_critic(parameters, shape);
-        let policy = Stack::new(policy, parameters.activation, 0);
-        let value = Stack::new(value, parameters.activation, policy.end());
-        let mut flat = Aligned::zeros(value.end());
-        policy.load(weights, &mut flat)?;
-        value.load(weights, &mut flat)?;
-        Ok(FusedActorCritic {
-            isa,
-            policy_workspace: policy.workspace(),
-            value_workspace: value.workspace(),
-            policy,
-            value,
-            parameters: flat,
-        })
-    }
-
     /// Replaces `out` by the values of observations, \[rows\].
     fn values(&mut self, observations: &Observations, out: &mut Vec<f32>) {
         out.clear();
@@ -77,6 +52,30 @@ impl ActionNetwork for FusedActorCritic {
 resumable!([] FusedActorCritic { fixed parameters });
 
 impl FusedNetwork for FusedActorCritic {
+    type Parameters = Ppo;
+
+    fn from_weights(
+        parameters: &Ppo,
+        shape: Shape,
+        weights: &Weights,
+        isa: Isa,
+    ) -> Result<Self, WeightsError> {
+        let [policy, value] = layers::actor_critic(parameters, shape);
+        let policy = Stack::new(policy, parameters.activation, 0);
+        let value = Stack::new(value, parameters.activation, policy.end());
+        let mut flat = Aligned::zeros(value.end());
+        policy.load(weights, &mut flat)?;
+        value.load(weights, &mut flat)?;
+        Ok(FusedActorCritic {
+            isa,
+            policy_workspace: policy.workspace(),
+            value_workspace: value.workspace(),
+            policy,
+            value,
+            parameters: flat,
+        })
+    }
+
     fn isa(&self) -> Isa {
         self.isa
     }
@@ -98,15 +97,6 @@ impl FusedNetwork for FusedActorCritic {
 }
 
 impl FusedPpoNetwork for FusedActorCritic {
-    fn from_weights(
-        parameters: &Ppo,
-        shape: Shape,
-        weights: &Weights,
-        isa: Isa,
-    ) -> Result<Self, WeightsError> {
-        FusedActorCritic::new(parameters, shape, weights, isa)
-    }
-
     fn outputs(
         &mut self,
         observations: &Observations,

@@ -26,34 +26,6 @@ pub struct FusedDuelingNetwork {
 }
 
 impl FusedDuelingNetwork {
-    /// A network with these weights, of this shape.
-    ///
-    /// **Errors**: an array is missing or of another shape.
-    pub fn new(
-        parameters: &DuelingDqn,
-        shape: Shape,
-        weights: &Weights,
-        isa: Isa,
-    ) -> Result<Self, WeightsError> {
-        let mut stacks: Vec<Stack> = Vec::new();
-        for layers in layers::dueling(parameters, shape) {
-            let start = stacks.last().map_or(0, Stack::end);
-            stacks.push(Stack::new(layers, parameters.activation, start));
-        }
-        let mut flat = Aligned::zeros(stacks.last().map_or(0, Stack::end));
-        for stack in &stacks {
-            stack.load(weights, &mut flat)?;
-        }
-        let workspaces = stacks.iter().map(Stack::workspace).collect();
-        Ok(FusedDuelingNetwork {
-            isa,
-            stacks,
-            parameters: flat,
-            workspaces,
-            actions: shape.actions,
-        })
-    }
-
     fn forward(&mut self, observations: &Observations, rows: Range<usize>) {
         for (stack, workspace) in self.stacks.iter().zip(&mut self.workspaces) {
             stack.forward(self.isa, &self.parameters, (observations, rows.clone()), workspace);
@@ -109,19 +81,9 @@ impl ActionNetwork for FusedDuelingNetwork {
 }
 
 /// A network that the dueling DQN trains, in a flat array.
-pub trait FusedQNetwork: FusedNetwork {
+pub trait FusedQNetwork: FusedNetwork<Parameters = DuelingDqn> {
     /// What the network learns from.
     type Experience: Experience;
-
-    /// A network with these weights, of this shape.
-    ///
-    /// **Errors**: an array is missing or of another shape.
-    fn from_weights(
-        parameters: &DuelingDqn,
-        shape: Shape,
-        weights: &Weights,
-        isa: Isa,
-    ) -> Result<Self, WeightsError>;
 
     /// Replaces `out` by the action values in the states of a batch, \[rows, actions\].
     fn values(&mut self, states: &StatesOf<Self>, out: &mut Vec<f32>);
@@ -136,6 +98,33 @@ type StatesOf<N> = <<N as FusedQNetwork>::Experience as Experience>::States;
 resumable!([] FusedDuelingNetwork { fixed parameters });
 
 impl FusedNetwork for FusedDuelingNetwork {
+    type Parameters = DuelingDqn;
+
+    fn from_weights(
+        parameters: &DuelingDqn,
+        shape: Shape,
+        weights: &Weights,
+        isa: Isa,
+    ) -> Result<Self, WeightsError> {
+        let mut stacks: Vec<Stack> = Vec::new();
+        for layers in layers::dueling(parameters, shape) {
+            let start = stacks.last().map_or(0, Stack::end);
+            stacks.push(Stack::new(layers, parameters.activation, start));
+        }
+        let mut flat = Aligned::zeros(stacks.last().map_or(0, Stack::end));
+        for stack in &stacks {
+            stack.load(weights, &mut flat)?;
+        }
+        let workspaces = stacks.iter().map(Stack::workspace).collect();
+        Ok(FusedDuelingNetwork {
+            isa,
+            stacks,
+            parameters: flat,
+            workspaces,
+            actions: shape.actions,
+        })
+    }
+
     fn isa(&self) -> Isa {
         self.isa
     }
@@ -157,15 +146,6 @@ impl FusedNetwork for FusedDuelingNetwork {
 
 impl FusedQNetwork for FusedDuelingNetwork {
     type Experience = Transitions;
-
-    fn from_weights(
-        parameters: &DuelingDqn,
-        shape: Shape,
-        weights: &Weights,
-        isa: Isa,
-    ) -> Result<Self, WeightsError> {
-        FusedDuelingNetwork::new(parameters, shape, weights, isa)
-    }
 
     fn values(&mut self, states: &Observations, out: &mut Vec<f32>) {
         self.evaluate(states, out);

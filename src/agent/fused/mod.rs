@@ -26,6 +26,7 @@ use crate::state::resumable;
 
 pub use actor_critic::FusedActorCritic;
 pub use dueling_dqn::{FusedDuelingDqn, FusedDuelingNetwork};
+pub use network::FusedNetwork;
 pub use ppo::FusedPpo;
 pub use recurrent_actor_critic::FusedRecurrentActorCritic;
 pub use recurrent_dqn::FusedRecurrentDuelingNetwork;

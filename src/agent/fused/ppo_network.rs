@@ -3,22 +3,10 @@
 use crate::agent::fused::network::FusedNetwork;
 use crate::agent::fused::ppo_loss::{Objective, PpoLoss};
 use crate::agent::ppo::{Losses, Minibatch, Ppo};
-use crate::agent::{Shape, Weights, WeightsError};
 use crate::env::Observations;
-use crate::kernel::Isa;
 
 /// Networks that PPO trains, in a flat array.
-pub trait FusedPpoNetwork: FusedNetwork {
-    /// Networks with these weights, of this shape.
-    ///
-    /// **Errors**: an array is missing or of another shape.
-    fn from_weights(
-        parameters: &Ppo,
-        shape: Shape,
-        weights: &Weights,
-        isa: Isa,
-    ) -> Result<Self, WeightsError>;
-
+pub trait FusedPpoNetwork: FusedNetwork<Parameters = Ppo> {
     /// Logits and values; see [`crate::agent::PpoEngine::evaluate`].
     fn outputs(
         &mut self,

@@ -18,22 +18,6 @@ use crate::state::resumable;
 #[derive(Clone, Debug)]
 pub struct FusedRecurrentActorCritic(RecurrentNetwork);
 
-impl FusedRecurrentActorCritic {
-    /// Networks with these weights, of this shape.
-    ///
-    /// **Errors**: an array is missing or of another shape.
-    pub fn new(
-        parameters: &Ppo,
-        shape: Shape,
-        weights: &Weights,
-        isa: Isa,
-    ) -> Result<Self, WeightsError> {
-        let layers = layers::Recurrent::actor_critic(parameters, shape);
-        RecurrentNetwork::new(layers, parameters.activation, weights, isa)
-            .map(FusedRecurrentActorCritic)
-    }
-}
-
 impl ActionNetwork for FusedRecurrentActorCritic {
     fn evaluate(&mut self, observations: &Observations, out: &mut Vec<f32>) {
         let mut memory = vec![0.0; observations.rows() * self.memory()];
@@ -53,6 +37,19 @@ impl ActionNetwork for FusedRecurrentActorCritic {
 resumable!([] FusedRecurrentActorCritic { fixed 0.parameters });
 
 impl FusedNetwork for FusedRecurrentActorCritic {
+    type Parameters = Ppo;
+
+    fn from_weights(
+        parameters: &Ppo,
+        shape: Shape,
+        weights: &Weights,
+        isa: Isa,
+    ) -> Result<Self, WeightsError> {
+        let layers = layers::Recurrent::actor_critic(parameters, shape);
+        RecurrentNetwork::new(layers, parameters.activation, weights, isa)
+            .map(FusedRecurrentActorCritic)
+    }
+
     fn isa(&self) -> Isa {
         self.0.isa
     }
@@ -71,15 +68,6 @@ impl FusedNetwork for FusedRecurrentActorCritic {
 }
 
 impl FusedPpoNetwork for FusedRecurrentActorCritic {
-    fn from_weights(
-        parameters: &Ppo,
-        shape: Shape,
-        weights: &Weights,
-        isa: Isa,
-    ) -> Result<Self, WeightsError> {
-        FusedRecurrentActorCritic::new(parameters, shape, weights, isa)
-    }
-
     fn outputs(
         &mut self,
         observations: &Observations,

@@ -17,20 +17,6 @@ use crate::state::resumable;
 pub struct FusedRecurrentDuelingNetwork(RecurrentNetwork);
 
 impl FusedRecurrentDuelingNetwork {
-    /// A network with these weights, of this shape.
-    ///
-    /// **Errors**: an array is missing or of another shape.
-    pub fn new(
-        parameters: &DuelingDqn,
-        shape: Shape,
-        weights: &Weights,
-        isa: Isa,
-    ) -> Result<Self, WeightsError> {
-        let layers = layers::Recurrent::dueling(parameters, shape);
-        RecurrentNetwork::new(layers, parameters.activation, weights, isa)
-            .map(FusedRecurrentDuelingNetwork)
-    }
-
     /// Computes the forward pass through the sequences of a batch and leaves the heads' outputs in
     /// `between`.
     fn forward(&mut self, batch: &SequenceBatch) {
@@ -66,6 +52,19 @@ impl ActionNetwork for FusedRecurrentDuelingNetwork {
 resumable!([] FusedRecurrentDuelingNetwork { fixed 0.parameters });
 
 impl FusedNetwork for FusedRecurrentDuelingNetwork {
+    type Parameters = DuelingDqn;
+
+    fn from_weights(
+        parameters: &DuelingDqn,
+        shape: Shape,
+        weights: &Weights,
+        isa: Isa,
+    ) -> Result<Self, WeightsError> {
+        let layers = layers::Recurrent::dueling(parameters, shape);
+        RecurrentNetwork::new(layers, parameters.activation, weights, isa)
+            .map(FusedRecurrentDuelingNetwork)
+    }
+
     fn isa(&self) -> Isa {
         self.0.isa
     }
@@ -85,15 +84,6 @@ impl FusedNetwork for FusedRecurrentDuelingNetwork {
 
 impl FusedQNetwork for FusedRecurrentDuelingNetwork {
     type Experience = Episodes;
-
-    fn from_weights(
-        parameters: &DuelingDqn,
-        shape: Shape,
-        weights: &Weights,
-        isa: Isa,
-    ) -> Result<Self, WeightsError> {
-        FusedRecurrentDuelingNetwork::new(parameters, shape, weights, isa)
-    }
 
     fn values(&mut self, batch: &SequenceBatch, out: &mut Vec<f32>) {
         self.forward(batch);

@@ -3,14 +3,15 @@
 use crate::agent::architecture::NetworkPolicy;
 use crate::agent::burn::device::inference;
 use crate::agent::burn::{
-    BurnDuelingDqn, BurnRecurrentDqn, DuelingQNetwork, RecurrentDuelingQNetwork,
+    BurnDuelingDqn, BurnNetwork, BurnRecurrentDqn, DuelingQNetwork, RecurrentDuelingQNetwork,
 };
 use crate::agent::constraint::{
     GRU_HAS_ITS_LAYERS, HORIZON, RECURRENT, UNPAID_LAST_STEP, has_gru, longest_episode, replay_size,
 };
 use crate::agent::dueling_dqn::{DuelingDqn, DuelingDqnEngine, DuelingDqnLearner};
 use crate::agent::fused::{
-    FusedDuelingDqn, FusedDuelingNetwork, FusedRecurrentDqn, FusedRecurrentDuelingNetwork,
+    FusedDuelingDqn, FusedDuelingNetwork, FusedNetwork, FusedRecurrentDqn,
+    FusedRecurrentDuelingNetwork,
 };
 use crate::agent::layers::{self, Shape};
 use crate::agent::learner::Learner;
@@ -172,10 +173,10 @@ impl AlgorithmParameters for DuelingDqn {
         let (isa, device) = (Isa::chosen(), inference());
         let network: Box<dyn ActionNetwork + Send> = match (self.engine, self.recurrent) {
             (Engine::Fused, Recurrent::None) => {
-                Box::new(FusedDuelingNetwork::new(self, shape, weights, isa)?)
+                Box::new(FusedDuelingNetwork::from_weights(self, shape, weights, isa)?)
             }
             (Engine::Fused, Recurrent::Gru) => {
-                Box::new(FusedRecurrentDuelingNetwork::new(self, shape, weights, isa)?)
+                Box::new(FusedRecurrentDuelingNetwork::from_weights(self, shape, weights, isa)?)
             }
             (Engine::Burn, Recurrent::None) => {
                 Box::new(DuelingQNetwork::from_weights(self, shape, weights, &device)?)

@@ -2,9 +2,9 @@
 
 use crate::agent::architecture::NetworkPolicy;
 use crate::agent::burn::device::{inference, training};
-use crate::agent::burn::{ActorCritic, BurnPpo, RecurrentActorCritic};
+use crate::agent::burn::{ActorCritic, BurnNetwork, BurnPpo, RecurrentActorCritic};
 use crate::agent::constraint::{GRU_HAS_ITS_LAYERS, RECURRENT, has_gru};
-use crate::agent::fused::{FusedActorCritic, FusedPpo, FusedRecurrentActorCritic};
+use crate::agent::fused::{FusedActorCritic, FusedNetwork, FusedPpo, FusedRecurrentActorCritic};
 use crate::agent::layers::{self, Shape};
 use crate::agent::learner::Learner;
 use crate::agent::network::{Engine, Recurrent};
@@ -94,10 +94,10 @@ impl AlgorithmParameters for Ppo {
         let (isa, device) = (Isa::chosen(), inference());
         let network: Box<dyn ActionNetwork + Send> = match (self.engine, self.recurrent) {
             (Engine::Fused, Recurrent::None) => {
-                Box::new(FusedActorCritic::new(self, shape, weights, isa)?)
+                Box::new(FusedActorCritic::from_weights(self, shape, weights, isa)?)
             }
             (Engine::Fused, Recurrent::Gru) => {
-                Box::new(FusedRecurrentActorCritic::new(self, shape, weights, isa)?)
+                Box::new(FusedRecurrentActorCritic::from_weights(self, shape, weights, isa)?)
             }
             (Engine::Burn, Recurrent::None) => {
                 Box::new(ActorCritic::from_weights(self, shape, weights, &device)?)

@@ -1,6 +1,7 @@
 //! The registration of REINFORCE.
 
 use crate::agent::architecture::NetworkPolicy;
+use crate::agent::burn::BurnNetwork;
 use crate::agent::burn::device::inference;
 use crate::agent::burn::{BurnReinforce, PolicyNetwork};
 use crate::agent::constraint::EPISODES;

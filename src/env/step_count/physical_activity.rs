@@ -155,11 +155,6 @@ impl PhysicalActivity {
         PhysicalActivity { history, ..self }
     }
 
-    /// Whether messages can be unavailable at some steps, apart from their budget.
-    pub fn can_be_unavailable(&self) -> bool {
-        self.is_limited
-    }
-
     /// The number of observations stacked in every observation.
     fn history_length(&self) -> usize {
         self.history.as_ref().map_or(1, History::length)

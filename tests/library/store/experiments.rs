@@ -59,7 +59,7 @@ fn a_large_registration_lets_others_write_and_stops_between_its_parts() {
         stop.store(job.seed >= 20_000, Ordering::Relaxed);
         (agent, job)
     });
-    let registered = sample.store.register_until(&stop, &experiment("sweep"), jobs).unwrap();
+    let registered = sample.store.register_until(&stop, &experiment("sweep"), jobs, None).unwrap();
     assert_eq!(registered, None);
     assert_eq!(number(&stranger, "SELECT count(*) FROM experiment_job"), 20_000);
 

@@ -5,53 +5,13 @@ use std::path::Path;
 
 use jitai::job::Job;
 use jitai::job::Outcome;
+use jitai::store::VIEWS;
 use rusqlite::Connection;
 
 use super::sample::{Sample, completed, dqn, failed, number, realistic, reinforce, results};
 
-const VIEWS: [&str; 13] = [
-    "run_summary",
-    "parameter",
-    "metric",
-    "learning_curve",
-    "evaluation_episode",
-    "action_choice",
-    "arm_summary",
-    "decision",
-    "participant",
-    "manifest",
-    "conflict",
-    "estimate",
-    "posterior",
-];
-
 fn documentation() -> String {
     fs::read_to_string(Path::new(env!("CARGO_MANIFEST_DIR")).join("docs/store.md")).unwrap()
-}
-
-/// The columns of a view in the documentation.
-fn documented(view: &str) -> Vec<String> {
-    let text = documentation();
-    let section = text.split("\n### ").find(|section| section.starts_with(&format!("{view}\n")));
-    section
-        .unwrap_or_else(|| panic!("docs/store.md has no section `### {view}`"))
-        .lines()
-        .filter_map(|line| line.strip_prefix("| ")?.split(" |").next())
-        .filter(|cell| *cell != "column" && *cell != "---")
-        .map(str::to_owned)
-        .collect()
-}
-
-#[test]
-fn the_views_have_the_documented_columns() {
-    let sample = Sample::new();
-    let raw = sample.raw();
-    for view in VIEWS {
-        let statement = raw.prepare(&format!("SELECT * FROM {view}")).unwrap();
-        assert_eq!(statement.column_names().collect::<Vec<_>>(), documented(view), "{view}");
-    }
-    let views = "SELECT count(*) FROM sqlite_schema WHERE type = 'view'";
-    assert_eq!(number(&raw, views), VIEWS.len() as i64);
 }
 
 #[test]
