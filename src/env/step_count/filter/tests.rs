@@ -267,27 +267,41 @@ fn calibrated() -> Vec<(StepCount, &'static str, usize)> {
     ]
 }
 
+/// Asserts that probabilities of context 0 and, where risks are shown, of a risk near the threshold are right to
+/// `most` standard deviations. Returns the residuals of the means and variances of habituation and risk, and the
+/// number of steps.
+fn assert_come_true(e: &StepCount, scenario: &str, episodes: usize, most: f64) -> (Residuals, u32) {
+    let [mut zeros, mut nears, mut means] = [(); 3].map(|()| Residuals::new(episodes));
+    let mut steps = 0;
+    play(e, scenario, episodes, |lane, lanes, filters| {
+        let Beliefs { zero, near, habituation, risk } = filters.beliefs();
+        let truth = lanes.disengagement()[lane];
+        let is_zero = lanes.context(lane).context == 0;
+        let is_near = is_near(&Dynamics::of(e), truth);
+        let events = [(&mut zeros, zero[lane], is_zero), (&mut nears, near[lane], is_near)];
+        for (residuals, probability, happens) in events {
+            let bin = (probability * 10.0) as usize;
+            residuals.add(lane, bin, f64::from(u8::from(happens)) - probability);
+        }
+        let pairs = [(habituation, lanes.habituation()[lane]), (risk, truth)];
+        for (place, ([mean, deviation], truth)) in pairs.into_iter().enumerate() {
+            means.add(lane, 2 * place, truth - mean[lane]);
+            let square = (truth - mean[lane]).powi(2);
+            means.add(lane, 2 * place + 1, square - deviation[lane].powi(2));
+        }
+        steps += 1;
+    });
+    let [zero, near] = [zeros, nears].map(|residuals| residuals.largest());
+    assert!(zero < most, "{scenario} {e:?}: {zero}");
+    assert!(near < most || !scenario.contains('R'), "{scenario} {e:?}: {near}");
+    (means, steps)
+}
+
 #[test]
 fn filtered_probabilities_come_true_as_often_as_they_say() {
-    let mut steps = 0;
-    for (e, scenario, episodes) in calibrated() {
-        let mut residuals = [Residuals::new(episodes), Residuals::new(episodes)];
-        play(&e, scenario, episodes, |lane, lanes, filters| {
-            let Beliefs { zero, near, .. } = filters.beliefs();
-            let is_zero = lanes.context(lane).context == 0;
-            let risk = lanes.disengagement()[lane];
-            let is_near = is_near(&Dynamics::of(&e), risk);
-            let events = [(zero[lane], is_zero), (near[lane], is_near)];
-            for (residuals, (probability, happens)) in residuals.iter_mut().zip(events) {
-                let bin = (probability * 10.0) as usize;
-                residuals.add(lane, bin, f64::from(u8::from(happens)) - probability);
-            }
-            steps += 1;
-        });
-        let [zero, near] = residuals.map(|residuals| residuals.largest());
-        assert!(zero < 4.0, "{scenario} {}: {zero}", e.sigma);
-        assert!(near < 4.0 || !scenario.contains('R'), "{scenario} {}: {near}", e.sigma);
-    }
+    let all = calibrated().into_iter();
+    let steps: u32 =
+        all.map(|(e, scenario, episodes)| assert_come_true(&e, scenario, episodes, 4.0).1).sum();
     assert!(steps > 100_000, "{steps}");
 }
 
@@ -543,24 +557,7 @@ fn particles_are_close_to_a_hundred_times_as_many() {
 #[test]
 fn particles_come_true_as_often_as_they_say() {
     for (e, scenario) in noisy() {
-        let episodes = 400;
-        let [mut rates, mut means] = [Residuals::new(episodes), Residuals::new(episodes)];
-        play(&e, scenario, episodes, |lane, lanes, filters| {
-            let Beliefs { zero, near, habituation, risk } = filters.beliefs();
-            let is_zero = f64::from(1 - lanes.context(lane).context);
-            rates.add(lane, (zero[lane] * 5.0).min(4.0) as usize, is_zero - zero[lane]);
-            let truth = lanes.disengagement()[lane];
-            let is_near = f64::from(u8::from(is_near(&Dynamics::of(&e), truth)));
-            rates.add(lane, 5 + (near[lane] * 5.0).min(4.0) as usize, is_near - near[lane]);
-            let pairs = [(habituation, lanes.habituation()[lane]), (risk, truth)];
-            for (place, ([mean, deviation], truth)) in pairs.into_iter().enumerate() {
-                means.add(lane, 2 * place, truth - mean[lane]);
-                let square = (truth - mean[lane]).powi(2);
-                means.add(lane, 2 * place + 1, square - deviation[lane].powi(2));
-            }
-        });
-        println!("{scenario} {} {}", rates.largest(), means.largest());
-        assert!(rates.largest() < 4.5, "{scenario} {e:?}: {}", rates.largest());
+        let (means, _) = assert_come_true(&e, scenario, 400, 4.5);
         assert!(means.largest() < 4.5, "{scenario} {e:?}: {}", means.largest());
     }
 }
