@@ -17,21 +17,56 @@ use crate::env::{Action, Observations};
 use crate::kernel::Isa;
 use crate::rng::{Purpose, Stream};
 
+/// Random numbers for networks of a shape.
+pub(super) struct Random {
+    width: usize,
+    one_hot: usize,
+    actions: usize,
+    pub(super) stream: Stream,
+}
+
+impl Random {
+    /// The numbers of case `i`: with four actions, and with other numbers of actions for the cases
+    /// from `others` on.
+    pub(super) fn new(i: usize, one_hot: usize, others: usize) -> Self {
+        Random {
+            width: 2 + i % 3,
+            one_hot,
+            actions: if i < others { 4 } else { [2, 3, 7, 20][i % 4] },
+            stream: Stream::new(i as u64, Purpose::Replay),
+        }
+    }
+
+    pub(super) fn shape(&self) -> Shape {
+        Shape { inputs: self.width + self.one_hot, actions: self.actions }
+    }
+
+    pub(super) fn many(&mut self, count: usize, low: f64, high: f64) -> Vec<f32> {
+        (0..count).map(|_| (low + (high - low) * self.stream.unit()) as f32).collect()
+    }
+
+    pub(super) fn observations(&mut self, rows: usize) -> Observations {
+        let mut observations = Observations::new(self.width, self.one_hot);
+        for _ in 0..rows {
+            let row = self.many(self.width, -1.0, 1.0);
+            let moment = (self.one_hot > 0).then(|| self.stream.below(self.one_hot as u32));
+            observations.push(&row, moment);
+        }
+        observations
+    }
+
+    pub(super) fn actions(&mut self, rows: usize) -> Vec<Action> {
+        (0..rows).map(|_| Action::uniform(self.stream.bits(), self.actions)).collect()
+    }
+}
+
 /// A random case. Some sizes fill whole registers, others do not.
 struct Case {
     layers: Vec<u32>,
     activation: Activation,
     trunk: Trunk,
-    width: usize,
-    one_hot: usize,
-    actions: usize,
     rows: usize,
-    stream: Stream,
-}
-
-/// Number of actions of case `i`: four, and other numbers for the cases from `others` on.
-pub(super) fn actions(i: usize, others: usize) -> usize {
-    if i < others { 4 } else { [2, 3, 7, 20][i % 4] }
+    random: Random,
 }
 
 impl Case {
@@ -43,51 +78,30 @@ impl Case {
             layers: sizes[i % 7].to_vec(),
             activation: if i % 2 == 0 { Activation::Relu } else { Activation::Tanh },
             trunk: if i % 4 < 2 { Trunk::Shared } else { Trunk::Separate },
-            width: 2 + i % 3,
-            one_hot: if i % 3 == 0 { 9 } else { 0 },
-            actions: actions(i, 28),
             rows: rows[(i / 7 + i) % 7],
-            stream: Stream::new(i as u64, Purpose::Replay),
+            random: Random::new(i, if i % 3 == 0 { 9 } else { 0 }, 28),
         })
     }
 
     fn name(&self) -> String {
-        let Case { layers, activation, trunk, width, one_hot, actions, rows, .. } = self;
-        format!(
-            "{layers:?} {activation:?} {trunk:?}, {width} + {one_hot} inputs, {actions} actions, {rows} rows"
-        )
-    }
-
-    fn uniform(&mut self) -> f32 {
-        2.0 * self.stream.unit() as f32 - 1.0
-    }
-
-    fn observations(&mut self) -> Observations {
-        let mut observations = Observations::new(self.width, self.one_hot);
-        for _ in 0..self.rows {
-            let row: Vec<f32> = (0..self.width).map(|_| self.uniform()).collect();
-            let moment = (self.one_hot > 0).then(|| self.stream.below(self.one_hot as u32));
-            observations.push(&row, moment);
-        }
-        observations
-    }
-
-    fn actions(&mut self) -> Vec<Action> {
-        (0..self.rows).map(|_| Action::uniform(self.stream.bits(), self.actions)).collect()
+        let Case { layers, activation, trunk, rows, random } = self;
+        format!("{layers:?} {activation:?} {trunk:?}, {:?}, {rows} rows", random.shape())
     }
 
     /// Random values of the magnitude of returns.
     fn returns(&mut self) -> Vec<f32> {
-        (0..self.rows).map(|_| 100.0 * (1.0 + self.uniform())).collect()
+        self.random.many(self.rows, 0.0, 200.0)
     }
 
     fn batch(&mut self) -> Batch {
-        let (observations, actions) = (self.observations(), self.actions());
+        let (observations, actions) =
+            (self.random.observations(self.rows), self.random.actions(self.rows));
         Batch { observations, actions, targets: self.returns() }
     }
 
     fn trajectories(&mut self) -> Trajectories {
-        let (observations, actions) = (self.observations(), self.actions());
+        let (observations, actions) =
+            (self.random.observations(self.rows), self.random.actions(self.rows));
         let preferences = Vec::new();
         Trajectories { observations, actions, preferences, returns_to_go: self.returns() }
     }
@@ -108,10 +122,6 @@ impl Case {
             ..Reinforce::default()
         }
     }
-
-    fn shape(&self) -> Shape {
-        Shape { inputs: self.width + self.one_hot, actions: self.actions }
-    }
 }
 
 /// Asserts that every array is off by at most 1e-3 of its norm. Single weights may be off by more,
@@ -131,8 +141,8 @@ fn assert_arrays_close(ours: &Weights, theirs: &Weights, what: &str) {
 #[test]
 fn fused_dueling_dqns_learn_as_burns_do() {
     for mut case in Case::all() {
-        let (parameters, shape) = (case.dueling_dqn(), case.shape());
-        let weights = layers::draw(&layers::dueling(&parameters, shape), &mut case.stream);
+        let (parameters, shape) = (case.dueling_dqn(), case.random.shape());
+        let weights = layers::draw(&layers::dueling(&parameters, shape), &mut case.random.stream);
         let batch = case.batch();
         let device = device::training();
         let network = DuelingQNetwork::from_weights(&parameters, shape, &weights, &device).unwrap();
@@ -156,8 +166,8 @@ fn fused_dueling_dqns_learn_as_burns_do() {
 #[test]
 fn fused_policies_learn_as_burns_do() {
     for mut case in Case::all() {
-        let (parameters, shape) = (case.reinforce(), case.shape());
-        let weights = layers::draw(&[layers::policy(&parameters, shape)], &mut case.stream);
+        let (parameters, shape) = (case.reinforce(), case.random.shape());
+        let weights = layers::draw(&[layers::policy(&parameters, shape)], &mut case.random.stream);
         let trajectories = case.trajectories();
         let device = device::training();
         let network = PolicyNetwork::from_weights(&parameters, shape, &weights, &device).unwrap();
@@ -180,9 +190,9 @@ fn fused_policies_learn_as_burns_do() {
 #[test]
 fn every_instruction_set_learns_the_same_bits() {
     for mut case in Case::all() {
-        let (dqn, reinforce, shape) = (case.dueling_dqn(), case.reinforce(), case.shape());
-        let q_weights = layers::draw(&layers::dueling(&dqn, shape), &mut case.stream);
-        let p_weights = layers::draw(&[layers::policy(&reinforce, shape)], &mut case.stream);
+        let (dqn, reinforce, shape) = (case.dueling_dqn(), case.reinforce(), case.random.shape());
+        let q_weights = layers::draw(&layers::dueling(&dqn, shape), &mut case.random.stream);
+        let p_weights = layers::draw(&[layers::policy(&reinforce, shape)], &mut case.random.stream);
         let (batch, trajectories) = (case.batch(), case.trajectories());
         let mut learned = Isa::available().into_iter().map(|isa| {
             let mut q =

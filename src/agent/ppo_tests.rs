@@ -1,46 +1,32 @@
-//! Tests of PPO on both engines: against numbers from PyTorch (`tests/data/torch/ppo.json`),
-//! against finite differences, against each other, and on every instruction set.
+//! Tests of PPO without and with a GRU, on both engines: against numbers from PyTorch
+//! (`tests/data/torch/ppo.json`), against finite differences, against each other, and on every
+//! instruction set.
 
+use burn::tensor::Device;
 use serde_json::Value;
 
-use crate::agent::burn::BurnNetwork;
-use crate::agent::burn::device;
-use crate::agent::engine_tests::actions;
+use crate::agent::burn::{BurnNetwork, device};
+use crate::agent::engine_tests::Random;
 use crate::agent::layers::Shape;
 use crate::agent::policy::ActionNetwork;
-use crate::agent::ppo::{Losses, Minibatch, Ppo, PpoEngine, advantages};
+use crate::agent::ppo::{Losses, Minibatch, Ppo, PpoEngine, Sequences, advantages};
 use crate::agent::reference_tests::{
-    assert_close, assert_finite_differences, assert_weights_close, evaluated, gradients, numbers,
-    observations, weights,
+    SHAPE, WIDTH, actions, assert_close, assert_finite_differences, assert_weights_close, cases,
+    flags, gradients, name, numbers, observations, parameters, weights,
 };
 use crate::agent::{
-    Activation, ActorCritic, BurnPpo, FusedActorCritic, FusedPpo, Weights, layers, orthogonal,
+    Activation, ActorCritic, BurnActorCritic, BurnPpo, FusedActorCritic, FusedPpo,
+    FusedRecurrentActorCritic, Recurrent, RecurrentActorCritic, Weights, WeightsError, layers,
+    orthogonal,
 };
-use crate::env::{Action, Observations};
+use crate::env::Observations;
 use crate::kernel::Isa;
-use crate::rng::{Purpose, Stream};
 
-pub(super) const WIDTH: usize = 3;
-pub(super) const SHAPE: Shape = Shape { inputs: WIDTH, actions: 4 };
-
-pub(super) fn cases(name: &str) -> Vec<Value> {
-    let reference: Value =
-        serde_json::from_str(include_str!("../../tests/data/torch/ppo.json")).unwrap();
-    reference[name].as_array().unwrap().clone()
-}
-
-fn burn(parameters: &Ppo, shape: Shape, weights: &Weights) -> BurnPpo<ActorCritic> {
-    let network = ActorCritic::from_weights(parameters, shape, weights, &device::training());
-    BurnPpo::new(parameters, network.unwrap())
-}
-
-pub(super) fn flags(value: &Value) -> Vec<bool> {
-    numbers(value).into_iter().map(|number| number != 0.0).collect()
-}
+const FILE: &str = include_str!("../../tests/data/torch/ppo.json");
 
 #[test]
 fn advantages_are_those_of_cleanrl() {
-    for case in cases("advantages") {
+    for case in cases(FILE, "advantages") {
         let rewards: Vec<f64> = numbers(&case["rewards"]).into_iter().map(f64::from).collect();
         let mut ours = vec![0.0; rewards.len()];
         advantages(
@@ -55,66 +41,79 @@ fn advantages_are_those_of_cleanrl() {
     }
 }
 
-pub(super) fn parts(losses: Losses) -> [f32; 5] {
+fn parts(losses: Losses) -> [f32; 5] {
     let Losses { loss, policy, value, entropy, approx_kl } = losses;
     [loss, policy, value, entropy, approx_kl]
 }
 
 /// A case with PyTorch's numbers.
-pub(super) struct Case {
-    pub(super) name: String,
-    pub(super) case: Value,
-    pub(super) parameters: Ppo,
-    pub(super) minibatch: Minibatch,
+struct Case {
+    name: String,
+    case: Value,
+    parameters: Ppo,
+    minibatch: Minibatch,
 }
 
 impl Case {
-    fn all() -> Vec<Case> {
-        cases("feed_forward").into_iter().map(Case::new).collect()
+    fn all(which: &str) -> Vec<Case> {
+        cases(FILE, which).into_iter().map(Case::new).collect()
     }
 
-    pub(super) fn new(case: Value) -> Case {
-        let number = |name: &str| case[name].as_f64().unwrap();
-        let parameters = Ppo {
-            layers: serde_json::from_value(case["layers"].clone()).unwrap(),
-            activation: Activation::named(case["activation"].as_str().unwrap()).unwrap(),
-            learning_rate: number("learning_rate"),
-            clip: number("clip"),
-            clip_value_loss: case["clip_value_loss"].as_bool().unwrap(),
-            ent_coef: number("ent_coef"),
-            vf_coef: number("vf_coef"),
-            max_grad_norm: number("max_grad_norm"),
-            ..Ppo::default()
-        };
-        let actions = numbers(&case["actions"]).into_iter();
+    fn new(case: Value) -> Case {
+        let sequences = case.get("states").map(|states| Sequences {
+            lanes: states.as_array().unwrap().len(),
+            memory: numbers(states),
+            firsts: flags(&case["firsts"]),
+            real: flags(&case["real"]),
+        });
+        let recurrent = if sequences.is_some() { Recurrent::Gru } else { Recurrent::None };
         let minibatch = Minibatch {
             observations: observations(&case["observations"]),
-            actions: actions.map(|a| Action::from_index(a as usize).unwrap()).collect(),
+            actions: actions(&case["actions"]),
             chosen: vec![true; numbers(&case["log_probabilities"]).len()],
             log_probabilities: numbers(&case["log_probabilities"]),
             values: numbers(&case["values"]),
             advantages: numbers(&case["advantages"]),
             returns: numbers(&case["returns"]),
-            sequences: None,
+            sequences,
         };
-        let name = case["name"].as_str().unwrap().to_owned();
-        Case { name, case, parameters, minibatch }
+        let parameters = Ppo { recurrent, ..parameters(&case) };
+        Case { name: name(&case), case, parameters, minibatch }
     }
 
-    fn network(&self, weights: &Weights) -> ActorCritic {
-        ActorCritic::from_weights(&self.parameters, SHAPE, weights, &device::training()).unwrap()
-    }
-
-    pub(super) fn start(&self) -> Weights {
+    fn weights(&self) -> Weights {
         weights(&self.case["network"])
     }
 
+    /// Acts along the sequences, or in all rows at once, then performs three updates.
     fn check(&self, mut engine: impl PpoEngine) {
-        let (mut logits, mut values) = (Vec::new(), Vec::new());
-        engine.evaluate(&self.minibatch.observations, &mut [], &mut logits, &mut values);
+        let (rows, sequences) = (self.minibatch.rows(), self.minibatch.sequences.as_ref());
+        let lanes = sequences.map_or(rows, |sequences| sequences.lanes);
+        let mut memory = sequences.map_or_else(Vec::new, |sequences| sequences.memory.clone());
+        let (mut logits, mut values, mut states) = (Vec::new(), Vec::new(), Vec::new());
+        let mut policy = engine.network();
+        for first in (0..rows).step_by(lanes) {
+            let rows = first..first + lanes;
+            if let Some(Sequences { firsts, .. }) = sequences {
+                let each = memory.chunks_exact_mut(engine.memory()).zip(&firsts[rows.clone()]);
+                each.filter(|(_, first)| **first).for_each(|(memory, _)| memory.fill(0.0));
+            }
+            let mut observations = Observations::new(WIDTH, 0);
+            observations.extend(&self.minibatch.observations, rows);
+            let (mut of_actions, mut of_states, mut of_policy) =
+                (Vec::new(), Vec::new(), Vec::new());
+            policy.recall(&observations, &mut memory.clone(), &mut of_policy);
+            engine.evaluate(&observations, &mut memory, &mut of_actions, &mut of_states);
+            assert_eq!(of_policy, of_actions);
+            logits.extend(of_actions);
+            values.extend(of_states);
+            states.extend_from_slice(&memory);
+        }
+        if sequences.is_some() {
+            assert_close(&states, &numbers(&self.case["states_after"]), 1e-5, &self.name);
+        }
         assert_close(&logits, &numbers(&self.case["logits"]), 1e-5, &self.name);
         assert_close(&values, &numbers(&self.case["state_values"]), 1e-5, &self.name);
-        assert_eq!(evaluated(engine.network(), &self.minibatch.observations), logits);
         let rate = self.parameters.learning_rate;
         let losses = engine.update(&self.minibatch, rate);
         // Compared together, because the loss is a difference of parts of magnitude 1.
@@ -124,172 +123,225 @@ impl Case {
         engine.update(&self.minibatch, rate);
         engine.update(&self.minibatch, rate);
         let expected = weights(&self.case["after_3_steps"]);
-        assert_weights_close(&engine.weights(), &expected, 2e-6, &self.name);
-    }
-}
-
-#[test]
-fn both_engines_compute_ppo_as_pytorch_does() {
-    for case in Case::all() {
-        case.check(burn(&case.parameters, SHAPE, &case.start()));
-        for isa in Isa::available() {
-            case.check(
-                FusedPpo::<FusedActorCritic>::new(&case.parameters, SHAPE, &case.start(), isa)
-                    .unwrap(),
-            );
-        }
-    }
-}
-
-#[test]
-fn gradients_of_ppo_are_those_of_pytorch() {
-    for case in Case::all() {
-        let expected = weights(&case.case["gradients"]);
-        let network = case.network(&case.start());
-        let loss = BurnPpo::loss(&network, &case.minibatch, &case.parameters).loss;
-        assert_weights_close(&gradients(&network, loss).weights(), &expected, 1e-5, &case.name);
-        for isa in Isa::available() {
-            let mut engine =
-                FusedPpo::<FusedActorCritic>::new(&case.parameters, SHAPE, &case.start(), isa)
-                    .unwrap();
-            let ours = engine.gradient(&case.minibatch);
-            assert_weights_close(&ours, &expected, 1e-5, &case.name);
-        }
-    }
-}
-
-// Only tanh networks: a finite difference across the kink of a ReLU is not a derivative. The same
-// holds for a limit of the ratio, so the limits are set too wide for any step to cross.
-#[test]
-fn gradients_of_ppo_are_finite_differences() {
-    for case in Case::all().iter().filter(|case| case.name.contains("tanh")) {
-        let mut parameters = case.parameters.clone();
-        (parameters.clip, parameters.clip_value_loss) = (10.0, false);
-        let mut engine =
-            FusedPpo::<FusedActorCritic>::new(&parameters, SHAPE, &case.start(), Isa::chosen())
-                .unwrap();
-        let gradients = engine.gradient(&case.minibatch);
-        assert_finite_differences(&case.start(), &gradients, &case.name, |weights| {
-            let engine =
-                FusedPpo::<FusedActorCritic>::new(&parameters, SHAPE, weights, Isa::chosen());
-            engine.unwrap().update(&case.minibatch, 0.0).loss
-        });
+        let relative = if sequences.is_some() { 3e-6 } else { 2e-6 };
+        assert_weights_close(&engine.weights(), &expected, relative, &self.name);
     }
 }
 
 /// A random case. Some sizes fill whole registers, others do not.
-struct Drawn {
+pub(super) struct Drawn {
     parameters: Ppo,
-    width: usize,
-    one_hot: usize,
-    actions: usize,
-    rows: usize,
-    stream: Stream,
+    /// Of a minibatch; without a GRU, each row is a lane of one step.
+    lanes: usize,
+    steps: usize,
+    random: Random,
 }
 
 impl Drawn {
-    fn all() -> impl Iterator<Item = Drawn> {
-        let sizes: [&[u32]; 6] = [&[64, 64], &[1], &[17, 5, 33], &[128], &[3, 3], &[16]];
-        let rows = [64, 1, 7, 65, 130, 50];
-        (0..30).map(move |i| Drawn {
+    fn plain(i: usize) -> Drawn {
+        let layers: [&[u32]; 6] = [&[64, 64], &[1], &[17, 5, 33], &[128], &[3, 3], &[16]];
+        Drawn {
             parameters: Ppo {
-                layers: sizes[i % 6].to_vec(),
-                activation: if i % 2 == 0 { Activation::Tanh } else { Activation::Relu },
-                clip_value_loss: i % 3 == 0,
+                layers: layers[i % 6].to_vec(),
+                activation: if i.is_multiple_of(2) { Activation::Tanh } else { Activation::Relu },
+                clip_value_loss: i.is_multiple_of(3),
                 ..Ppo::default()
             },
-            width: 2 + i % 3,
-            one_hot: if i % 4 == 0 { 9 } else { 0 },
-            actions: actions(i, 24),
-            rows: rows[(i / 6 + i) % 6],
-            stream: Stream::new(i as u64, Purpose::Replay),
-        })
+            lanes: [64, 1, 7, 65, 130, 50][(i / 6 + i) % 6],
+            steps: 1,
+            random: Random::new(i, if i.is_multiple_of(4) { 9 } else { 0 }, 24),
+        }
+    }
+
+    pub(super) fn gru(i: usize, lanes: usize, steps: usize) -> Drawn {
+        let layers: [&[u32]; 4] = [&[64], &[5, 3], &[16, 20, 7], &[33]];
+        Drawn {
+            parameters: Ppo {
+                layers: layers[i % 4].to_vec(),
+                layers_before_gru: 1 + u32::from(i % 4 == 2),
+                activation: if i.is_multiple_of(2) { Activation::Tanh } else { Activation::Relu },
+                recurrent: Recurrent::Gru,
+                units: [64, 3, 17, 16][i % 4],
+                ..Ppo::default()
+            },
+            lanes,
+            steps,
+            random: Random::new(i, if i.is_multiple_of(3) { 5 } else { 0 }, 8),
+        }
+    }
+
+    fn has_gru(&self) -> bool {
+        self.parameters.recurrent == Recurrent::Gru
     }
 
     fn name(&self) -> String {
-        let Ppo { layers, activation, .. } = &self.parameters;
-        format!(
-            "{layers:?} {activation:?}, {} + {} inputs, {} actions",
-            self.width, self.one_hot, self.actions
-        )
-    }
-
-    fn shape(&self) -> Shape {
-        Shape { inputs: self.width + self.one_hot, actions: self.actions }
+        let Ppo { layers, activation, recurrent, .. } = &self.parameters;
+        format!("{layers:?} {activation:?} {recurrent:?}, {:?}", self.random.shape())
     }
 
     fn weights(&self) -> Weights {
-        let layers = layers::ppo(&self.parameters, self.shape());
-        orthogonal::initial(&layers, 1, self.rows as u64).unwrap()
+        let layers = layers::ppo(&self.parameters, self.random.shape());
+        orthogonal::initial(&layers, 1, 3).unwrap()
     }
 
-    fn many(&mut self, low: f64, high: f64) -> Vec<f32> {
-        (0..self.rows).map(|_| (low + (high - low) * self.stream.unit()) as f32).collect()
-    }
-
-    fn minibatch(&mut self) -> Minibatch {
-        let mut observations = Observations::new(self.width, self.one_hot);
-        for _ in 0..self.rows {
-            let row: Vec<f32> =
-                (0..self.width).map(|_| 2.0 * self.stream.unit() as f32 - 1.0).collect();
-            let moment = (self.one_hot > 0).then(|| self.stream.below(self.one_hot as u32));
-            observations.push(&row, moment);
-        }
+    /// With a GRU, sequences in which episodes begin at random steps.
+    pub(super) fn minibatch(&mut self) -> Minibatch {
+        let (lanes, rows, units) = (self.lanes, self.lanes * self.steps, self.parameters.units);
+        let has_gru = self.has_gru();
+        let random = &mut self.random;
         Minibatch {
-            observations,
-            actions: (0..self.rows)
-                .map(|_| Action::uniform(self.stream.bits(), self.actions))
-                .collect(),
-            chosen: (0..self.rows).map(|_| self.stream.below(4) > 0).collect(),
-            log_probabilities: self.many(-2.0, -1.0),
-            values: self.many(-1.0, 1.0),
-            advantages: self.many(-2.0, 2.0),
-            returns: self.many(0.0, 10.0),
-            sequences: None,
+            observations: random.observations(rows),
+            actions: random.actions(rows),
+            chosen: (0..rows).map(|_| random.stream.below(4) > 0).collect(),
+            log_probabilities: random.many(rows, -2.0, -1.0),
+            values: random.many(rows, -1.0, 1.0),
+            advantages: random.many(rows, -2.0, 2.0),
+            returns: random.many(rows, 0.0, 10.0),
+            sequences: has_gru.then(|| Sequences {
+                lanes,
+                memory: random.many(lanes * units as usize, -0.5, 0.5),
+                firsts: (0..rows).map(|_| random.stream.below(4) == 0).collect(),
+                real: vec![true; rows],
+            }),
         }
+    }
+
+    /// The losses of a minibatch and its gradient through the GRU.
+    pub(super) fn learned(&self, minibatch: &Minibatch) -> ([f32; 5], Weights) {
+        let (shape, weights) = (self.random.shape(), self.weights());
+        let mut engine = GRU.fused(&self.parameters, shape, &weights, Isa::chosen());
+        let gradient = engine.gradient(minibatch);
+        (parts(engine.update(minibatch, 0.0)), gradient)
     }
 }
 
-#[test]
-fn fused_ppo_learns_as_burns_does() {
-    for mut case in Drawn::all() {
-        let (weights, shape, name) = (case.weights(), case.shape(), case.name());
-        let mut burn = burn(&case.parameters, shape, &weights);
-        let mut fused =
-            FusedPpo::<FusedActorCritic>::new(&case.parameters, shape, &weights, Isa::chosen())
-                .unwrap();
+type Fused<F> = Result<FusedPpo<F>, WeightsError>;
+
+/// A kind of network on both engines.
+struct Engines<B, F> {
+    burn: fn(&Ppo, Shape, &Weights, &Device) -> Result<B, WeightsError>,
+    fused: fn(&Ppo, Shape, &Weights, Isa) -> Fused<F>,
+    gradient: fn(&mut FusedPpo<F>, &Minibatch) -> Weights,
+}
+
+const PLAIN: Engines<ActorCritic, FusedActorCritic> =
+    Engines { burn: ActorCritic::from_weights, fused: FusedPpo::new, gradient: FusedPpo::gradient };
+
+const GRU: Engines<RecurrentActorCritic, FusedRecurrentActorCritic> = Engines {
+    burn: RecurrentActorCritic::from_weights,
+    fused: FusedPpo::new,
+    gradient: FusedPpo::gradient,
+};
+
+impl<B: BurnActorCritic, F> Engines<B, F>
+where
+    FusedPpo<F>: PpoEngine,
+{
+    fn burn(&self, parameters: &Ppo, shape: Shape, weights: &Weights) -> B {
+        (self.burn)(parameters, shape, weights, &device::training()).unwrap()
+    }
+
+    fn fused(&self, parameters: &Ppo, shape: Shape, weights: &Weights, isa: Isa) -> FusedPpo<F> {
+        (self.fused)(parameters, shape, weights, isa).unwrap()
+    }
+
+    fn computes_as_pytorch_does(&self, case: &Case) {
+        let (parameters, weights) = (&case.parameters, case.weights());
+        case.check(BurnPpo::new(parameters, self.burn(parameters, SHAPE, &weights)));
+        for isa in Isa::available() {
+            case.check(self.fused(parameters, SHAPE, &weights, isa));
+        }
+    }
+
+    fn has_gradients_of_pytorch(&self, case: &Case) {
+        let (parameters, weights) = (&case.parameters, case.weights());
+        let expected = self::weights(&case.case["gradients"]);
+        let network = self.burn(parameters, SHAPE, &weights);
+        let loss = BurnPpo::loss(&network, &case.minibatch, parameters).loss;
+        assert_weights_close(&gradients(&network, loss).weights(), &expected, 1e-5, &case.name);
+        for isa in Isa::available() {
+            let mut engine = self.fused(parameters, SHAPE, &weights, isa);
+            let ours = (self.gradient)(&mut engine, &case.minibatch);
+            assert_weights_close(&ours, &expected, 1e-5, &case.name);
+        }
+    }
+
+    // The limits of the ratio are too wide for any step to cross.
+    fn has_finite_differences(&self, case: &Case) {
+        let parameters = Ppo { clip: 10.0, clip_value_loss: false, ..case.parameters.clone() };
+        let engine = |weights: &Weights| self.fused(&parameters, SHAPE, weights, Isa::chosen());
+        let gradients = (self.gradient)(&mut engine(&case.weights()), &case.minibatch);
+        assert_finite_differences(&case.weights(), &gradients, &case.name, |weights| {
+            engine(weights).update(&case.minibatch, 0.0).loss
+        });
+    }
+
+    fn learns_alike(&self, mut case: Drawn, updates: usize) {
+        let (weights, shape, name) = (case.weights(), case.random.shape(), case.name());
+        let mut fused = self.fused(&case.parameters, shape, &weights, Isa::chosen());
+        let network = self.burn(&case.parameters, shape, &weights);
         let minibatch = case.minibatch();
-        let device = device::training();
-        let network =
-            ActorCritic::from_weights(&case.parameters, shape, &weights, &device).unwrap();
         let loss = BurnPpo::loss(&network, &minibatch, &case.parameters).loss;
         let expected = gradients(&network, loss).weights();
-        assert_weights_close(&fused.gradient(&minibatch), &expected, 1e-5, &name);
-        for _ in 0..30 {
+        assert_weights_close(&(self.gradient)(&mut fused, &minibatch), &expected, 1e-5, &name);
+        let mut burn = BurnPpo::new(&case.parameters, network);
+        for update in 0..updates {
+            if case.has_gru() {
+                // Sizes vary, so that buffers are reused.
+                (case.lanes, case.steps) = (1 + update % 7, 1 + update % 4);
+            }
             let minibatch = case.minibatch();
-            let [ours, theirs]: [Losses; 2] =
-                [fused.update(&minibatch, 1e-3), burn.update(&minibatch, 1e-3)];
+            let [ours, theirs] = [fused.update(&minibatch, 1e-3), burn.update(&minibatch, 1e-3)];
             assert_close(&parts(ours), &parts(theirs), 1e-4, &name);
         }
         assert_weights_close(&fused.weights(), &burn.weights(), 1e-3, &name);
     }
-}
 
-#[test]
-fn every_instruction_set_learns_ppo_to_the_same_bits() {
-    for mut case in Drawn::all() {
-        let (weights, shape) = (case.weights(), case.shape());
-        let minibatch = case.minibatch();
+    fn learns_the_same_bits(&self, mut case: Drawn) {
+        let (weights, minibatch) = (case.weights(), case.minibatch());
         let mut learned = Isa::available().into_iter().map(|isa| {
-            let mut engine =
-                FusedPpo::<FusedActorCritic>::new(&case.parameters, shape, &weights, isa).unwrap();
+            let mut engine = self.fused(&case.parameters, case.random.shape(), &weights, isa);
             let losses = [(); 3].map(|()| engine.update(&minibatch, 1e-3).loss.to_bits());
+            let mut memory = vec![0.0; minibatch.rows() * engine.memory()];
             let mut logits = Vec::new();
-            engine.network().evaluate(&minibatch.observations, &mut logits);
+            engine.network().recall(&minibatch.observations, &mut memory, &mut logits);
             let logits: Vec<u32> = logits.into_iter().map(f32::to_bits).collect();
             (losses, logits, engine.weights().to_bytes())
         });
         let first = learned.next().unwrap();
         assert!(learned.all(|other| other == first), "{}", case.name());
     }
+}
+
+#[test]
+fn both_engines_compute_ppo_as_pytorch_does() {
+    Case::all("feed_forward").iter().for_each(|case| PLAIN.computes_as_pytorch_does(case));
+    Case::all("recurrent").iter().for_each(|case| GRU.computes_as_pytorch_does(case));
+}
+
+#[test]
+fn gradients_of_ppo_are_those_of_pytorch() {
+    Case::all("feed_forward").iter().for_each(|case| PLAIN.has_gradients_of_pytorch(case));
+    Case::all("recurrent").iter().for_each(|case| GRU.has_gradients_of_pytorch(case));
+}
+
+// Only tanh networks: a finite difference across the kink of a ReLU is not a derivative. With a
+// GRU: five steps, with a reset in the middle of one lane.
+#[test]
+fn gradients_of_ppo_are_finite_differences() {
+    let smooth = |which| Case::all(which).into_iter().filter(|case| case.name.contains("tanh"));
+    smooth("feed_forward").for_each(|case| PLAIN.has_finite_differences(&case));
+    smooth("recurrent").for_each(|case| GRU.has_finite_differences(&case));
+}
+
+#[test]
+fn fused_ppo_learns_as_burns_does() {
+    (0..30).for_each(|i| PLAIN.learns_alike(Drawn::plain(i), 30));
+    (0..12).for_each(|i| GRU.learns_alike(Drawn::gru(i, 5, 13), 20));
+}
+
+#[test]
+fn every_instruction_set_learns_ppo_to_the_same_bits() {
+    (0..30).for_each(|i| PLAIN.learns_the_same_bits(Drawn::plain(i)));
+    (0..12).for_each(|i| GRU.learns_the_same_bits(Drawn::gru(i, 5, 6)));
 }

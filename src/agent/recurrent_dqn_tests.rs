@@ -2,27 +2,26 @@
 //! (`tests/data/torch/recurrent_dqn.json`), against finite differences, against each other, and of
 //! the effects of padding and burn-in.
 
+use std::ops::Range;
+
 use serde_json::Value;
 
 use crate::agent::burn::device;
 use crate::agent::burn::{BurnNetwork, BurnQNetwork};
 use crate::agent::dueling_dqn::{DuelingDqnEngine, Episodes, SequenceBatch, target};
-use crate::agent::engine_tests::actions;
-use crate::agent::layers::Shape;
+use crate::agent::engine_tests::Random;
 use crate::agent::policy::{ActionNetwork, best};
-use crate::agent::ppo_tests::{SHAPE, WIDTH, flags};
 use crate::agent::reference_tests::{
-    assert_close, assert_finite_differences, assert_weights_close, gradients, numbers,
-    observations, weights,
+    SHAPE, WIDTH, actions, assert_close, assert_finite_differences, assert_weights_close, cases,
+    flags, gradients, name, numbers, observations, parameters, weights,
 };
 use crate::agent::replay::Transition;
 use crate::agent::{
     Activation, BurnRecurrentDqn, DuelingDqn, FusedRecurrentDqn, Recurrent,
     RecurrentDuelingQNetwork, TerminalTarget, Weights, layers, orthogonal,
 };
-use crate::env::{Action, EpisodeStatus, Observations};
+use crate::env::{EpisodeStatus, Observations};
 use crate::kernel::Isa;
-use crate::rng::{Purpose, Stream};
 
 struct Case {
     name: String,
@@ -33,37 +32,24 @@ struct Case {
 
 impl Case {
     fn all() -> Vec<Case> {
-        let text = include_str!("../../tests/data/torch/recurrent_dqn.json");
-        let reference: Value = serde_json::from_str(text).unwrap();
-        reference["cases"].as_array().unwrap().iter().cloned().map(Case::new).collect()
+        let file = include_str!("../../tests/data/torch/recurrent_dqn.json");
+        cases(file, "cases").into_iter().map(Case::new).collect()
     }
 
     fn new(case: Value) -> Case {
-        let whole = |name: &str| case[name].as_u64().unwrap() as u32;
-        let parameters = DuelingDqn {
-            layers: serde_json::from_value(case["layers"].clone()).unwrap(),
-            activation: Activation::named(case["activation"].as_str().unwrap()).unwrap(),
-            recurrent: Recurrent::Gru,
-            units: whole("units"),
-            layers_before_gru: whole("layers_before_gru"),
-            learning_rate: case["learning_rate"].as_f64().unwrap(),
-            gamma: case["gamma"].as_f64().unwrap(),
-            ..DuelingDqn::default()
-        };
-        let actions = numbers(&case["actions"]).into_iter();
-        let lanes = whole("lanes") as usize;
+        let parameters = DuelingDqn { recurrent: Recurrent::Gru, ..parameters(&case) };
+        let lanes = case["lanes"].as_u64().unwrap() as usize;
         let learned = flags(&case["learned"]);
         let batch = SequenceBatch {
             lanes,
             observations: observations(&case["observations"]),
-            actions: actions.map(|a| Action::from_index(a as usize).unwrap()).collect(),
+            actions: actions(&case["actions"]),
             targets: numbers(&case["targets"]),
             firsts: (0..learned.len()).map(|row| row < lanes).collect(),
             cuts: flags(&case["cuts"]),
             learned,
         };
-        let name = case["name"].as_str().unwrap().to_owned();
-        Case { name, case, parameters, batch }
+        Case { name: name(&case), case, parameters, batch }
     }
 
     fn weights(&self, which: &str) -> Weights {
@@ -183,10 +169,7 @@ fn gradients_of_the_recurrent_dqn_are_finite_differences() {
 /// Sequences of random numbers, with random lengths.
 struct Drawn {
     parameters: DuelingDqn,
-    width: usize,
-    one_hot: usize,
-    actions: usize,
-    stream: Stream,
+    random: Random,
 }
 
 impl Drawn {
@@ -194,67 +177,55 @@ impl Drawn {
         let layers: [&[u32]; 4] = [&[64], &[5, 3], &[16, 20, 7], &[33]];
         (0..12).map(move |i| Drawn {
             parameters: DuelingDqn {
-                layers: layers[i as usize % 4].to_vec(),
+                layers: layers[i % 4].to_vec(),
                 layers_before_gru: 1 + u32::from(i % 4 == 2),
                 activation: if i % 2 == 0 { Activation::Tanh } else { Activation::Relu },
                 recurrent: Recurrent::Gru,
-                units: [64, 3, 17, 16][i as usize % 4],
+                units: [64, 3, 17, 16][i % 4],
                 ..DuelingDqn::default()
             },
-            width: 2 + i as usize % 3,
-            one_hot: if i % 3 == 0 { 5 } else { 0 },
-            actions: actions(i as usize, 8),
-            stream: Stream::new(i, Purpose::Replay),
+            random: Random::new(i, if i % 3 == 0 { 5 } else { 0 }, 8),
         })
     }
 
-    fn shape(&self) -> Shape {
-        Shape { inputs: self.width + self.one_hot, actions: self.actions }
-    }
-
     fn weights(&self) -> Weights {
-        let layers = layers::dueling_layers(&self.parameters, self.shape());
+        let layers = layers::dueling_layers(&self.parameters, self.random.shape());
         orthogonal::initial(&layers, 1, 3).unwrap()
     }
 
     fn fused(&self, isa: Isa) -> FusedRecurrentDqn {
-        FusedRecurrentDqn::new(&self.parameters, self.shape(), &self.weights(), isa).unwrap()
-    }
-
-    fn uniform(&mut self) -> f32 {
-        2.0 * self.stream.unit() as f32 - 1.0
+        FusedRecurrentDqn::new(&self.parameters, self.random.shape(), &self.weights(), isa).unwrap()
     }
 
     /// Sequences of 1 to `steps` steps that count, some behind a step of burn-in.
     fn batch(&mut self, lanes: usize, steps: usize) -> SequenceBatch {
-        let mut batch = SequenceBatch::new(Observations::new(self.width, self.one_hot));
-        batch.lanes = lanes;
-        let drawn: Vec<(usize, usize)> = (0..lanes)
+        let mut below = |most: usize| self.random.stream.below(most as u32) as usize;
+        let learned: Vec<Range<usize>> = (0..lanes)
             .map(|_| {
-                let skipped = self.stream.below(2) as usize;
-                (skipped, skipped + 1 + self.stream.below(steps as u32) as usize)
+                let skipped = below(2);
+                skipped..skipped + 1 + below(steps)
             })
             .collect();
-        for step in 0..steps + 2 {
-            for (skipped, len) in &drawn {
-                let row: Vec<f32> = (0..self.width).map(|_| self.uniform()).collect();
-                let moment = (self.one_hot > 0).then(|| self.stream.below(self.one_hot as u32));
-                batch.observations.push(&row, moment);
-                batch.actions.push(Action::uniform(self.stream.bits(), self.actions));
-                batch.targets.push(self.uniform());
-                batch.learned.push((*skipped..*len).contains(&step));
-                batch.firsts.push(step == 0);
-                batch.cuts.push(step > 0 && step == *skipped);
-            }
+        let flags = |is: fn(usize, &Range<usize>) -> bool| {
+            (0..steps + 2).flat_map(|step| learned.iter().map(move |of| is(step, of))).collect()
+        };
+        let rows = lanes * (steps + 2);
+        SequenceBatch {
+            lanes,
+            observations: self.random.observations(rows),
+            actions: self.random.actions(rows),
+            targets: self.random.many(rows, -1.0, 1.0),
+            learned: flags(|step, learned| learned.contains(&step)),
+            firsts: flags(|step, _| step == 0),
+            cuts: flags(|step, learned| step > 0 && step == learned.start),
         }
-        batch
     }
 }
 
 #[test]
 fn the_fused_recurrent_dqn_learns_as_burns_does() {
     for (i, mut case) in Drawn::all().enumerate() {
-        let (weights, shape, name) = (case.weights(), case.shape(), format!("case {i}"));
+        let (weights, shape, name) = (case.weights(), case.random.shape(), format!("case {i}"));
         let mut fused = case.fused(Isa::chosen());
         let mut burn = BurnRecurrentDqn::new(&case.parameters, shape, &weights).unwrap();
         for step in 0..20 {

@@ -15,22 +15,36 @@ use crate::agent::reinforce::{ReinforceEngine, Trajectories, returns_to_go};
 use crate::agent::replay::Batch;
 use crate::agent::replay::Transition;
 use crate::agent::weights::{Tensor as WeightTensor, Weights};
-use crate::agent::{Activation, DuelingDqn, Reinforce, TerminalTarget, Trunk};
 use crate::agent::{
-    BurnDuelingDqn, BurnReinforce, DuelingQNetwork, FusedDuelingDqn, FusedReinforce, PolicyNetwork,
+    BurnDuelingDqn, BurnReinforce, DuelingDqn, DuelingQNetwork, FusedDuelingDqn, FusedReinforce,
+    PolicyNetwork, Reinforce,
 };
 use crate::env::{Action, EpisodeStatus, Observations};
 use crate::kernel::{Adam, Isa};
+use crate::key::Keyed;
 
-const WIDTH: usize = 3;
-const SHAPE: Shape = Shape { inputs: WIDTH, actions: 4 };
+pub(super) const WIDTH: usize = 3;
+pub(super) const SHAPE: Shape = Shape { inputs: WIDTH, actions: 4 };
 
-fn reference() -> Value {
-    serde_json::from_str(include_str!("../../tests/data/torch/reference.json")).unwrap()
+const REFERENCE: &str = include_str!("../../tests/data/torch/reference.json");
+
+/// The cases of this name in the text of a file.
+pub(super) fn cases(file: &str, name: &str) -> Vec<Value> {
+    let reference: Value = serde_json::from_str(file).unwrap();
+    reference[name].as_array().unwrap().clone()
 }
 
-fn cases(name: &str) -> Vec<Value> {
-    reference()[name].as_array().unwrap().clone()
+/// The name of a case.
+pub(super) fn name(case: &Value) -> String {
+    case["name"].as_str().unwrap().to_owned()
+}
+
+/// Default parameters, with the values of a case for the keys that it names.
+pub(super) fn parameters<P: Keyed + Default>(case: &Value) -> P {
+    let mut settings = case.as_object().unwrap().clone();
+    // `batch` is also the name of the rows of a case.
+    settings.retain(|name, json| !json.is_object() && P::KEYS.iter().any(|key| key.name == name));
+    P::default().with_settings(&settings).unwrap()
 }
 
 /// The numbers of nested lists, flattened in order.
@@ -39,6 +53,15 @@ pub(super) fn numbers(value: &Value) -> Vec<f32> {
         Some(list) => list.iter().flat_map(numbers).collect(),
         None => vec![value.as_f64().unwrap() as f32],
     }
+}
+
+pub(super) fn flags(value: &Value) -> Vec<bool> {
+    numbers(value).into_iter().map(|number| number != 0.0).collect()
+}
+
+pub(super) fn actions(value: &Value) -> Vec<Action> {
+    let indices = numbers(value).into_iter();
+    indices.map(|index| Action::from_index(index as usize).unwrap()).collect()
 }
 
 /// Observations from nested lists, one inner list per row.
@@ -131,20 +154,10 @@ struct DqnCase {
 
 impl DqnCase {
     fn all() -> Vec<DqnCase> {
-        cases("dueling_dqn").into_iter().map(DqnCase::new).collect()
+        cases(REFERENCE, "dueling_dqn").into_iter().map(DqnCase::new).collect()
     }
 
     fn new(case: Value) -> Self {
-        let parameters = DuelingDqn {
-            layers: serde_json::from_value(case["layers"].clone()).unwrap(),
-            activation: Activation::named(case["activation"].as_str().unwrap()).unwrap(),
-            trunk: Trunk::named(case["trunk"].as_str().unwrap()).unwrap(),
-            terminal_target: TerminalTarget::named(case["terminal_target"].as_str().unwrap())
-                .unwrap(),
-            gamma: case["gamma"].as_f64().unwrap(),
-            learning_rate: case["learning_rate"].as_f64().unwrap(),
-            ..DuelingDqn::default()
-        };
         let batch = &case["batch"];
         let statuses = batch["endings"].as_array().unwrap().iter().map(|e| match e.as_str() {
             Some("running") => EpisodeStatus::Running,
@@ -152,9 +165,7 @@ impl DqnCase {
             Some("truncated") => EpisodeStatus::Truncated,
             other => panic!("ending {other:?}"),
         });
-        let actions = numbers(&batch["actions"]).into_iter();
-        let actions: Vec<Action> =
-            actions.map(|action| Action::from_index(action as usize).unwrap()).collect();
+        let actions = actions(&batch["actions"]);
         let transitions: Vec<Transition> = actions
             .iter()
             .zip(numbers(&batch["rewards"]))
@@ -171,8 +182,7 @@ impl DqnCase {
             actions,
             targets: numbers(&case["targets"]),
         };
-        let name = case["name"].as_str().unwrap().to_owned();
-        DqnCase { name, case, parameters, transitions, batch }
+        DqnCase { name: name(&case), parameters: parameters(&case), case, transitions, batch }
     }
 
     fn network(&self) -> DuelingQNetwork {
@@ -257,28 +267,18 @@ struct ReinforceCase {
 
 impl ReinforceCase {
     fn all() -> Vec<ReinforceCase> {
-        cases("reinforce").into_iter().map(ReinforceCase::new).collect()
+        cases(REFERENCE, "reinforce").into_iter().map(ReinforceCase::new).collect()
     }
 
     fn new(case: Value) -> Self {
-        let parameters = Reinforce {
-            layers: serde_json::from_value(case["layers"].clone()).unwrap(),
-            activation: Activation::named(case["activation"].as_str().unwrap()).unwrap(),
-            gamma: case["gamma"].as_f64().unwrap(),
-            loss_divisor: case["loss_divisor"].as_f64().unwrap(),
-            learning_rate: case["learning_rate"].as_f64().unwrap(),
-            ..Reinforce::default()
-        };
         let rows = &case["rows"];
-        let actions = numbers(&rows["actions"]).into_iter();
         let trajectories = Trajectories {
             observations: observations(&rows["observations"]),
-            actions: actions.map(|a| Action::from_index(a as usize).unwrap()).collect(),
+            actions: actions(&rows["actions"]),
             preferences: Vec::new(),
             returns_to_go: numbers(&case["returns_to_go"]),
         };
-        let name = case["name"].as_str().unwrap().to_owned();
-        ReinforceCase { name, case, parameters, trajectories }
+        ReinforceCase { name: name(&case), parameters: parameters(&case), case, trajectories }
     }
 
     fn network(&self) -> PolicyNetwork {
@@ -380,7 +380,7 @@ pub(super) fn sampled_by(
 
 #[test]
 fn adam_steps_are_those_of_pytorch() {
-    let case = &reference()["adam"];
+    let case = &serde_json::from_str::<Value>(REFERENCE).unwrap()["adam"];
     let learning_rate = case["learning_rate"].as_f64().unwrap();
     for isa in Isa::available() {
         let mut ours = numbers(&case["weights"]);
