@@ -2,11 +2,11 @@
 //! (`tests/data/torch/ppo.json`), against finite differences, against each other, and on every
 //! instruction set.
 
-use burn::tensor::Device;
 use serde_json::Value;
 
-use crate::agent::burn::{BurnNetwork, device};
+use crate::agent::burn::device;
 use crate::agent::engine_tests::Random;
+use crate::agent::fused::FusedPpoNetwork;
 use crate::agent::layers::Shape;
 use crate::agent::policy::ActionNetwork;
 use crate::agent::ppo::{Losses, Minibatch, Ppo, PpoEngine, Sequences, advantages};
@@ -16,8 +16,7 @@ use crate::agent::reference_tests::{
 };
 use crate::agent::{
     Activation, ActorCritic, BurnActorCritic, BurnPpo, FusedActorCritic, FusedPpo,
-    FusedRecurrentActorCritic, Recurrent, RecurrentActorCritic, Weights, WeightsError, layers,
-    orthogonal,
+    FusedRecurrentActorCritic, Recurrent, RecurrentActorCritic, Weights, layers, orthogonal,
 };
 use crate::env::Observations;
 use crate::kernel::Isa;
@@ -209,120 +208,110 @@ impl Drawn {
     /// The losses of a minibatch and its gradient through the GRU.
     pub(super) fn learned(&self, minibatch: &Minibatch) -> ([f32; 5], Weights) {
         let (shape, weights) = (self.random.shape(), self.weights());
-        let mut engine = GRU.fused(&self.parameters, shape, &weights, Isa::chosen());
+        let mut engine =
+            fused::<FusedRecurrentActorCritic>(&self.parameters, shape, &weights, Isa::chosen());
         let gradient = engine.gradient(minibatch);
         (parts(engine.update(minibatch, 0.0)), gradient)
     }
 }
 
-type Fused<F> = Result<FusedPpo<F>, WeightsError>;
-
-/// A kind of network on both engines.
-struct Engines<B, F> {
-    burn: fn(&Ppo, Shape, &Weights, &Device) -> Result<B, WeightsError>,
-    fused: fn(&Ppo, Shape, &Weights, Isa) -> Fused<F>,
-    gradient: fn(&mut FusedPpo<F>, &Minibatch) -> Weights,
+fn burn<B: BurnActorCritic>(parameters: &Ppo, shape: Shape, weights: &Weights) -> B {
+    B::from_weights(parameters, shape, weights, &device::training()).unwrap()
 }
 
-const PLAIN: Engines<ActorCritic, FusedActorCritic> =
-    Engines { burn: ActorCritic::from_weights, fused: FusedPpo::new, gradient: FusedPpo::gradient };
+fn fused<F: FusedPpoNetwork>(
+    parameters: &Ppo,
+    shape: Shape,
+    weights: &Weights,
+    isa: Isa,
+) -> FusedPpo<F> {
+    FusedPpo::new(parameters, shape, weights, isa).unwrap()
+}
 
-const GRU: Engines<RecurrentActorCritic, FusedRecurrentActorCritic> = Engines {
-    burn: RecurrentActorCritic::from_weights,
-    fused: FusedPpo::new,
-    gradient: FusedPpo::gradient,
-};
-
-impl<B: BurnActorCritic, F> Engines<B, F>
-where
-    FusedPpo<F>: PpoEngine,
-{
-    fn burn(&self, parameters: &Ppo, shape: Shape, weights: &Weights) -> B {
-        (self.burn)(parameters, shape, weights, &device::training()).unwrap()
+fn computes_as_pytorch_does<B: BurnActorCritic, F: FusedPpoNetwork>(case: &Case) {
+    let (parameters, weights) = (&case.parameters, case.weights());
+    case.check(BurnPpo::new(parameters, burn::<B>(parameters, SHAPE, &weights)));
+    for isa in Isa::available() {
+        case.check(fused::<F>(parameters, SHAPE, &weights, isa));
     }
+}
 
-    fn fused(&self, parameters: &Ppo, shape: Shape, weights: &Weights, isa: Isa) -> FusedPpo<F> {
-        (self.fused)(parameters, shape, weights, isa).unwrap()
+fn has_gradients_of_pytorch<B: BurnActorCritic, F: FusedPpoNetwork>(case: &Case) {
+    let (parameters, start) = (&case.parameters, case.weights());
+    let expected = weights(&case.case["gradients"]);
+    let network = burn::<B>(parameters, SHAPE, &start);
+    let loss = BurnPpo::loss(&network, &case.minibatch, parameters).loss;
+    assert_weights_close(&gradients(&network, loss).weights(), &expected, 1e-5, &case.name);
+    for isa in Isa::available() {
+        let mut engine = fused::<F>(parameters, SHAPE, &start, isa);
+        let ours = engine.gradient(&case.minibatch);
+        assert_weights_close(&ours, &expected, 1e-5, &case.name);
     }
+}
 
-    fn computes_as_pytorch_does(&self, case: &Case) {
-        let (parameters, weights) = (&case.parameters, case.weights());
-        case.check(BurnPpo::new(parameters, self.burn(parameters, SHAPE, &weights)));
-        for isa in Isa::available() {
-            case.check(self.fused(parameters, SHAPE, &weights, isa));
+// The limits of the ratio are too wide for any step to cross.
+fn has_finite_differences<F: FusedPpoNetwork>(case: &Case) {
+    let parameters = Ppo { clip: 10.0, clip_value_loss: false, ..case.parameters.clone() };
+    let engine = |weights: &Weights| fused::<F>(&parameters, SHAPE, weights, Isa::chosen());
+    let gradients = engine(&case.weights()).gradient(&case.minibatch);
+    assert_finite_differences(&case.weights(), &gradients, &case.name, |weights| {
+        engine(weights).update(&case.minibatch, 0.0).loss
+    });
+}
+
+fn learns_alike<B: BurnActorCritic, F: FusedPpoNetwork>(mut case: Drawn, updates: usize) {
+    let (weights, shape, name) = (case.weights(), case.random.shape(), case.name());
+    let mut fused = fused::<F>(&case.parameters, shape, &weights, Isa::chosen());
+    let network = burn::<B>(&case.parameters, shape, &weights);
+    let minibatch = case.minibatch();
+    let loss = BurnPpo::loss(&network, &minibatch, &case.parameters).loss;
+    let expected = gradients(&network, loss).weights();
+    assert_weights_close(&fused.gradient(&minibatch), &expected, 1e-5, &name);
+    let mut burn = BurnPpo::new(&case.parameters, network);
+    for update in 0..updates {
+        if case.has_gru() {
+            // Sizes vary, so that buffers are reused.
+            (case.lanes, case.steps) = (1 + update % 7, 1 + update % 4);
         }
-    }
-
-    fn has_gradients_of_pytorch(&self, case: &Case) {
-        let (parameters, weights) = (&case.parameters, case.weights());
-        let expected = self::weights(&case.case["gradients"]);
-        let network = self.burn(parameters, SHAPE, &weights);
-        let loss = BurnPpo::loss(&network, &case.minibatch, parameters).loss;
-        assert_weights_close(&gradients(&network, loss).weights(), &expected, 1e-5, &case.name);
-        for isa in Isa::available() {
-            let mut engine = self.fused(parameters, SHAPE, &weights, isa);
-            let ours = (self.gradient)(&mut engine, &case.minibatch);
-            assert_weights_close(&ours, &expected, 1e-5, &case.name);
-        }
-    }
-
-    // The limits of the ratio are too wide for any step to cross.
-    fn has_finite_differences(&self, case: &Case) {
-        let parameters = Ppo { clip: 10.0, clip_value_loss: false, ..case.parameters.clone() };
-        let engine = |weights: &Weights| self.fused(&parameters, SHAPE, weights, Isa::chosen());
-        let gradients = (self.gradient)(&mut engine(&case.weights()), &case.minibatch);
-        assert_finite_differences(&case.weights(), &gradients, &case.name, |weights| {
-            engine(weights).update(&case.minibatch, 0.0).loss
-        });
-    }
-
-    fn learns_alike(&self, mut case: Drawn, updates: usize) {
-        let (weights, shape, name) = (case.weights(), case.random.shape(), case.name());
-        let mut fused = self.fused(&case.parameters, shape, &weights, Isa::chosen());
-        let network = self.burn(&case.parameters, shape, &weights);
         let minibatch = case.minibatch();
-        let loss = BurnPpo::loss(&network, &minibatch, &case.parameters).loss;
-        let expected = gradients(&network, loss).weights();
-        assert_weights_close(&(self.gradient)(&mut fused, &minibatch), &expected, 1e-5, &name);
-        let mut burn = BurnPpo::new(&case.parameters, network);
-        for update in 0..updates {
-            if case.has_gru() {
-                // Sizes vary, so that buffers are reused.
-                (case.lanes, case.steps) = (1 + update % 7, 1 + update % 4);
-            }
-            let minibatch = case.minibatch();
-            let [ours, theirs] = [fused.update(&minibatch, 1e-3), burn.update(&minibatch, 1e-3)];
-            assert_close(&parts(ours), &parts(theirs), 1e-4, &name);
-        }
-        assert_weights_close(&fused.weights(), &burn.weights(), 1e-3, &name);
+        let [ours, theirs] = [fused.update(&minibatch, 1e-3), burn.update(&minibatch, 1e-3)];
+        assert_close(&parts(ours), &parts(theirs), 1e-4, &name);
     }
-
-    fn learns_the_same_bits(&self, mut case: Drawn) {
-        let (weights, minibatch) = (case.weights(), case.minibatch());
-        let mut learned = Isa::available().into_iter().map(|isa| {
-            let mut engine = self.fused(&case.parameters, case.random.shape(), &weights, isa);
-            let losses = [(); 3].map(|()| engine.update(&minibatch, 1e-3).loss.to_bits());
-            let mut memory = vec![0.0; minibatch.rows() * engine.memory()];
-            let mut logits = Vec::new();
-            engine.network().recall(&minibatch.observations, &mut memory, &mut logits);
-            let logits: Vec<u32> = logits.into_iter().map(f32::to_bits).collect();
-            (losses, logits, engine.weights().to_bytes())
-        });
-        let first = learned.next().unwrap();
-        assert!(learned.all(|other| other == first), "{}", case.name());
-    }
+    assert_weights_close(&fused.weights(), &burn.weights(), 1e-3, &name);
 }
 
+fn learns_the_same_bits<F: FusedPpoNetwork>(mut case: Drawn) {
+    let (weights, minibatch) = (case.weights(), case.minibatch());
+    let mut learned = Isa::available().into_iter().map(|isa| {
+        let mut engine = fused::<F>(&case.parameters, case.random.shape(), &weights, isa);
+        let losses = [(); 3].map(|()| engine.update(&minibatch, 1e-3).loss.to_bits());
+        let mut memory = vec![0.0; minibatch.rows() * engine.memory()];
+        let mut logits = Vec::new();
+        engine.network().recall(&minibatch.observations, &mut memory, &mut logits);
+        let logits: Vec<u32> = logits.into_iter().map(f32::to_bits).collect();
+        (losses, logits, engine.weights().to_bytes())
+    });
+    let first = learned.next().unwrap();
+    assert!(learned.all(|other| other == first), "{}", case.name());
+}
 #[test]
 fn both_engines_compute_ppo_as_pytorch_does() {
-    Case::all("feed_forward").iter().for_each(|case| PLAIN.computes_as_pytorch_does(case));
-    Case::all("recurrent").iter().for_each(|case| GRU.computes_as_pytorch_does(case));
+    Case::all("feed_forward")
+        .iter()
+        .for_each(computes_as_pytorch_does::<ActorCritic, FusedActorCritic>);
+    Case::all("recurrent")
+        .iter()
+        .for_each(computes_as_pytorch_does::<RecurrentActorCritic, FusedRecurrentActorCritic>);
 }
 
 #[test]
 fn gradients_of_ppo_are_those_of_pytorch() {
-    Case::all("feed_forward").iter().for_each(|case| PLAIN.has_gradients_of_pytorch(case));
-    Case::all("recurrent").iter().for_each(|case| GRU.has_gradients_of_pytorch(case));
+    Case::all("feed_forward")
+        .iter()
+        .for_each(has_gradients_of_pytorch::<ActorCritic, FusedActorCritic>);
+    Case::all("recurrent")
+        .iter()
+        .for_each(has_gradients_of_pytorch::<RecurrentActorCritic, FusedRecurrentActorCritic>);
 }
 
 // Only tanh networks: a finite difference across the kink of a ReLU is not a derivative. With a
@@ -330,18 +319,20 @@ fn gradients_of_ppo_are_those_of_pytorch() {
 #[test]
 fn gradients_of_ppo_are_finite_differences() {
     let smooth = |which| Case::all(which).into_iter().filter(|case| case.name.contains("tanh"));
-    smooth("feed_forward").for_each(|case| PLAIN.has_finite_differences(&case));
-    smooth("recurrent").for_each(|case| GRU.has_finite_differences(&case));
+    smooth("feed_forward").for_each(|case| has_finite_differences::<FusedActorCritic>(&case));
+    smooth("recurrent").for_each(|case| has_finite_differences::<FusedRecurrentActorCritic>(&case));
 }
 
 #[test]
 fn fused_ppo_learns_as_burns_does() {
-    (0..30).for_each(|i| PLAIN.learns_alike(Drawn::plain(i), 30));
-    (0..12).for_each(|i| GRU.learns_alike(Drawn::gru(i, 5, 13), 20));
+    (0..30).for_each(|i| learns_alike::<ActorCritic, FusedActorCritic>(Drawn::plain(i), 30));
+    (0..12).for_each(|i| {
+        learns_alike::<RecurrentActorCritic, FusedRecurrentActorCritic>(Drawn::gru(i, 5, 13), 20)
+    });
 }
 
 #[test]
 fn every_instruction_set_learns_ppo_to_the_same_bits() {
-    (0..30).for_each(|i| PLAIN.learns_the_same_bits(Drawn::plain(i)));
-    (0..12).for_each(|i| GRU.learns_the_same_bits(Drawn::gru(i, 5, 6)));
+    (0..30).for_each(|i| learns_the_same_bits::<FusedActorCritic>(Drawn::plain(i)));
+    (0..12).for_each(|i| learns_the_same_bits::<FusedRecurrentActorCritic>(Drawn::gru(i, 5, 6)));
 }

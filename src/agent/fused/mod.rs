@@ -28,11 +28,13 @@ pub use actor_critic::FusedActorCritic;
 pub use dueling_dqn::{FusedDuelingDqn, FusedDuelingNetwork};
 pub use network::FusedNetwork;
 pub use ppo::FusedPpo;
+#[cfg(test)]
+pub use ppo_network::FusedPpoNetwork;
 pub use recurrent_actor_critic::FusedRecurrentActorCritic;
 pub use recurrent_dqn::FusedRecurrentDuelingNetwork;
+pub use reinforce::{FusedPolicyNetwork, FusedReinforce};
 
 /// The dueling DQN with a GRU.
 pub type FusedRecurrentDqn = FusedDuelingDqn<FusedRecurrentDuelingNetwork>;
-pub use reinforce::{FusedPolicyNetwork, FusedReinforce};
 
 resumable!([] Adam { fixed first, second, powers, decays });
