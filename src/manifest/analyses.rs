@@ -12,7 +12,7 @@ use super::analysis_kind::{AnalysisKind, Curve, KINDS, KindDeclaration, Learning
 use super::axis::CurveAxis;
 use super::declared::{DeclaredAgent, Manifest};
 use super::draft::Draft;
-use super::fault::{Fault, FaultList, near, shortened};
+use super::fault::{Fault, FaultList, near};
 use super::figure_keys::FigureKeys;
 use super::limits::MOST_COMPARISONS;
 use super::presence::absent;
@@ -35,7 +35,8 @@ impl Reader<'_> {
             let kind = self.kind(span, &respelt(written, &SHARED));
             let known = kind.map_or_else(|| SHARED.to_vec(), KindDeclaration::key_names);
             if let Some(kind) = kind {
-                self.analysis_keys(kind.word, &known, written);
+                let place = format!("an [[analysis]] of kind \"{}\"", kind.word);
+                self.only_keys(&place, &known, written);
             }
             let table = &*respelt(written, &known);
             let name = match table.get("name") {
@@ -66,19 +67,6 @@ impl Reader<'_> {
         let word = self.word("kind", &words, node);
         let word = word.or_else(|| near(node.get_ref().as_str()?, words))?;
         KINDS.iter().find(|kind| kind.word == word)
-    }
-
-    fn analysis_keys(&mut self, kind: &str, keys: &[&'static str], table: &DeTable) {
-        for key in table.keys() {
-            let found = key.get_ref().as_ref();
-            if !keys.contains(&found) {
-                let found = shortened(found);
-                let message =
-                    format!("unknown key `{found}` in an [[analysis]] of kind \"{kind}\"");
-                let fault = Fault::at(key.span().into(), message);
-                self.faults.add(fault.one_of("its", keys, &found));
-            }
-        }
     }
 
     /// The analysis in a table. A faulty part has been reported, and is replaced by one that always holds.

@@ -120,12 +120,7 @@ impl Reader<'_> {
     pub fn draw(&mut self, name: &str, kind: Kind, node: &Node) -> Option<Draw> {
         let words = DrawForm::WORDS;
         let table = node.get_ref().as_table()?;
-        for key in table.keys().filter(|key| !words.contains(&key.get_ref().as_ref())) {
-            let found = key.get_ref();
-            let message = format!("unknown key `{found}` in the draw of `{name}`");
-            self.faults
-                .add(Fault::at(key.span().into(), message).nearest(found, words.iter().copied()));
-        }
+        self.only_keys(&format!("the draw of `{name}`"), words, table);
         let table = &*respelt(table, words);
         if table.len() > 1 {
             let message = format!("a draw of `{name}` has one key");

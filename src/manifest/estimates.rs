@@ -9,7 +9,7 @@ use toml::de::DeTable;
 use super::declared::Manifest;
 use super::draft::Draft;
 use super::estimate::{DeclaredEstimate, EstimateDraft};
-use super::fault::{Fault, FaultList, shortened};
+use super::fault::{Fault, FaultList};
 use super::grid::Grid;
 use super::respelt::respelt;
 use super::source::Span;
@@ -49,12 +49,7 @@ impl Reader<'_> {
     pub fn estimates(&mut self, draft: &mut Draft, node: &Node) {
         let mut names = HashSet::new();
         for (span, written) in self.tables("estimate", node) {
-            for key in written.keys().filter(|key| !KEYS.contains(&key.get_ref().as_ref())) {
-                let found = shortened(key.get_ref());
-                let message = format!("unknown key `{found}` in an [[estimate]]");
-                let fault = Fault::at(key.span().into(), message);
-                self.faults.add(fault.one_of("its", &KEYS, &found));
-            }
+            self.only_keys("an [[estimate]]", &KEYS, written);
             let before = self.faults.len();
             let estimate = self.estimate(span, &respelt(written, &KEYS));
             let name = &estimate.estimate.declaration.name;

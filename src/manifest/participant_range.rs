@@ -49,11 +49,7 @@ impl Reader<'_> {
             self.expected("participants", expected, node);
             return None;
         };
-        for key in keys.keys().filter(|key| !KEYS.contains(&key.get_ref().as_ref())) {
-            let found = key.get_ref();
-            let message = format!("unknown key `{found}` in `participants`");
-            self.faults.add(Fault::at(key.span().into(), message).nearest(found, KEYS));
-        }
+        self.only_keys("`participants`", &KEYS, keys);
         let here = Span::from(node.span());
         let keys = &*respelt(keys, &KEYS);
         if let Some(metric) = metric.filter(|one| !one.is_in(MetricPlace::Participants)) {

@@ -10,7 +10,7 @@ use toml::de::DeTable;
 
 use super::draft::{AgentDraft, Draft};
 use super::draw::Draw;
-use super::fault::{Fault, shortened};
+use super::fault::Fault;
 use super::points::points;
 use super::respelt::respelt;
 use super::search::{Leaving, Search};
@@ -41,11 +41,7 @@ impl Reader<'_> {
     /// Reads `[search]`; `None` if it is faulty.
     pub fn search(&mut self, node: &Node) -> Option<Search> {
         let written = self.table("search", node)?;
-        for key in written.keys().filter(|key| !KEYS.contains(&key.get_ref().as_ref())) {
-            let found = shortened(key.get_ref());
-            let message = format!("unknown key `{found}` in [search]");
-            self.faults.add(Fault::at(key.span().into(), message).one_of("its", &KEYS, &found));
-        }
+        self.only_keys("[search]", &KEYS, written);
         let table = &*respelt(written, &KEYS);
         let span = node.span().into();
         let before = self.faults.len();

@@ -243,11 +243,7 @@ impl<'t> Reader<'t> {
         };
         const KEYS: [&str; 5] = ["from", "to", "step", "count", "scale"];
         let before = self.faults.len();
-        for key in table.keys().filter(|key| !KEYS.contains(&key.get_ref().as_ref())) {
-            let found = key.get_ref();
-            let message = format!("unknown key `{found}` in the range of `{name}`");
-            self.faults.add(Fault::at(key.span().into(), message).nearest(found, KEYS));
-        }
+        self.only_keys(&format!("the range of `{name}`"), &KEYS, table);
         // A misspelt third key is not read beside one that stands there.
         let is_spaced = table.contains_key("step") || table.contains_key("count");
         let table = &*respelt(table, if is_spaced { &KEYS[..2] } else { &KEYS });
