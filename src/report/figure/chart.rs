@@ -3,7 +3,7 @@
 use super::Numbers;
 use super::axis::{Axis, AxisScale, Frame, HEIGHT_TICKS, round_range, tick_width};
 use super::label::{Placing, below, beside, end_labels, placing};
-use super::line::{Chart, GAP, LEAST_PLOT, LEFT, Line, Place, Spread, marker, single};
+use super::line::{ALONE, Chart, GAP, LEAST_PLOT, LEFT, Line, Place, Spread, marker, single};
 use super::overlap::{dodges, widenings};
 use super::style::Style;
 use super::{FAINT, INK, NOTE, TEXT, fitting, text};
@@ -163,8 +163,6 @@ fn draw_one(
 
 /// How much wider than a line the white below it is.
 const CASING: f64 = 1.2;
-/// Half the length of the dash that stands for a line with a single point.
-const ALONE: f64 = 7.0;
 
 fn line_marks(
     line: &Line,

@@ -1,9 +1,9 @@
 //! The labels of lines: at their ends, beside the frame, or below the axis.
 
 use super::axis::{Axis, Frame};
-use super::line::{Chart, GAP, LEAST_PLOT, Line, Spread, marker};
+use super::line::{ALONE, Chart, GAP, LEAST_PLOT, Line, Spread, marker};
 use super::look::Look;
-use super::room::{free_height, spread_out};
+use super::room::{free_height, is_free, spread_out};
 use super::style::Style;
 use super::{INK, TEXT, text};
 use crate::report::scene::{Anchor, Color, Mark, Point, Shape, Stroke, Weight, width};
@@ -161,7 +161,8 @@ pub(super) fn end_labels(
             let end = frame.place(axes, (last.x, last.y));
             match ends_early(chart, line) && end.0 < right - FAR {
                 true => {
-                    inside.push((series, end, inside_height(chart, axes, frame, (series, end))))
+                    let (end, height) = inside_place(chart, axes, frame, (series, end));
+                    inside.push((series, end, height));
                 }
                 false => ends.push((series, end, end.1)),
             }
@@ -200,18 +201,27 @@ fn inside_label(line: &Line, frame: &Frame, end: Point) -> (f64, f64) {
     (left, left + wide)
 }
 
-/// The height at which the label of a line that ends early overlaps no other line.
-fn inside_height(
+/// Where the label of a line that ends early overlaps no other line: the end that it belongs to, and its height. A
+/// line of one point, which is drawn as a dash, has its label behind the dash if there is room.
+fn inside_place(
     chart: &Chart,
     axes: (&Axis, &Axis),
     frame: &Frame,
     (series, end): (usize, Point),
-) -> f64 {
+) -> (Point, f64) {
     let others = chart.lines.iter().enumerate().filter(|(other, _)| *other != series);
     let place = |line: &Line| -> Vec<Point> {
         line.points.iter().map(|point| frame.place(axes, (point.x, point.y))).collect()
     };
     let others: Vec<Vec<Point>> = others.map(|(_, line)| place(line)).collect();
+    let line = &chart.lines[series];
+    if line.points.len() == 1 {
+        let left = end.0 + ALONE + 4.0;
+        let behind = left + width(&line.label, TEXT, Weight::SemiBold);
+        if behind < frame.left + frame.width && is_free(&others, (left, behind), end.1) {
+            return ((behind, end.1), end.1);
+        }
+    }
     let limits = (frame.top + TEXT / 2.0, frame.top + frame.height - TEXT / 2.0);
-    free_height(&others, inside_label(&chart.lines[series], frame, end), end.1, limits)
+    (end, free_height(&others, inside_label(line, frame, end), end.1, limits))
 }

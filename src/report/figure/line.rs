@@ -64,6 +64,9 @@ pub struct Place {
     pub tip: String,
 }
 
+/// Half the length of the dash that stands for a line with a single point.
+pub(super) const ALONE: f64 = 7.0;
+
 /// The mark of a single seed: the outline of the arm's mark, larger and without fill.
 pub(super) fn single(at: Point, look: &Look) -> Shape {
     let look = match look.marker {

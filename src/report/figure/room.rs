@@ -29,12 +29,16 @@ pub(super) fn free_height(
     const STEP: f64 = 12.0;
     /// Maximum number of steps.
     const STEPS: u32 = 8;
-    let is_free = |height: &f64| {
-        let letters = (left, right, height - TEXT * 0.7, height + TEXT * 0.7);
-        (top..=bottom).contains(height) && !lines.iter().any(|line| crosses(line, letters))
-    };
+    let is_free =
+        |height: &f64| (top..=bottom).contains(height) && is_free(lines, (left, right), *height);
     let both = |steps: u32| [-STEP, STEP].map(|step| end + step * f64::from(steps));
     (1..=STEPS).flat_map(both).find(is_free).unwrap_or(end - STEP)
+}
+
+/// Whether text from left to right at this height overlaps no line.
+pub(super) fn is_free(lines: &[Vec<Point>], (left, right): (f64, f64), height: f64) -> bool {
+    let letters = (left, right, height - TEXT * 0.7, height + TEXT * 0.7);
+    !lines.iter().any(|line| crosses(line, letters))
 }
 
 /// Whether a line of these points passes through the box from left to right and top to bottom.
