@@ -10,7 +10,7 @@ use serde_json::{Value as Json, json};
 
 use crate::agent::LinearThompson;
 use crate::cli::{Error, Exit, folder};
-use crate::job::{EstimateDeclaration, PlannedJob, REWARD};
+use crate::job::{EstimateDeclaration, PlannedJob, REWARD, distinct};
 use crate::manifest::{self, Manifest};
 use crate::plan::{self, Filter};
 use crate::train::{BanditTrace, Trace, bandit_trace};
@@ -116,7 +116,7 @@ fn decisions(
         let why = format!("{rows} rows of decisions; the maximum is {MOST_DECISIONS}");
         return Err(Error::Usage(format!("--after-study: {why}")));
     }
-    let features: Vec<&String> = distinct(declaration);
+    let features = distinct(declaration.control.iter().chain(&declaration.moderators));
     let place = |name: &&String| names.iter().position(|known| known == *name);
     let places: Vec<Option<usize>> = features.iter().map(place).collect();
     let letters = trace.decisions.first().map_or(0, |one| one.observed.len());
@@ -156,17 +156,6 @@ fn decisions(
         }
     }
     Ok(text)
-}
-
-/// The features of an estimate, each once, in the order of the columns.
-fn distinct(declaration: &EstimateDeclaration) -> Vec<&String> {
-    let mut features: Vec<&String> = Vec::new();
-    for name in declaration.control.iter().chain(&declaration.moderators) {
-        if !features.contains(&name) {
-            features.push(name);
-        }
-    }
-    features
 }
 
 /// The updates: a row for every person whose data count, and the step before which they do.

@@ -38,3 +38,14 @@ pub use outcome::{
 pub use participant_range::ParticipantRange;
 pub use scalar::Scalar;
 pub use trial::{Calendar, Pooling, ROWS, Stay, Trial, UpdateData};
+
+/// The items without repetitions, in order of first appearance.
+pub fn distinct<T: PartialEq>(items: impl IntoIterator<Item = T>) -> Vec<T> {
+    let mut kept = Vec::new();
+    for item in items {
+        if !kept.contains(&item) {
+            kept.push(item);
+        }
+    }
+    kept
+}

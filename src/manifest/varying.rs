@@ -4,6 +4,7 @@ use std::collections::{BTreeMap, HashMap};
 use std::hash::Hash;
 
 use super::declared::Manifest;
+use crate::job::distinct;
 
 /// The parameters in which the jobs of each agent differ, except scenario and seed.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -61,13 +62,7 @@ impl Varying {
 
     /// The distinct dotted names.
     pub fn names(&self) -> Vec<String> {
-        let mut names: Vec<String> = Vec::new();
-        for name in self.0.values().flatten() {
-            if !names.contains(name) {
-                names.push(name.clone());
-            }
-        }
-        names
+        distinct(self.0.values().flatten().cloned())
     }
 
     /// The dotted names for an agent.

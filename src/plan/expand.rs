@@ -7,7 +7,6 @@ use crate::env::Environment;
 use crate::job::{
     Evaluation, Job, Parts, PlannedJob, Trial, agent_text, environment_text, people_text, text,
 };
-use crate::key::Keyed;
 use crate::manifest::{Cell, Grid, Manifest, Section};
 
 /// The number of jobs that [`jobs`] yields, without expanding them.
@@ -66,33 +65,21 @@ struct Part<T> {
     text: String,
 }
 
-impl<T: Keyed> Part<T> {
-    fn of(value: T) -> Part<T> {
-        Part { text: text(&value), value }
-    }
-}
-
-impl Part<Environment> {
-    fn of_environment(environment: Environment) -> Part<Environment> {
-        Part { text: environment_text(&environment), value: environment }
-    }
-}
-
-impl Part<Agent> {
-    fn of_agent(agent: Agent) -> Part<Agent> {
-        Part { text: agent_text(&agent), value: agent }
+impl<T> Part<T> {
+    fn of(value: T, written: fn(&T) -> String) -> Part<T> {
+        Part { text: written(&value), value }
     }
 }
 
 impl Typed {
     fn of(grid: &Grid, cell: &Cell) -> Typed {
-        let environment = Part::of_environment(grid.environment(cell));
+        let environment = Part::of(grid.environment(cell), environment_text);
         Typed {
             people: people_text(&environment.value),
             environment,
-            agent: Part::of_agent(grid.agent(cell)),
-            evaluation: Part::of(grid.evaluation(cell)),
-            trial: grid.trial(cell).map(Part::of),
+            agent: Part::of(grid.agent(cell), agent_text),
+            evaluation: Part::of(grid.evaluation(cell), text),
+            trial: grid.trial(cell).map(|trial| Part::of(trial, text)),
             cell: cell.clone(),
         }
     }
@@ -103,19 +90,19 @@ impl Typed {
         let family = self.environment.value.family();
         let are_people_equal = agree(Section::Population(family));
         if !(agree(Section::Environment(family)) && are_people_equal) {
-            self.environment = Part::of_environment(grid.environment(cell));
+            self.environment = Part::of(grid.environment(cell), environment_text);
         }
         if !are_people_equal {
             self.people = people_text(&self.environment.value);
         }
         if !grid.agree(Section::Agent(grid.algorithm()), &self.cell, cell) {
-            self.agent = Part::of_agent(grid.agent(cell));
+            self.agent = Part::of(grid.agent(cell), agent_text);
         }
         if !grid.agree(Section::Evaluation, &self.cell, cell) {
-            self.evaluation = Part::of(grid.evaluation(cell));
+            self.evaluation = Part::of(grid.evaluation(cell), text);
         }
         if !grid.agree(Section::Trial(true), &self.cell, cell) {
-            self.trial = grid.trial(cell).map(Part::of);
+            self.trial = grid.trial(cell).map(|trial| Part::of(trial, text));
         }
         self.cell.clone_from(cell);
     }
@@ -156,6 +143,7 @@ mod tests {
     use crate::agent::{DuelingDqn, Reinforce, Trunk};
     use crate::env::StepCount;
     use crate::job::JobKey;
+    use crate::key::Keyed;
     use crate::manifest::{Manifest, parse};
 
     fn manifest(text: &str) -> Manifest {

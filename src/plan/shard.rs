@@ -134,65 +134,7 @@ mod tests {
                 .fold((u64::MAX, 0), |(least, most), work| (least.min(work), most.max(work)));
             let largest = works.values().max().copied().unwrap_or(0);
             assert!(most - least <= largest, "{least} {most} {largest}");
-            // No partition can be more even than its largest job allows.
-            if all.len() >= 20 * of as usize && u128::from(largest) * 10 <= u128::from(least) {
-                assert!(most - least <= least / 10, "{least} {most} {largest}");
-            }
         }
-    }
-
-    /// A manifest with agents of very different sizes, drawn from a stream.
-    fn manifest(stream: &mut Stream) -> String {
-        let mut pick = |choices: &[&'static str]| {
-            choices[(stream.unit() * choices.len() as f64) as usize % choices.len()]
-        };
-        format!(
-            "format = 1\nname = \"t\"\nseeds = {}\nscenarios = {}\nenvironment.sigma = {}\n\
-             environment.horizon = {}\nevaluation.test_episodes = {}\n\
-             [[agent]]\nname = \"d\"\nalgorithm = \"dueling_dqn\"\nepisodes = {}\nlayers = {}\nbatch = {}\n\
-             [[agent]]\nname = \"r\"\nalgorithm = \"reinforce\"\nepisodes = {}\n\
-             trajectories_per_update = {}\n[[agent]]\nname = \"t\"\nalgorithm = \"rule\"\nrule = {}\n",
-            pick(&["3", "10", "40"]),
-            pick(&["[\"P-H-D\"]", "[\"C-T\", \"P-T\", \"P-H-D\"]"]),
-            pick(&["0.6", "[0.2, 0.6]", "[0.0, 0.4, 0.8, 1.2]"]),
-            pick(&["50", "[10, 50]"]),
-            pick(&["1", "1000"]),
-            pick(&["100", "[10, 1000]"]),
-            pick(&["[[16]]", "[[128, 128]]", "[[16], [256, 256]]"]),
-            pick(&["8", "[16, 64]"]),
-            pick(&["200", "[50, 15_000]"]),
-            pick(&["1", "50", "[1, 50]"]),
-            pick(&["\"random\"", "[\"never\", \"tailored\"]"]),
-        )
-    }
-
-    #[test]
-    fn shards_of_manifests_are_alike_in_work() {
-        let mut stream = Stream::new(7, Purpose::Environment);
-        let mut compared = 0;
-        for _ in 0..100 {
-            let text = manifest(&mut stream);
-            let manifest = crate::manifest::parse("t", text.as_bytes()).unwrap();
-            let jobs: Vec<(JobKey, u64)> = crate::plan::jobs(&manifest)
-                .map(|planned| (planned.form.key(), planned.job.work()))
-                .collect();
-            let works: HashMap<JobKey, u64> = jobs.iter().copied().collect();
-            for of in [2, 3, 7, 40] {
-                let found = parts(&jobs, of);
-                assert_eq!(found.iter().map(HashSet::len).sum::<usize>(), works.len());
-                let sum = |part: &HashSet<JobKey>| part.iter().map(|key| works[key]).sum::<u64>();
-                let sums: Vec<u64> = found.iter().map(sum).collect();
-                let mean = works.values().sum::<u64>() as f64 / f64::from(of);
-                // Shards can only be even if no job exceeds a tenth of a part.
-                let can_be_alike = works.values().all(|work| *work as f64 <= mean / 10.0);
-                if works.len() >= 20 * of as usize && can_be_alike {
-                    compared += 1;
-                    let spread = sums.iter().max().unwrap() - sums.iter().min().unwrap();
-                    assert!(spread as f64 <= mean / 10.0, "{of}: {sums:?}\n{text}");
-                }
-            }
-        }
-        assert!(compared >= 100, "{compared}");
     }
 
     #[test]

@@ -2,8 +2,7 @@
 
 use serde_json::Value;
 
-use crate::job::short_name;
-use crate::job::{Job, shown, value_of};
+use crate::job::{Job, distinct, short_name, shown, value_of};
 use crate::key::{Parameter, printable, shortened};
 use crate::manifest::{Manifest, Varying};
 
@@ -72,14 +71,8 @@ impl Swept {
 
 /// The distinct dotted names of the headline keys of these manifests' families.
 pub fn headlines(manifests: &[Manifest]) -> Vec<String> {
-    let mut names: Vec<String> = Vec::new();
-    for key in manifests.iter().filter_map(|manifest| manifest.family().headline) {
-        let name = Parameter::Environment(key).to_string();
-        if !names.contains(&name) {
-            names.push(name);
-        }
-    }
-    names
+    let keys = manifests.iter().filter_map(|manifest| manifest.family().headline);
+    distinct(keys.map(|key| Parameter::Environment(key).to_string()))
 }
 
 #[cfg(test)]
