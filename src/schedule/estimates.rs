@@ -14,7 +14,7 @@ use super::event::{Event, EventSink, Found};
 use super::panic;
 use super::queued::Queued;
 use super::sweep::SweepError;
-use super::worker::Slot;
+use super::worker::{Slot, caught};
 use crate::estimate::Estimation;
 use crate::job::{CurvePoint, EstimateDeclaration, Estimates, Failure, FailureKind, Job, Outcome};
 use crate::store::{Added, Reader, Store, StoreError, results_digest};
@@ -240,14 +240,13 @@ fn read(reader: &Reader, queued: &Queued, stop: &AtomicBool) -> Computed {
 fn train_again(queued: &Queued, slot: &Slot, stop: &Arc<AtomicBool>, started: Instant) -> Outcome {
     let deadline = queued.time_limit.and_then(|limit| started.checked_add(limit));
     let control = Again { queued, slot, stop, deadline, started };
-    let failed =
-        |kind, message| Outcome::Failed(Failure { kind, message, episode: slot.episode() });
-    match panic::catch(|| train::run(&queued.job, &control)) {
-        Ok(Outcome::Interrupted) if !stop.load(Ordering::Relaxed) => {
-            failed(FailureKind::OverTime, "training it again exceeded its time limit".to_owned())
-        }
-        Ok(outcome) => outcome,
-        Err(message) => failed(FailureKind::Panicked, message),
+    match caught(slot, || train::run(&queued.job, &control)) {
+        Outcome::Interrupted if !stop.load(Ordering::Relaxed) => Outcome::Failed(Failure {
+            kind: FailureKind::OverTime,
+            message: "training it again exceeded its time limit".to_owned(),
+            episode: slot.episode(),
+        }),
+        outcome => outcome,
     }
 }
 

@@ -1,14 +1,13 @@
 //! A thread that trains one job at a time and reports its outcome.
 
 use std::io;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, PoisonError, mpsc};
 use std::thread::{self, Scope};
 use std::time::Duration;
 
-use crate::job::{CurvePoint, EstimateDeclaration, Failure, FailureKind, Outcome};
-use crate::job::{Job, JobKey};
+use crate::job::{CurvePoint, EstimateDeclaration, Failure, FailureKind, Job, Outcome};
 use crate::schedule::checkpoint::{
     Alarm, CheckpointFolder, CheckpointNote, Entry, Form, Keeper, Stopwatch,
 };
@@ -84,19 +83,10 @@ pub(super) struct Shared<'a> {
     pub(super) messages: mpsc::Sender<Message>,
 }
 
-/// A job to train.
-struct Training {
-    job: Job,
-    key: JobKey,
-    attempt: u32,
-    time_limit: Option<Duration>,
-    estimates: Vec<Arc<EstimateDeclaration>>,
-    folder: PathBuf,
-}
-
 /// The coordinating thread's side of a worker.
 pub(super) struct Worker<'scope> {
-    trainings: mpsc::Sender<Training>,
+    /// Jobs to train, with the numbers of their attempts.
+    trainings: mpsc::Sender<(Queued, u32)>,
     slot: &'scope Arc<Slot>,
     holds: Option<(Queued, Claim)>,
 }
@@ -111,12 +101,12 @@ impl<'scope> Worker<'scope> {
         slot: &'scope Arc<Slot>,
         shared: Shared<'scope>,
     ) -> io::Result<Self> {
-        let (trainings, inbox) = mpsc::channel::<Training>();
+        let (trainings, inbox) = mpsc::channel::<(Queued, u32)>();
         let thread = thread::Builder::new().name(format!("worker {index}"));
         thread.spawn_scoped(scope, move || {
             // The loop ends when the sweep drops its end of the channel.
-            for training in inbox {
-                let report = work(index, &training, slot, &shared);
+            for (queued, attempt) in inbox {
+                let report = work(index, (&queued, attempt), slot, &shared);
                 if shared.messages.send(Message::Ended(Box::new(report))).is_err() {
                     break;
                 }
@@ -131,10 +121,7 @@ impl<'scope> Worker<'scope> {
 
     pub(super) fn start(&mut self, queued: Queued, claim: Claim) {
         self.slot.set(None);
-        let (job, time_limit, folder) =
-            (queued.job.clone(), queued.time_limit, queued.folder.clone());
-        let (attempt, estimates) = (claim.attempt, queued.estimates.clone());
-        let training = Training { job, key: queued.key, attempt, time_limit, estimates, folder };
+        let training = (queued.clone(), claim.attempt);
         self.trainings.send(training).expect("a worker lives as long as its sweep");
         self.holds = Some((queued, claim));
     }
@@ -157,9 +144,14 @@ impl<'scope> Worker<'scope> {
 }
 
 /// Trains a job.
-fn work(worker: usize, training: &Training, slot: &Arc<Slot>, shared: &Shared<'_>) -> Report {
+fn work(
+    worker: usize,
+    (queued, attempt): (&Queued, u32),
+    slot: &Arc<Slot>,
+    shared: &Shared<'_>,
+) -> Report {
     slot.worked.restart();
-    let Training { job, key, attempt, time_limit, estimates, folder } = training;
+    let Queued { job, key, time_limit, estimates, folder, .. } = queued;
     let limit = time_limit.unwrap_or(Duration::MAX);
     slot.deadline.set(limit);
     let report = |note| {
@@ -170,12 +162,12 @@ fn work(worker: usize, training: &Training, slot: &Arc<Slot>, shared: &Shared<'_
         let _ = shared.messages.send(Message::Noted { worker, note });
     };
     let clock = (&slot.checkpoint, shared.checkpoint_every);
-    let keeper = Keeper::new(shared.folder, (*key, *attempt), clock, &report);
+    let keeper = Keeper::new(shared.folder, (*key, attempt), clock, &report);
     slot.curve.set(curve::EVERY);
-    let entry = Entry { key: *key, attempt: *attempt, form: Form::Curve };
+    let entry = Entry { key: *key, attempt, form: Form::Curve };
     let curve = CurveFile::new(shared.curves, entry);
     let control = SlotControl { slot, halt: shared.halt, keeper, estimates, curve, folder };
-    let outcome = match train_caught(shared.train, job, &control) {
+    let outcome = match caught(slot, || (shared.train)(job, &control)) {
         Outcome::Interrupted if slot.deadline.rings() => {
             Outcome::Failed(over_time(slot, limit, job))
         }
@@ -232,16 +224,12 @@ impl TrainingControl for SlotControl<'_> {
     }
 }
 
-/// Trains a job; turns a panic into a failure.
-fn train_caught(train: Train<'_>, job: &Job, control: &SlotControl<'_>) -> Outcome {
-    match panic::catch(|| train(job, control)) {
-        Ok(outcome) => outcome,
-        Err(message) => Outcome::Failed(Failure {
-            kind: FailureKind::Panicked,
-            message,
-            episode: control.slot.episode(),
-        }),
-    }
+/// The outcome of a training, with a panic as a failure.
+pub(super) fn caught(slot: &Slot, train: impl FnOnce() -> Outcome) -> Outcome {
+    panic::catch(train).unwrap_or_else(|message| {
+        let (kind, episode) = (FailureKind::Panicked, slot.episode());
+        Outcome::Failed(Failure { kind, message, episode })
+    })
 }
 
 /// The failure of a job that was stopped at its time limit.
