@@ -78,10 +78,7 @@ impl Contrast {
     pub fn new(first: &Sample, second: &Sample, design: Design) -> Contrast {
         match design {
             Design::Independent => independent(first.values(), second.values()),
-            Design::Matched => match first.matched(second) {
-                Ok(pairs) => matched(&pairs),
-                Err(reason) => nothing_matched(reason),
-            },
+            Design::Matched => matched(first.matched(second)),
         }
     }
 }
@@ -101,34 +98,23 @@ fn independent(first: &[f64], second: &[f64]) -> Contrast {
     }
 }
 
-fn matched(pairs: &[(f64, f64)]) -> Contrast {
-    let (first, second): (Vec<f64>, Vec<f64>) = pairs.iter().copied().unzip();
-    let means = means(&first, &second);
-    let paired = paired_t_test(pairs);
+fn matched(pairs: Result<Vec<(f64, f64)>, Undefined>) -> Contrast {
+    let pairs = pairs.as_deref().map_err(|reason| *reason);
+    let means = pairs.and_then(|pairs| {
+        let (first, second): (Vec<f64>, Vec<f64>) = pairs.iter().copied().unzip();
+        means(&first, &second)
+    });
+    let (paired, n) = (pairs.and_then(paired_t_test), pairs.map_or(0, <[_]>::len));
     Contrast {
         design: Design::Matched,
-        seeds: (pairs.len(), pairs.len()),
+        seeds: (n, n),
         means,
         difference: means.and_then(|(one, two)| finite(one - two)),
         test: paired,
         student: paired,
-        hedges_g: paired_hedges_g(pairs),
-        improvement: paired_improvement(pairs),
-        permutation_p: paired_permutation_p(pairs),
-    }
-}
-
-fn nothing_matched(reason: Undefined) -> Contrast {
-    Contrast {
-        design: Design::Matched,
-        seeds: (0, 0),
-        means: Err(reason),
-        difference: Err(reason),
-        test: Err(reason),
-        student: Err(reason),
-        hedges_g: Err(reason),
-        improvement: Err(reason),
-        permutation_p: Err(reason),
+        hedges_g: pairs.and_then(paired_hedges_g),
+        improvement: pairs.and_then(paired_improvement),
+        permutation_p: pairs.and_then(paired_permutation_p),
     }
 }
 

@@ -10,6 +10,7 @@ mod bootstrap;
 mod contrast;
 pub mod declared;
 mod effect_size;
+mod grouped;
 mod improvement;
 mod interval;
 mod moments;
@@ -35,14 +36,13 @@ pub use agreement::{Agreement, Estimate, Likeness, Verdict, agreement};
 pub use bootstrap::{Aggregate, RESAMPLES, interquartile_mean};
 pub use contrast::{Contrast, Design, t_test};
 pub use effect_size::{HedgesG, hedges_g, paired_hedges_g};
+pub use grouped::grouped;
 pub use improvement::{Improvement, improvement, paired_improvement};
 pub use interval::{Interval, LEVEL, mean_interval, share_interval};
 pub use moments::{Moments, mean_and_sd};
 pub use monte_carlo::monte_carlo_p;
 pub use multiplicity::{Corrected, correct};
-pub use operating::{
-    Formula, Operating, SampleSize, Simulated, TrialEstimate, sample_size, wilson,
-};
+pub use operating::{Formula, Operating, SampleSize, Simulated, TrialEstimate, sample_size};
 pub use permutation::{MOST_ARRANGEMENTS, paired_permutation_p, permutation_p};
 pub use power::{Detectable, FEW_SEEDS, POWER, detectable};
 pub use quantile::{lower_quartile, quantile};

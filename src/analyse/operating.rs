@@ -93,12 +93,10 @@ fn deviation(values: &[f64]) -> Result<Simulated, Undefined> {
     Ok(Simulated { value, interval: Ok(Interval { low: end(1.0 - tail), high: end(tail) }) })
 }
 
-fn share(
-    trials: &[TrialEstimate],
-    counts: impl Fn(&TrialEstimate) -> bool,
-) -> Result<Simulated, Undefined> {
+/// The share of trials that count, with Wilson's interval.
+pub(super) fn share<T>(trials: &[T], counts: impl Fn(&T) -> bool) -> Result<Simulated, Undefined> {
     at_least(1, trials.len())?;
-    let count = trials.iter().filter(|trial| counts(trial)).count();
+    let count = trials.iter().filter(|trial| counts(*trial)).count();
     let interval = Ok(wilson(count, trials.len()));
     Ok(Simulated { value: count as f64 / trials.len() as f64, interval })
 }
@@ -107,7 +105,7 @@ fn share(
 ///
 /// **Source**: Wilson, "Probable inference, the law of succession, and statistical inference", Journal of the American
 /// Statistical Association 22, 1927.
-pub fn wilson(count: usize, trials: usize) -> Interval {
+fn wilson(count: usize, trials: usize) -> Interval {
     let (n, square) = (trials as f64, NORMAL_CRITICAL * NORMAL_CRITICAL);
     let p = count as f64 / n;
     let centre = (p + square / (2.0 * n)) / (1.0 + square / n);

@@ -33,16 +33,12 @@ pub struct Detectable {
 /// the noncentral t distribution, without approximation. The interval is that of a standard deviation, from
 /// the chi-squared distribution.
 pub fn detectable(test: &TTest, level: f64) -> Detectable {
-    let shift = detectable_shift(test.df, level);
+    let bound = t_of_p(level, test.df);
+    let below = |bound: f64, shift: f64| noncentral_t(bound, test.df, shift);
+    let missed = |shift: f64| below(bound, shift) - below(-bound, shift);
+    let shift = root(|shift| missed(shift) - (1.0 - POWER), (0.0, 10.0 + 2.0 * bound));
     let difference = test.standard_error * shift;
     let tail = (1.0 - LEVEL) / 2.0;
     let end = |p: f64| difference * (test.df / chi_squared_of_p(p, test.df)).sqrt();
     Detectable { difference, interval: Interval { low: end(1.0 - tail), high: end(tail) } }
-}
-
-/// The shift of t that is detected with probability [`POWER`] at this level.
-pub(super) fn detectable_shift(df: f64, level: f64) -> f64 {
-    let bound = t_of_p(level, df);
-    let missed = |shift: f64| noncentral_t(bound, df, shift) - noncentral_t(-bound, df, shift);
-    root(|shift| missed(shift) - (1.0 - POWER), (0.0, 10.0 + 2.0 * bound))
 }

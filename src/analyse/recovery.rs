@@ -85,11 +85,8 @@ fn interval(
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::analyse::sample::sample;
     use crate::analyse::t_test;
-
-    fn sample(values: &[f64]) -> Sample {
-        Sample::new((1..).zip(values.iter().copied()), 0, 0).unwrap()
-    }
 
     /// The share of independent samples.
     fn share_of(with: &[f64], without: &[f64], optimum: f64) -> Result<Recovered, Undefined> {

@@ -4,6 +4,7 @@ use serde_json::Value;
 
 use super::interval::critical;
 use super::noncentral::noncentral_t;
+use super::sample::sample;
 use super::*;
 use crate::estimate::{t_of_p, two_sided_p};
 
@@ -44,10 +45,6 @@ fn assert_interval(ours: Interval, theirs: &Value, tolerance: f64, what: &str) {
     let most = tolerance * (high - low).max(low.abs()).max(high.abs());
     let off = (ours.low - low).abs().max((ours.high - high).abs());
     assert!(off <= most, "{what}: {ours:?}, not [{low}, {high}]");
-}
-
-fn sample(values: &[f64]) -> Sample {
-    Sample::new((1..).zip(values.iter().copied()), 0, 0).unwrap()
 }
 
 #[test]

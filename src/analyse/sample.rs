@@ -155,6 +155,12 @@ impl Sample {
     }
 }
 
+/// The sample of these values, with the seeds 1, 2 and so on.
+#[cfg(test)]
+pub(super) fn sample(values: &[f64]) -> Sample {
+    Sample::new((1..).zip(values.iter().copied()), 0, 0).unwrap()
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

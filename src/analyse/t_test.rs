@@ -39,8 +39,9 @@ impl TTest {
 ///
 /// **Source**: Student, "The probable error of a mean", 1908; Fisher, 1925.
 pub fn student_t_test(first: &[f64], second: &[f64]) -> Result<TTest, Undefined> {
-    let ([one, two], _) = both(first, second)?;
-    let pooled = pooled_sd(first, second)?;
+    let ([one, two], [var_1, var_2]) = both(first, second)?;
+    let (free_1, free_2) = (one.n as f64 - 1.0, two.n as f64 - 1.0);
+    let pooled = finite(((free_1 * var_1 + free_2 * var_2) / (free_1 + free_2)).sqrt())?;
     let standard_error = pooled * (1.0 / one.n as f64 + 1.0 / two.n as f64).sqrt();
     let df = (one.n + two.n - 2) as f64;
     TTest::new(one.mean - two.mean, standard_error, df, one.mean.abs().max(two.mean.abs()))
@@ -76,15 +77,6 @@ pub fn paired_t_test(pairs: &[(f64, f64)]) -> Result<TTest, Undefined> {
     // The rounding error of a difference depends on the size of its operands.
     let size = pairs.iter().map(|(a, b)| a.abs().max(b.abs())).fold(0.0, f64::max);
     TTest::new(mean, sd? / (n as f64).sqrt(), n as f64 - 1.0, size)
-}
-
-/// Pooled standard deviation of two arms, as in Student's t test.
-///
-/// **Errors**: fewer than two values in an arm.
-pub(super) fn pooled_sd(first: &[f64], second: &[f64]) -> Result<f64, Undefined> {
-    let ([one, two], [var_1, var_2]) = both(first, second)?;
-    let (free_1, free_2) = (one.n as f64 - 1.0, two.n as f64 - 1.0);
-    finite(((free_1 * var_1 + free_2 * var_2) / (free_1 + free_2)).sqrt())
 }
 
 /// Moments and variances of two arms of at least two values.

@@ -1,14 +1,14 @@
 //! `jitai check --try`: starts the programs of environments and checks the contract.
 
-use std::collections::HashMap;
 use std::io::{self, Write};
 use std::sync::Arc;
 
 use serde_json::{Value as Json, json};
 
+use crate::analyse::grouped;
 use crate::cli::output::counted;
 use crate::env::outside::{OutsideModel, Trial, try_program};
-use crate::job::{Job, environment_text};
+use crate::job::{distinct, environment_text};
 use crate::key::printable;
 use crate::manifest::Manifest;
 use crate::plan;
@@ -25,16 +25,10 @@ pub(super) fn of_manifest(manifest: &Manifest) -> Vec<Tried> {
     if !manifest.family().is_external() {
         return Vec::new();
     }
-    let mut environments: Vec<Vec<Job>> = Vec::new();
-    let mut places = HashMap::new();
-    for planned in plan::jobs(manifest) {
-        let place = places.entry(environment_text(&planned.job.environment));
-        let place = *place.or_insert(environments.len());
-        environments.resize_with(environments.len().max(place + 1), Vec::new);
-        environments[place].push(planned.job);
-    }
+    let jobs = plan::jobs(manifest).map(|planned| planned.job);
+    let environments = jobs.map(|job| (environment_text(&job.environment), job));
     let mut all = Vec::new();
-    for jobs in environments {
+    for (_, jobs) in grouped(environments) {
         let Some(model) = jobs[0].environment.model::<OutsideModel>() else { continue };
         let launch = model.launch(manifest.folder());
         let parameters: Vec<String> =
@@ -42,12 +36,7 @@ pub(super) fn of_manifest(manifest: &Manifest) -> Vec<Tried> {
         let result = try_program(&launch, Arc::new(|| false)).map_err(|error| error.to_string());
         let suited = result.and_then(|trial| {
             let misfits = jobs.iter().filter_map(|job| misfit(job, &trial.description));
-            let mut faults: Vec<String> = Vec::new();
-            misfits.for_each(|fault| {
-                if !faults.contains(&fault) {
-                    faults.push(fault)
-                }
-            });
+            let faults = distinct(misfits);
             if faults.is_empty() { Ok(trial) } else { Err(faults.join("; ")) }
         });
         all.push(Tried { parameters: parameters.join(", "), result: suited });

@@ -6,12 +6,12 @@ use crate::job::metric::{
 use std::cmp::Reverse;
 use std::collections::{BTreeSet, HashMap, HashSet};
 
-use crate::analyse::{Sample, lower_quartile};
+use crate::analyse::{Sample, grouped, lower_quartile};
 use crate::job::{MetricName, MetricUnit, Scalar};
 use crate::record::{CompletedRun, JobRecord, JobStatus};
 
 /// The identity of an arm within its analysis.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, Default, PartialEq)]
 pub struct ArmId {
     /// Agent's name in the manifest.
     pub agent: String,
@@ -188,25 +188,20 @@ pub fn implied(jobs: &[&JobRecord], kept: &[String]) -> Vec<String> {
 pub fn arms<'j>(jobs: &[&'j JobRecord], aside: &[&str]) -> Vec<Arm<'j>> {
     let mut names = varying(jobs);
     names.retain(|name| !aside.contains(&name.as_str()));
-    let mut arms: Vec<Arm<'j>> = Vec::new();
-    let mut places = HashMap::new();
-    for jobs in jobs.chunk_by(|one, next| one.shares_arm(next)) {
+    let alike = jobs.chunk_by(|one, next| one.shares_arm(next)).map(|jobs| {
         let job = jobs[0];
         let tokens: Vec<Option<Token<'_>>> =
             names.iter().map(|name| job.setting(name).map(Token::of)).collect();
-        let place = *places.entry((&*job.agent, &*job.scenario, tokens)).or_insert(arms.len());
-        if place == arms.len() {
-            let settings = names.iter().filter_map(|name| Some((name.clone(), job.setting(name)?)));
-            let name = ArmId {
-                agent: job.agent.to_string(),
-                scenario: job.scenario.clone(),
-                settings: settings.map(|(name, value)| (name, value.clone())).collect(),
-            };
-            arms.push(Arm { name, jobs: Vec::new() });
-        }
-        arms[place].jobs.extend(jobs);
-    }
-    arms
+        ((&*job.agent, &*job.scenario, tokens), jobs)
+    });
+    let arm = |((agent, scenario, _), jobs): ((&str, &str, _), Vec<&[&'j JobRecord]>)| {
+        let job = jobs[0][0];
+        let settings = names.iter().filter_map(|name| Some((name, job.setting(name)?)));
+        let settings = settings.map(|(name, value)| (name.clone(), value.clone())).collect();
+        let name = ArmId { agent: agent.to_owned(), scenario: scenario.to_owned(), settings };
+        Arm { name, jobs: jobs.concat() }
+    };
+    grouped(alike).into_iter().map(arm).collect()
 }
 
 /// The distinct values of a numeric parameter in ascending order, each with its jobs.

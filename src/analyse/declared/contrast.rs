@@ -1,7 +1,6 @@
 //! Differences of means between two sides, at every setting of the other parameters.
 
 use std::collections::BTreeMap;
-use std::ops::Deref;
 
 use super::arm::{ArmId, varying};
 use super::curve::ALPHA;
@@ -19,15 +18,6 @@ pub struct ContrastFigure {
     pub sides: (String, String),
     /// The differences, in the manifest's order.
     pub rows: Vec<ContrastRow>,
-}
-
-/// A contrast is read as the list of its differences.
-impl Deref for ContrastFigure {
-    type Target = [ContrastRow];
-
-    fn deref(&self) -> &[ContrastRow] {
-        &self.rows
-    }
 }
 
 /// A family of tests, over which p values are corrected.
@@ -94,6 +84,25 @@ impl ContrastRow {
                 let means = self.contrast.means;
                 (means.map(|(first, _)| first), means.map(|(_, second)| second))
             }
+        }
+    }
+}
+
+#[cfg(test)]
+impl ContrastRow {
+    /// The difference between `a` and `b` of an agent `dqn`, without a corrected p value.
+    pub fn between(first: Sample, second: Sample, design: Design) -> ContrastRow {
+        let (agent, scenario) = ("dqn".to_owned(), "P".to_owned());
+        ContrastRow {
+            sides: ("a".to_owned(), "b".to_owned()),
+            name: ArmId { agent, scenario, ..ArmId::default() },
+            error: None,
+            contrast: analyse::Contrast::new(&first, &second, design),
+            family: Family::default(),
+            corrected: Err(Undefined::TooFewSeeds { have: 1, need: 2 }),
+            published: None,
+            first,
+            second,
         }
     }
 }

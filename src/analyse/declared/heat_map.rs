@@ -219,8 +219,7 @@ fn lead(tiles: &[HeatTile], samples: &[Sample]) -> Option<Lead> {
 
 /// The results of the jobs of one tile.
 fn sample(jobs: Vec<&JobRecord>, metric: MetricName) -> Sample {
-    let name = ArmId { agent: String::new(), scenario: String::new(), settings: Vec::new() };
-    Arm { name, jobs }.sample(metric)
+    Arm { name: ArmId::default(), jobs }.sample(metric)
 }
 
 /// The difference of means of two sides, its interval, and the seeds of the smaller side.

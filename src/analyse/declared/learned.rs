@@ -3,8 +3,8 @@
 use std::collections::HashSet;
 
 use super::arm::{ArmId, arms, decided_by};
-use crate::analyse::{Interval, Simulated};
-use crate::analyse::{Undefined, monte_carlo_p, quantile, wilson};
+use crate::analyse::operating::share;
+use crate::analyse::{Simulated, Undefined, monte_carlo_p, quantile};
 use crate::job::{Condition, Scalar};
 use crate::key::{Parameter, Value};
 use crate::manifest::DidItLearn;
@@ -73,13 +73,7 @@ impl OverTrials {
 impl LearnedPanel {
     /// The share of trials whose p-value is at most 5 %, with Wilson's interval.
     pub fn rejected(&self) -> Result<Simulated, Undefined> {
-        let (count, all) =
-            (self.p_values.iter().filter(|p| **p <= ALPHA).count(), self.p_values.len());
-        if all == 0 {
-            return Err(Undefined::NoSeeds);
-        }
-        let interval: Result<Interval, Undefined> = Ok(wilson(count, all));
-        Ok(Simulated { value: count as f64 / all as f64, interval })
+        share(&self.p_values, |p| *p <= ALPHA)
     }
 
     /// The median p-value of the trials.

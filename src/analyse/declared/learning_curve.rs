@@ -2,7 +2,7 @@
 
 use super::arm::{ArmId, arms};
 use super::curve::Apart;
-use crate::analyse::{Design, Interval, Sample, mean_interval, moving_mean};
+use crate::analyse::{Design, Interval, Sample, grouped, mean_interval, moving_mean};
 use crate::job::metric::MEAN_RETURN;
 use crate::record::JobRecord;
 
@@ -82,9 +82,8 @@ pub struct LearningLine {
 /// The learning curves of the jobs. A line ends at the last point that all of its completed seeds
 /// have. Agents that do not learn have no line.
 pub fn figure(window: u32, jobs: &[&JobRecord]) -> LearningFigure {
-    let mut panels: Vec<LearningPanel> = Vec::new();
     let learners: Vec<&JobRecord> = jobs.iter().filter(|job| job.learns).copied().collect();
-    for arm in arms(&learners, &[]) {
+    let lines = arms(&learners, &[]).into_iter().map(|arm| {
         let (seeds, curves): (Vec<u64>, Vec<Vec<(u32, f64)>>) = arm
             .jobs
             .iter()
@@ -105,14 +104,10 @@ pub fn figure(window: u32, jobs: &[&JobRecord]) -> LearningFigure {
             points: over_seeds(&curves),
             name: arm.name,
         };
-        match panels.iter_mut().find(|panel| panel.scenario == line.name.scenario) {
-            Some(panel) => panel.lines.push(line),
-            None => {
-                let scenario = line.name.scenario.clone();
-                panels.push(LearningPanel { scenario, lines: vec![line] });
-            }
-        }
-    }
+        (line.name.scenario.clone(), line)
+    });
+    let panel = |(scenario, lines)| LearningPanel { scenario, lines };
+    let panels = grouped(lines).into_iter().map(panel).collect();
     LearningFigure { window, panels }
 }
 

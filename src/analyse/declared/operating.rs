@@ -6,7 +6,7 @@ use super::arm::{Arm, ArmId, arms, by_value, decided_by};
 use crate::analyse::{
     Formula, Interval, Operating, SampleSize, Simulated, TrialEstimate, sample_size,
 };
-use crate::job::{CONSTANT, Effect, Estimate};
+use crate::job::{CONSTANT, Effect, distinct};
 use crate::key::Parameter;
 use crate::manifest::OperatingCharacteristics;
 use crate::record::JobRecord;
@@ -115,22 +115,16 @@ pub fn figure(kind: &OperatingCharacteristics, jobs: &[&JobRecord]) -> Operating
 
 /// The terms of the chosen estimates, all if none is chosen, in order of first appearance.
 fn terms(jobs: &[&JobRecord], chosen: &[String]) -> Vec<Term> {
-    let mut terms: Vec<Term> = Vec::new();
     let estimates = jobs.iter().filter_map(|job| job.completed()).flat_map(|run| &run.estimates);
-    for estimates in estimates {
-        let name = &estimates.declaration.name;
-        if !chosen.is_empty() && !chosen.contains(name) {
-            continue;
-        }
-        for Estimate { term, .. } in &estimates.terms {
-            let outcome = estimates.declaration.outcome.clone();
-            let term = Term { estimate: name.clone(), term: term.clone(), outcome };
-            if !terms.contains(&term) {
-                terms.push(term);
-            }
-        }
-    }
-    terms
+    let estimates =
+        estimates.filter(|one| chosen.is_empty() || chosen.contains(&one.declaration.name));
+    distinct(estimates.flat_map(|of| {
+        of.terms.iter().map(|one| Term {
+            estimate: of.declaration.name.clone(),
+            term: one.term.clone(),
+            outcome: of.declaration.outcome.clone(),
+        })
+    }))
 }
 
 /// Whether a trial of an arm has the estimate of a term.

@@ -1,9 +1,9 @@
 //! The two sides of a difference, at every setting of the other parameters.
 
 use std::collections::HashMap;
-use std::collections::hash_map::Entry;
 
 use super::arm::{Arm, ArmId, Token, arms, cells, varying};
+use crate::analyse::grouped;
 use crate::job::Condition;
 use crate::key::Parameter;
 use crate::manifest::Sides;
@@ -47,9 +47,7 @@ pub fn pairs<'j>(sides: &Sides, jobs: &[&'j JobRecord], aside: &[&str]) -> Vec<P
     };
     let distinguished = |jobs: &[&'j JobRecord]| -> Vec<Arm<'j>> {
         // An arm's name has every parameter that distinguishes a difference, varied on its side or not.
-        let mut found: Vec<Arm<'j>> = Vec::new();
-        let mut places = HashMap::new();
-        for mut arm in arms(jobs, aside) {
+        let named = arms(jobs, aside).into_iter().map(|mut arm| {
             let job = arm.jobs[0];
             let settings = names.iter().filter_map(|name| Some((name, job.setting(name)?)));
             arm.name.settings =
@@ -61,18 +59,14 @@ pub fn pairs<'j>(sides: &Sides, jobs: &[&'j JobRecord], aside: &[&str]) -> Vec<P
             }
             let tokens: Vec<Option<Token<'_>>> =
                 names.iter().map(|name| job.setting(name).map(Token::of)).collect();
-            match places.entry((arm.name.agent.clone(), arm.name.scenario.clone(), tokens)) {
-                Entry::Occupied(place) => {
-                    let other: &mut Arm<'j> = &mut found[*place.get()];
-                    other.jobs.extend(arm.jobs);
-                }
-                Entry::Vacant(place) => {
-                    place.insert(found.len());
-                    found.push(arm);
-                }
-            }
-        }
-        found
+            ((arm.name.agent.clone(), arm.name.scenario.clone(), tokens), arm)
+        });
+        let merged = |mut one: Arm<'j>, other: Arm<'j>| {
+            one.jobs.extend(other.jobs);
+            one
+        };
+        let same = grouped(named).into_iter();
+        same.filter_map(|(_, arms)| arms.into_iter().reduce(merged)).collect()
     };
     // What both sides of a difference have in common.
     let shared: Vec<&String> = names.iter().filter(|name| !is_of_one(name)).collect();

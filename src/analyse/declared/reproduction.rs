@@ -8,7 +8,7 @@ use crate::analyse::{
     Agreement, Design, Estimate, Likeness, Sample, Undefined, Verdict, agreement, t_test,
 };
 use crate::env::inference_error;
-use crate::job::{MetricName, MetricUnit, Scalar};
+use crate::job::{MetricName, MetricUnit, Scalar, distinct};
 use crate::key::Parameter;
 use crate::manifest::{Published, PublishedRow};
 use crate::record::JobRecord;
@@ -82,13 +82,7 @@ pub struct Distance {
 impl Reproduction {
     /// The kinds of numbers, in the order of the published file.
     pub fn subjects(&self) -> Vec<&str> {
-        let mut subjects: Vec<&str> = Vec::new();
-        for one in &self.comparisons {
-            if !subjects.contains(&one.subject.as_str()) {
-                subjects.push(&one.subject);
-            }
-        }
-        subjects
+        distinct(self.comparisons.iter().map(|one| one.subject.as_str()))
     }
 
     /// Numbers of comparisons of a subject whose verdict is inside, outside and undefined.
@@ -355,6 +349,7 @@ fn certain(difference: f64) -> Result<Agreement, Undefined> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::analyse::sample::sample;
     use crate::rng::{Purpose, Stream};
 
     /// Number of simulated comparisons in which both numbers have the same true value.
@@ -369,10 +364,6 @@ mod tests {
             sd * (-2.0 * radius.ln()).sqrt() * (std::f64::consts::TAU * angle).cos()
         };
         (0..n).map(one).collect()
-    }
-
-    fn sample(values: &[f64]) -> Sample {
-        Sample::new((1..).zip(values.iter().copied()), 0, 0).unwrap()
     }
 
     /// Number of seeds behind a published mean, and half-width of the error of reading it.

@@ -1,12 +1,11 @@
 //! Summaries of every arm and every agent, independent of declared analyses.
 
-use std::collections::HashMap;
 use std::sync::OnceLock;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::thread;
 
 use super::arm::{ArmId, arms};
-use crate::analyse::{Aggregate, Sample, Undefined, interquartile_mean};
+use crate::analyse::{Aggregate, Sample, Undefined, grouped, interquartile_mean};
 use crate::env::Family;
 use crate::job::MetricName;
 use crate::job::metric::{
@@ -19,7 +18,7 @@ use crate::record::JobRecord;
 const MOST_AT_ONCE: usize = 64;
 
 /// The results of an arm.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, Default, PartialEq)]
 pub struct ArmSummary {
     /// The identity of the arm.
     pub name: ArmId,
@@ -117,16 +116,8 @@ fn termination_metric(arm: &super::Arm<'_>) -> MetricName {
 /// Summarises arms by agent and scenario, in their order. Inter-quartile means take most of a report's time,
 /// so those of agents and of arms are computed together, on all cores.
 pub fn summarise_agents(arms: &[ArmSummary]) -> Vec<AgentSummary> {
-    let mut groups: Vec<Vec<&ArmSummary>> = Vec::new();
-    let mut places = HashMap::new();
-    for arm in arms {
-        let place = places.entry((&arm.name.agent, &arm.name.scenario)).or_insert(groups.len());
-        if *place == groups.len() {
-            groups.push(Vec::new());
-        }
-        groups[*place].push(arm);
-    }
-    let groups: Vec<Group<'_>> = groups.into_iter().map(Group::of).collect();
+    let groups = grouped(arms.iter().map(|arm| ((&arm.name.agent, &arm.name.scenario), arm)));
+    let groups: Vec<Group<'_>> = groups.into_iter().map(|(_, arms)| Group::of(arms)).collect();
     // An agent's samples are larger than an arm's, and are begun first.
     let of_agents = groups.iter().flat_map(|group| [group.returns(), group.shares()]);
     let of_arms = arms.iter().map(|arm| vec![&arm.returns]);
@@ -239,17 +230,12 @@ mod tests {
             name: ArmId {
                 agent: "dqn".to_owned(),
                 scenario: scenario.to_owned(),
-                settings: Vec::new(),
+                ..ArmId::default()
             },
             net_returns: returns.clone(),
             returns,
-            lower_quartiles: Sample::default(),
-            terminated: Sample::default(),
-            messages: Sample::default(),
             optimum,
-            headline: None,
-            context_error: None,
-            interquartile: OnceLock::new(),
+            ..ArmSummary::default()
         }
     }
 
