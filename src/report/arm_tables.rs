@@ -197,10 +197,7 @@ mod tests {
             terminated: returns.clone(),
             messages: returns.clone(),
             returns,
-            optimum: None,
-            headline: None,
-            context_error: None,
-            interquartile: std::sync::OnceLock::new(),
+            ..ArmSummary::default()
         }
     }
 

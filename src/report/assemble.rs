@@ -9,7 +9,7 @@ use super::section::ReportedExperiment;
 use super::winner::winners;
 use crate::analyse::declared::{carry_out, condense, reproduce, summarise_arms, varying};
 use crate::job::metric::LOWER_QUARTILE_RETURN;
-use crate::job::{Condition, DataPart, ParticipantRange, RecordedEpisodes};
+use crate::job::{Condition, DataPart, RecordedEpisodes, distinct};
 use crate::key::{Parameter, Value};
 use crate::manifest::{Analysis, Faults, Manifest, Parameters, Published};
 use crate::plan;
@@ -134,12 +134,7 @@ fn data_set(
     })?;
     let is_completed = data.jobs.iter().map(|job| job.completed().is_some());
     let found = places.optima(is_completed, |done, of| on_progress(Work::Optima, done, of));
-    let mut ranges: Vec<ParticipantRange> = Vec::new();
-    for range in manifest.analyses.iter().filter_map(|analysis| analysis.participants) {
-        if !ranges.contains(&range) {
-            ranges.push(range);
-        }
-    }
+    let ranges = distinct(manifest.analyses.iter().filter_map(|analysis| analysis.participants));
     reader.read_participants(&mut data.jobs, &ranges)?;
     for (job, optimum) in data.jobs.iter_mut().zip(found.of_jobs) {
         job.optimum = optimum;
@@ -185,14 +180,9 @@ fn query(manifest: &Manifest, data: &DataSet, analysis: &Analysis) -> DataQuery 
         parameter => (3, parameter.to_string()),
     };
     conditions.sort_by_key(place);
-    let mut columns = varying(&data.jobs.iter().collect::<Vec<_>>());
-    let is_key = |one: &&Condition| place(one).0 == 3;
-    let keys = conditions.iter().filter(is_key);
-    for name in keys.map(Condition::name) {
-        if !columns.contains(&name) {
-            columns.push(name);
-        }
-    }
+    let varying = varying(&data.jobs.iter().collect::<Vec<_>>());
+    let keys = conditions.iter().filter(|one| place(one).0 == 3).map(Condition::name);
+    let columns = distinct(varying.into_iter().chain(keys));
     let none = Value::Choice(RecordedEpisodes::None.word());
     let kept = manifest.evaluation.get("record_episodes").unwrap_or_default();
     let part = match analysis.part() {

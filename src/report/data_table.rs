@@ -1,6 +1,7 @@
 //! A table of numbers and words, and its forms: CSV, Markdown, LaTeX.
 
 use super::escape;
+use crate::job::distinct;
 use crate::key::shortened;
 
 /// A table.
@@ -259,14 +260,10 @@ impl DataTable {
     pub fn reasons(&self) -> Option<String> {
         let places: Vec<usize> = self.shown_columns().collect();
         let entries = self.rows.iter().flat_map(|row| places.iter().map(|place| &row[*place]));
-        let mut reasons: Vec<&str> = Vec::new();
-        for entry in entries {
-            if let Entry::Missing(reason) = entry
-                && !reasons.contains(&reason.as_str())
-            {
-                reasons.push(reason);
-            }
-        }
+        let reasons = distinct(entries.filter_map(|entry| match entry {
+            Entry::Missing(reason) => Some(reason.as_str()),
+            Entry::Text { .. } | Entry::Number { .. } => None,
+        }));
         (!reasons.is_empty()).then(|| reasons.join("; "))
     }
 }

@@ -84,32 +84,26 @@ pub struct ReportFigure {
 
 /// The figures of the report of these experiments, in the order of the page.
 pub fn figures(experiments: &[ReportedExperiment]) -> Vec<ReportFigure> {
-    let of = |section: &Section<'_>, one: &Shown<'_>| {
-        let figure = |(name, scene): &(String, Scene)| ReportFigure {
+    let of_section = |section: &Section<'_>| {
+        let figure = |(analysis, caption): (&String, &String), name: &String, scene| ReportFigure {
             experiment: section.experiment.name.clone(),
-            analysis: one.finding.name.clone(),
+            analysis: analysis.clone(),
             name: name.clone(),
             svg: svg(scene),
-            caption: one.caption.clone(),
+            caption: caption.clone(),
         };
-        one.scenes.iter().map(figure).collect::<Vec<_>>()
+        let mut figures = Vec::new();
+        if let Some(one) = &section.race {
+            let of = (&"race".to_owned(), &one.race.caption);
+            figures.extend(one.scenes.iter().map(|(name, scene)| figure(of, name, scene)));
+        }
+        for one in &section.shown {
+            let of = (&one.finding.name, &one.caption);
+            figures.extend(one.scenes.iter().map(|(name, scene)| figure(of, name, scene)));
+        }
+        figures
     };
-    let of_race = |section: &Section<'_>, one: &ShownRace<'_>| {
-        let figure = |(name, scene): &(String, &Scene)| ReportFigure {
-            experiment: section.experiment.name.clone(),
-            analysis: "race".to_owned(),
-            name: name.clone(),
-            svg: svg(scene),
-            caption: one.race.caption.clone(),
-        };
-        one.scenes.iter().map(figure).collect::<Vec<_>>()
-    };
-    let sections = sections(experiments);
-    let of_section = |one: &Section<'_>| {
-        let races = one.race.iter().flat_map(|race| of_race(one, race));
-        races.chain(one.shown.iter().flat_map(|shown| of(one, shown))).collect::<Vec<_>>()
-    };
-    sections.iter().flat_map(of_section).collect()
+    sections(experiments).iter().flat_map(of_section).collect()
 }
 
 /// The experiments in displayed form.
@@ -304,8 +298,7 @@ fn figures_of(finding: &Finding, sheet: &Sheet<'_>, taken: &mut Vec<String>) -> 
 
 /// Adds the files of a finding.
 fn write_finding(shown: &Shown<'_>, files: &mut Vec<ReportFile>) {
-    let panels = shown.scenes.iter().map(|(stem, scene)| (stem, scene));
-    for (stem, scene) in panels.chain(shown.wholes.iter().map(|(stem, whole)| (stem, whole))) {
+    for (stem, scene) in shown.scenes.iter().chain(&shown.wholes) {
         write_figure(stem, scene, files);
     }
     write_table(&format!("tables/{}", shown.stem), &shown.table, files);

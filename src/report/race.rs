@@ -7,6 +7,7 @@ use super::race_context::{RaceContext, end, known, mean_of};
 use super::race_figure::{caption, race_figure};
 use super::scene::Scene;
 use super::tables::{high, low, no_interval};
+use super::winner::shrinkage;
 use crate::analyse::{Interval, Undefined, mean_interval, paired_t_test};
 use crate::job::{Measure, counted};
 use crate::key::{Parameter, printable, shortened};
@@ -155,19 +156,10 @@ impl RaceContext<'_> {
         let values: Vec<f64> = fresh.iter().map(|(_, value)| *value).collect();
         let missing = if values.len() < of { format!(" of {of}") } else { String::new() };
         let mut lines = vec![format!("On fresh seeds: {}{missing}", self.mean(&values))];
-        // The mean of the race is the best of several and no unbiased estimate. It counts as a fixed number, as for
-        // the winner of a selection.
-        if let (Ok(search), Ok(new)) = (mean_of(raced), mean_of(&values)) {
-            let interval = mean_interval(&values).map(|Interval { low, high }| {
-                let interval = Interval { low: search - high, high: search - low };
-                format!(" (95 % interval {})", gap_ends(interval, self.metric))
-            });
-            lines.push(format!(
-                "Expected shrinkage on new seeds, by the fresh mean: {}{}",
-                gap(search - new, self.metric),
-                interval.unwrap_or_default()
-            ));
-        }
+        let interval = mean_interval(&values);
+        let shrinkage = shrinkage(mean_of(raced), mean_of(&values), interval, self.metric);
+        let line = |words| format!("Expected shrinkage on new seeds, by the fresh mean: {words}");
+        lines.extend(shrinkage.map(line));
         lines.extend(self.references.iter().map(|one| self.against(one, fresh)));
         lines
     }

@@ -8,7 +8,7 @@ use super::figure::{
     Axis, AxisScale, COLORS, Chart, DASHES, FAINT, INK, Line, Look, MOST_ARMS, Marker, Numbers,
     Place, Spread, Style, axes, draw, seeds,
 };
-use super::kinds::{amount, ends, metric_words};
+use super::kinds::{amount, metric_words, spread};
 use super::race_context::{RaceContext, end, known, mean_of};
 use super::scene::{Color, Facets, Scene};
 use crate::analyse::mean_interval;
@@ -76,10 +76,7 @@ fn of_arm(context: &RaceContext<'_>, (_, last, entrant): (usize, &Rung, &Entrant
         let mean = one.mean()?;
         let n = seeds(std::iter::once(one.values.len()));
         let interval = mean_interval(&one.values);
-        let spread = interval.as_ref().map_or_else(
-            |_| String::new(),
-            |interval| format!(", 95 % interval {}", ends(*interval, context.metric)),
-        );
+        let spread = spread(interval, context.metric);
         let mean_words = amount(mean, context.metric);
         let tip = format!("{name} ({settings}): {mean_words}{spread}, {n}; {fate}");
         // Those of few seeds would stretch the axis.

@@ -72,15 +72,9 @@ mod tests {
         let settings = settings.iter().map(setting).collect();
         ArmSummary {
             name: ArmId { agent: agent.to_owned(), scenario: "P-H-D".to_owned(), settings },
-            net_returns: Sample::default(),
-            lower_quartiles: Sample::default(),
-            terminated: Sample::default(),
-            messages: Sample::default(),
             returns,
-            optimum: None,
             headline: Some(("sigma", 0.6)),
-            context_error: None,
-            interquartile: std::sync::OnceLock::new(),
+            ..ArmSummary::default()
         }
     }
 

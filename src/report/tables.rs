@@ -26,11 +26,16 @@ pub fn in_unit(value: Result<f64, Undefined>, unit: impl Into<MetricUnit>) -> En
 
 /// An interval in displayed form.
 pub fn between(interval: Result<Interval, Undefined>, unit: impl Into<MetricUnit>) -> Entry {
+    match unit_numbers(unit) {
+        (Numbers::Percent, decimals) => scaled(interval, (100.0, decimals)),
+        (Numbers::Plain, decimals) => scaled(interval, (1.0, decimals.max(1))),
+    }
+}
+
+/// The ends of an interval, times a factor.
+pub fn scaled(interval: Result<Interval, Undefined>, (factor, decimals): (f64, usize)) -> Entry {
     match interval {
-        Ok(Interval { low, high }) => Entry::text(match unit_numbers(unit) {
-            (Numbers::Percent, decimals) => range(low * 100.0, high * 100.0, decimals),
-            (Numbers::Plain, decimals) => range(low, high, decimals.max(1)),
-        }),
+        Ok(Interval { low, high }) => Entry::text(range(factor * low, factor * high, decimals)),
         Err(reason) => Entry::Missing(reason.to_string()),
     }
 }
@@ -103,10 +108,7 @@ fn comparison(one: &Comparison) -> Vec<Entry> {
         Entry::of(one.our_error, decimals),
         Entry::number(one.seeds as f64, 0),
         Entry::of(one.agreement.as_ref().map(|agreement| agreement.difference), decimals),
-        match interval {
-            Ok(Interval { low, high }) => Entry::text(range(low, high, decimals)),
-            Err(reason) => Entry::Missing(reason.to_string()),
-        },
+        scaled(interval, (1.0, decimals)),
         low(interval),
         high(interval),
         Entry::text(match &one.agreement {

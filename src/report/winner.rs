@@ -5,7 +5,7 @@
 
 use super::kinds::{amount, ends, gap, gap_ends};
 use crate::analyse::declared::{Arm, ArmId, Candidate, Content, Finding, Ranking, is_at};
-use crate::analyse::{Interval, Sample};
+use crate::analyse::{Interval, Sample, Undefined};
 use crate::job::{Job, Measure, PlannedJob, counted};
 use crate::key::{printable, shortened};
 use crate::manifest::{Analysis, AnalysisKind, Manifest};
@@ -85,9 +85,8 @@ impl Search<'_> {
             self.reader.read_participants(&mut data.jobs, &[range])?;
             data.jobs = data.jobs.iter().map(|job| job.among(range)).collect();
         }
-        let agent = winner.agent.to_string();
-        let name = ArmId { agent, scenario: String::new(), settings: Vec::new() };
-        Ok(Arm { name, jobs: data.jobs.iter().collect() }.sample(self.analysis.metric))
+        let arm = Arm { name: ArmId::default(), jobs: data.jobs.iter().collect() };
+        Ok(arm.sample(self.analysis.metric))
     }
 
     fn comments(&self, ranking: &Ranking, winner: &Candidate, held_out: &Sample) -> Vec<String> {
@@ -127,22 +126,32 @@ impl Search<'_> {
             _ => format!(" of {reporting}"),
         };
         lines.push(format!("On held-out seeds: {}{of}", mean(held_out, metric)));
-        // The search mean is the best of several and therefore no unbiased estimate. It counts as a
-        // fixed number, and the interval shows the uncertainty of the held-out mean alone.
-        if let (Ok(search), Ok(new)) = (winner.sample.mean(), held_out.mean()) {
-            let interval = held_out.interval();
-            let interval = interval.map(|Interval { low, high }| {
-                let interval = Interval { low: search - high, high: search - low };
-                format!(" (95 % interval {})", gap_ends(interval, metric))
-            });
-            lines.push(format!(
-                "Expected shrinkage on new seeds, by the held-out mean: {}{}",
-                gap(search - new, metric),
-                interval.unwrap_or_default()
-            ));
-        }
+        let shrinkage =
+            shrinkage(winner.sample.mean(), held_out.mean(), held_out.interval(), metric);
+        let line =
+            |words| format!("Expected shrinkage on new seeds, by the held-out mean: {words}");
+        lines.extend(shrinkage.map(line));
         lines
     }
+}
+
+/// How much the mean of a search exceeds the mean on new seeds, which has this interval; `None` if one of them is
+/// undefined.
+///
+/// The mean of a search is the best of several and therefore no unbiased estimate. It counts as a fixed number, and the
+/// interval shows the uncertainty of the new mean alone.
+pub(super) fn shrinkage(
+    search: Result<f64, Undefined>,
+    new: Result<f64, Undefined>,
+    interval: Result<Interval, Undefined>,
+    metric: Measure,
+) -> Option<String> {
+    let (search, new) = (search.ok()?, new.ok()?);
+    let interval = interval.map(|Interval { low, high }| {
+        let interval = Interval { low: search - high, high: search - low };
+        format!(" (95 % interval {})", gap_ends(interval, metric))
+    });
+    Some(gap(search - new, metric) + &interval.unwrap_or_default())
 }
 
 /// The mean of a sample with its interval and its number of seeds.

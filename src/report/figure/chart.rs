@@ -316,8 +316,8 @@ mod tests {
     use std::slice;
 
     use crate::manifest::FigureKeys;
-    use crate::report::figure::{Look, Marker};
-    use crate::report::scene::{Direction, Facets, width};
+    use crate::report::figure::Look;
+    use crate::report::scene::{Direction, width};
 
     #[test]
     fn a_line_is_drawn_between_the_declared_ends_of_its_axis() {
@@ -326,11 +326,6 @@ mod tests {
         assert_eq!(clipped(&line, (0.0, 10.0)), inside);
         assert_eq!(clipped(&line, (-5.0, 15.0)), [line.to_vec()]);
         assert!(clipped(&line, (20.0, 30.0)).is_empty());
-    }
-
-    /// A point at the height 5.
-    fn at(x: f64) -> Place {
-        Place { x, y: 5.0, interval: None, is_single: false, tip: String::new() }
     }
 
     /// A figure of lines with a note.
@@ -345,13 +340,9 @@ mod tests {
 
     #[test]
     fn identical_lines_of_two_arms_are_both_seen() {
-        let line = |dash| Line {
-            label: "arm".to_owned(),
-            look: Look { color: INK, dash, marker: Marker::Disc },
-            points: [0.0, 1.0, 2.0].map(at).into(),
-            reference: Vec::new(),
-            spread: Spread::Bars,
-            facets: Facets::new(),
+        let line = |dash| {
+            let line = Line::through([0.0, 1.0, 2.0].map(|x| (x, 5.0)), Spread::Bars);
+            Line { look: Look { dash, ..line.look }, ..line }
         };
         let scene = drawn(vec![line(None), line(Some((5.0, 2.5)))], "n = 3.");
         let lines = |series: usize| -> Vec<(f64, f64)> {
@@ -380,14 +371,7 @@ mod tests {
 
     #[test]
     fn an_optimum_at_one_point_is_seen() {
-        let line = |points: &[f64], spread| Line {
-            label: "arm".to_owned(),
-            look: Look { color: INK, dash: None, marker: Marker::Disc },
-            points: points.iter().map(|x| at(*x)).collect(),
-            reference: Vec::new(),
-            spread,
-            facets: Facets::new(),
-        };
+        let line = |xs: &[f64], spread| Line::through(xs.iter().map(|x| (*x, 5.0)), spread);
         let lines = vec![line(&[0.0, 1.0], Spread::Bars), line(&[1.0], Spread::Exact)];
         let scene = drawn(lines, "");
         let of_optimum = scene.marks.iter().filter(|mark| mark.series == Some(1));
@@ -401,33 +385,14 @@ mod tests {
 
     #[test]
     fn every_label_of_large_numbers_is_inside_the_figure() {
-        let line = |scale: f64| Line {
-            label: "arm".to_owned(),
-            look: Look { color: INK, dash: None, marker: Marker::Disc },
-            points: [1.0, 2.0]
-                .map(|x| {
-                    let interval = Some((-scale, f64::INFINITY));
-                    Place {
-                        x: x * scale,
-                        y: -x * scale,
-                        interval,
-                        is_single: false,
-                        tip: String::new(),
-                    }
-                })
-                .into(),
-            reference: Vec::new(),
-            spread: Spread::Bars,
-            facets: Facets::new(),
+        let line = |scale: f64| {
+            let mut line = Line::through([1.0, 2.0].map(|x| (x * scale, -x * scale)), Spread::Bars);
+            let interval = Some((-scale, f64::INFINITY));
+            line.points.iter_mut().for_each(|point| point.interval = interval);
+            line
         };
-        let style = Style::of(&FigureKeys::default());
         for scale in [1e-300, 1e-7, 0.1, 1e5, 333_333.0, 1e6, 1e7, 1e300] {
-            let (heading, description) = (None, String::new());
-            let chart =
-                Chart { heading, description, lines: vec![line(scale)], note: String::new() };
-            let axis = ("x".to_owned(), Numbers::Plain, AxisScale::Linear);
-            let axes = axes(slice::from_ref(&chart), axis, MEAN_RETURN.in_unit("points"), &style);
-            let scene = draw(slice::from_ref(&chart), &axes, &style).remove(0);
+            let scene = drawn(vec![line(scale)], "");
             let mut numbers = 0;
             for mark in &scene.marks {
                 let Shape::Text { at, text, size, weight, anchor, direction, .. } = &mark.shape

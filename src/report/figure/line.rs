@@ -39,6 +39,21 @@ pub struct Line {
     pub facets: Facets,
 }
 
+#[cfg(test)]
+impl Line {
+    /// A line through these points.
+    pub fn through(points: impl IntoIterator<Item = (f64, f64)>, spread: Spread) -> Line {
+        Line {
+            label: "arm".to_owned(),
+            look: Look { color: super::INK, dash: None, marker: Marker::Disc },
+            points: points.into_iter().map(|(x, y)| Place { x, y, ..Place::default() }).collect(),
+            reference: Vec::new(),
+            spread,
+            facets: Facets::new(),
+        }
+    }
+}
+
 /// The display of a line and its intervals.
 #[derive(Clone, Copy, PartialEq, Eq)]
 pub enum Spread {
@@ -55,6 +70,7 @@ pub enum Spread {
 }
 
 /// A point of a line.
+#[derive(Default)]
 pub struct Place {
     pub x: f64,
     pub y: f64,

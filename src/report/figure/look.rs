@@ -1,6 +1,6 @@
 //! The looks of arms. An arm looks the same in every figure of a report.
 
-use crate::job::short_name;
+use crate::job::{distinct, short_name};
 use crate::key::shortened;
 use crate::report::symbols;
 use std::collections::HashMap;
@@ -103,17 +103,14 @@ type Apart = (String, Vec<(String, String)>);
 impl Looks {
     /// The looks of these arms, in the order in which they first appear.
     pub fn of<'n>(names: impl IntoIterator<Item = &'n ArmId>) -> Looks {
-        let mut looks = Looks::default();
         let names: Vec<&ArmId> = names.into_iter().collect();
-        let have_settings = names.iter().any(|name| !name.settings.is_empty());
-        for name in names {
-            if !looks.agents.contains(&name.agent) {
-                looks.agents.push(name.agent.clone());
-            }
-            if !looks.scenarios.contains(&name.scenario) {
-                looks.scenarios.push(name.scenario.clone());
-            }
-            if have_settings {
+        let mut looks = Looks {
+            agents: distinct(names.iter().map(|name| name.agent.clone())),
+            scenarios: distinct(names.iter().map(|name| name.scenario.clone())),
+            ..Looks::default()
+        };
+        if names.iter().any(|name| !name.settings.is_empty()) {
+            for name in names {
                 let next = looks.of_agents.len();
                 looks.of_agents.entry((name.agent.clone(), words(name))).or_insert(next);
                 let next = looks.of_scenarios.len();

@@ -79,20 +79,9 @@ fn height_at(line: &[Point], x: f64) -> Option<f64> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::report::figure::{INK, Look, Marker, Place};
-    use crate::report::scene::Facets;
 
     fn line(xs: &[f64], spread: Spread) -> Line {
-        let place =
-            |x: &f64| Place { x: *x, y: 0.0, interval: None, is_single: false, tip: String::new() };
-        Line {
-            label: "arm".to_owned(),
-            look: Look { color: INK, dash: None, marker: Marker::Ring },
-            points: xs.iter().map(place).collect(),
-            reference: Vec::new(),
-            spread,
-            facets: Facets::new(),
-        }
+        Line::through(xs.iter().map(|x| (*x, 0.0)), spread)
     }
 
     #[test]

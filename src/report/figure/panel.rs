@@ -1,10 +1,11 @@
 //! Panels: groups of arms that a figure draws together.
 
 use crate::report::symbols;
-use std::collections::HashMap;
 
 use super::look::{Looks, labels, settings_label};
 use crate::analyse::declared::ArmId;
+use crate::analyse::grouped;
+use crate::job::distinct;
 use crate::manifest::PanelKey;
 use crate::report::escape::file_stem;
 
@@ -80,12 +81,12 @@ impl Panels {
     /// than [`MOST_ARMS`] arms.
     pub fn of(arms: &[&ArmId], declared: Option<PanelKey>, usual: Option<PanelKey>) -> Panels {
         let mut by: Vec<By> = declared.or(usual).map(by).into_iter().collect();
-        let (mut panels, mut added) = (grouped(arms, &by), Vec::new());
+        let (mut panels, mut added) = (self::panels(arms, &by), Vec::new());
         while declared.is_none() && panels.iter().any(|panel| panel.members.len() > MOST_ARMS) {
             let Some(next) = next_key(arms, &by) else { break };
             added.push(next.name());
             by.push(next);
-            panels = grouped(arms, &by);
+            panels = self::panels(arms, &by);
         }
         // Without a heading, the panel's files would have the name of the figure of all panels.
         if panels.len() > 1 {
@@ -156,32 +157,22 @@ fn by(key: PanelKey) -> By {
 }
 
 /// The arms grouped by their values of the keys.
-fn grouped(arms: &[&ArmId], by: &[By]) -> Vec<Panel> {
-    let mut panels: Vec<Panel> = Vec::new();
-    let mut places = HashMap::new();
-    for (at, name) in arms.iter().enumerate() {
+fn panels(arms: &[&ArmId], by: &[By]) -> Vec<Panel> {
+    let heading = |name: &&ArmId| {
         let values = by.iter().map(|by| by.value(name)).filter(|value| !value.is_empty());
-        let heading = values.collect::<Vec<_>>().join(", ");
-        let place = *places.entry(heading.clone()).or_insert(panels.len());
-        if place == panels.len() {
-            panels.push(Panel { heading, members: Vec::new() });
-        }
-        panels[place].members.push(at);
-    }
-    panels
+        values.collect::<Vec<_>>().join(", ")
+    };
+    let panel = |(heading, members)| Panel { heading, members };
+    grouped(arms.iter().map(heading).zip(0..)).into_iter().map(panel).collect()
 }
 
 /// The key by which panels are split next: the one with the fewest values, among those that leave no
 /// panel with more than [`MOST_ARMS`] arms, if there are any. Ties go to agents before scenarios before
 /// other keys.
 fn next_key(arms: &[&ArmId], taken: &[By]) -> Option<By> {
-    let mut keys = vec![By::Agent, By::Scenario];
-    for (name, _) in arms.iter().flat_map(|arm| &arm.settings) {
-        let key = By::Key(name.clone());
-        if !keys.contains(&key) {
-            keys.push(key);
-        }
-    }
+    let settings = arms.iter().flat_map(|arm| &arm.settings);
+    let settings = settings.map(|(name, _)| By::Key(name.clone()));
+    let keys = distinct([By::Agent, By::Scenario].into_iter().chain(settings));
     let counted = keys.into_iter().filter(|key| !taken.contains(key)).map(|key| {
         let mut values: Vec<String> = arms.iter().map(|arm| key.value(arm)).collect();
         values.sort_unstable();
@@ -190,7 +181,7 @@ fn next_key(arms: &[&ArmId], taken: &[By]) -> Option<By> {
     });
     let swept = counted.filter(|(count, _)| *count > 1);
     let is_too_full = |key: &By| {
-        let panels = grouped(arms, &[taken, std::slice::from_ref(key)].concat());
+        let panels = panels(arms, &[taken, std::slice::from_ref(key)].concat());
         panels.iter().any(|panel| panel.members.len() > MOST_ARMS)
     };
     swept.min_by_key(|(count, key)| (is_too_full(key), *count)).map(|(_, key)| key)

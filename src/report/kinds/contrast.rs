@@ -4,7 +4,7 @@ use super::forest::{MOST_ROWS, forest_figures, sides};
 use super::{Drawn, Sheet, gap, gap_title, metric_words, related, test_name};
 use crate::analyse::declared::{ALPHA, ContrastFigure, ContrastRow, Family};
 use crate::analyse::{FEW_SEEDS, Undefined};
-use crate::job::{Measure, counted};
+use crate::job::{Measure, counted, distinct};
 use crate::report::data_table::{DataTable, Entry, shown};
 use crate::report::figure::seeds;
 use crate::report::names::Names;
@@ -107,7 +107,6 @@ impl Drawn for ContrastFigure {
     }
 
     fn lacks(&self) -> Option<String> {
-        let mut reasons: Vec<String> = Vec::new();
         if self.rows.is_empty() {
             return Some(
                 "no comparison, because no setting of the other keys is on both sides".to_owned(),
@@ -115,11 +114,7 @@ impl Drawn for ContrastFigure {
         }
         let unanswered = self.rows.iter().filter_map(|row| row.contrast.difference.err());
         let open = unanswered.clone().count();
-        for reason in unanswered.map(|reason| reason.to_string()) {
-            if !reasons.contains(&reason) {
-                reasons.push(reason);
-            }
-        }
+        let reasons = distinct(unanswered.map(|reason| reason.to_string()));
         let open = (open > 0).then(|| {
             format!("{open} of {} ({})", counted(self.rows.len(), "comparison"), reasons.join(", "))
         });
@@ -340,27 +335,19 @@ fn contrast_entries(row: &ContrastRow, metric: Measure, is_mixed: bool) -> Vec<E
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::analyse::declared::ArmId;
-    use crate::analyse::{Contrast, Corrected, Design, Sample};
+    use crate::analyse::{Corrected, Design, Sample};
     use crate::job::metric::MEAN_RETURN;
 
     const RETURN: Measure = MEAN_RETURN.in_unit("points");
 
     fn row(first: f64, holm: Option<f64>) -> ContrastRow {
         let sample = |mean: f64| Sample::new([(1, mean - 1.0), (2, mean + 1.0)], 0, 0).unwrap();
-        let (first, second) = (sample(first), sample(10.0));
-        ContrastRow {
-            sides: ("a".into(), "b".into()),
-            name: ArmId { agent: "dqn".into(), scenario: "P".into(), settings: Vec::new() },
-            error: None,
-            contrast: Contrast::new(&first, &second, Design::Independent),
-            family: Family::default(),
-            corrected: holm
-                .map(|holm| Corrected { holm, benjamini_hochberg: holm })
-                .ok_or(Undefined::TooFewSeeds { have: 1, need: 2 }),
-            published: None,
-            first,
-            second,
+        let row = ContrastRow::between(sample(first), sample(10.0), Design::Independent);
+        match holm {
+            Some(holm) => {
+                ContrastRow { corrected: Ok(Corrected { holm, benjamini_hochberg: holm }), ..row }
+            }
+            None => row,
         }
     }
 
@@ -403,6 +390,7 @@ mod tests {
             of(&[(12.0, None), (16.0, None)]),
             "No difference can be tested (too few seeds: 1 of at least 2); a is above b by 6, for dqn P"
         );
+        assert!(!of(&[(12.0, Some(0.5)), (12.0, Some(0.5))]).contains(". "));
     }
 
     #[test]

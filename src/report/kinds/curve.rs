@@ -1,6 +1,6 @@
 //! Curves: a metric along a parameter, one line per arm.
 
-use super::{Drawn, Sheet, amount, ends, gap as difference, metric_words, parameter, test_name};
+use super::{Drawn, Sheet, amount, gap as difference, metric_words, parameter, spread, test_name};
 use crate::analyse::Sample;
 use crate::analyse::declared::{
     ALPHA, Apart, ArmId, CurveFigure, CurveLine, CurvePoint, Ends, Trends,
@@ -274,10 +274,7 @@ fn curve_place(point: &CurvePoint, name: &str, (metric, of): (Measure, &CurveFig
 /// The mean of a sample with its interval and its number of seeds.
 fn measured(sample: &Sample, metric: Measure) -> String {
     let mean = sample.mean().map_or_else(|reason| reason.to_string(), |mean| amount(mean, metric));
-    let spread = sample.interval().map_or_else(
-        |_| String::new(),
-        |interval| format!(", 95 % interval {}", ends(interval, metric)),
-    );
+    let spread = spread(sample.interval(), metric);
     format!("{mean}{spread}, {}", seeds(std::iter::once(sample.n())))
 }
 
@@ -355,27 +352,10 @@ fn table(title: &str, figure: &CurveFigure, metric: Measure, names: &Names) -> D
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::report::figure::{INK, Look, Marker};
 
     #[test]
     fn values_many_times_each_other_stand_by_powers_of_ten() {
-        let line = |xs: &[f64]| Line {
-            label: String::new(),
-            look: Look { color: INK, dash: None, marker: Marker::Disc },
-            points: xs
-                .iter()
-                .map(|x| Place {
-                    x: *x,
-                    y: 0.0,
-                    interval: None,
-                    is_single: false,
-                    tip: String::new(),
-                })
-                .collect(),
-            reference: Vec::new(),
-            spread: Spread::Bars,
-            facets: Vec::new(),
-        };
+        let line = |xs: &[f64]| Line::through(xs.iter().map(|x| (*x, 0.0)), Spread::Bars);
         let of = |lines: &[Line]| scale_of(lines.iter());
         assert_eq!(of(&[line(&[1e-5, 1e-3])]), AxisScale::Log);
         assert_eq!(of(&[line(&[1e-5]), line(&[1e-3])]), AxisScale::Log);

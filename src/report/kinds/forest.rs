@@ -254,22 +254,14 @@ pub(super) fn sides(row: &ContrastRow, names: &Names) -> [String; 2] {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::analyse::{Contrast, Corrected, Design, Sample};
+    use crate::analyse::{Corrected, Design, Sample};
     use crate::job::metric::MEAN_RETURN;
 
     fn row(first: &[(u64, f64)], second: &[(u64, f64)]) -> ContrastRow {
         let sample = |values: &[(u64, f64)]| Sample::new(values.iter().copied(), 0, 0).unwrap();
-        let (first, second) = (sample(first), sample(second));
         ContrastRow {
-            sides: ("a".into(), "b".into()),
-            name: ArmId { agent: "dqn".into(), scenario: "P".into(), settings: Vec::new() },
-            error: None,
-            contrast: Contrast::new(&first, &second, Design::Independent),
-            family: Family::default(),
             corrected: Ok(Corrected { holm: 0.0001, benjamini_hochberg: 0.1 }),
-            published: None,
-            first,
-            second,
+            ..ContrastRow::between(sample(first), sample(second), Design::Independent)
         }
     }
 

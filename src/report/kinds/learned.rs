@@ -1,9 +1,9 @@
 //! What trials learned about the effect of a message in states, beside trials without this effect.
 
-use super::{Drawn, Sheet, parameter, percent, related, scaled};
+use super::{Drawn, Sheet, parameter, related};
 use crate::analyse::declared::{ArmId, LearnedFigure, LearnedPanel, LearnedPoint, OverTrials};
 use crate::analyse::{Interval, Simulated, Undefined};
-use crate::job::{Measure, counted};
+use crate::job::{Measure, MetricUnit, counted, distinct};
 use crate::report::data_table::{DataTable, Entry, shown};
 use crate::report::figure::{
     AxisScale, Chart, FAINT, Line, Look, Marker, Numbers, Place, Spread, arm_label, axes_of, draw,
@@ -11,7 +11,7 @@ use crate::report::figure::{
 };
 use crate::report::names::Names;
 use crate::report::scene::Scene;
-use crate::report::tables::{arm, high, low, range};
+use crate::report::tables::{arm, between, high, in_unit, low, range, scaled};
 
 /// Decimals of the statistic.
 const DECIMALS: usize = 2;
@@ -106,13 +106,7 @@ impl Drawn for LearnedFigure {
     }
 
     fn arms(&self) -> Vec<&ArmId> {
-        let mut arms: Vec<&ArmId> = Vec::new();
-        for panel in &self.panels {
-            if !arms.contains(&&panel.name) {
-                arms.push(&panel.name);
-            }
-        }
-        arms
+        distinct(self.panels.iter().map(|panel| &panel.name))
     }
 }
 
@@ -201,8 +195,8 @@ fn cells(panel: &LearnedPanel, names: &Names) -> Vec<Entry> {
         low(without),
         high(without),
         Entry::p(panel.median_p()),
-        percent(rejected),
-        scaled(interval, (100.0, 1)),
+        in_unit(rejected.map(|share| share.value), MetricUnit::Share),
+        between(interval, MetricUnit::Share),
         low(interval),
         high(interval),
     ]

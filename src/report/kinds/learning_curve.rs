@@ -1,6 +1,6 @@
 //! Learning curves: the moving mean of the return in training, one panel per scenario.
 
-use super::{Drawn, Sheet, ends, test_name};
+use super::{Drawn, Sheet, ends, spread, test_name};
 use crate::analyse::declared::{
     Apart, ArmId, HighestEnd, LearningFigure, LearningLine, LearningPanel,
 };
@@ -147,9 +147,7 @@ fn drawn_line((line, arm): (&LearningLine, &ArmId), label: String, look: Look) -
     let n = seeds(std::iter::once(line.seeds.0));
     let place = |at: usize| {
         let (episode, mean, interval) = &line.points[at];
-        let spread = interval.map_or_else(String::new, |interval| {
-            format!(", 95 % interval {}", ends(interval, MetricUnit::Return))
-        });
+        let spread = spread(interval.ok_or(()), MetricUnit::Return);
         let tip = match at.is_multiple_of(every) || at == last {
             true => {
                 let name = arm_label(arm);

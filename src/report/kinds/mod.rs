@@ -12,17 +12,16 @@ mod operating;
 mod recovery;
 mod selection;
 
-use super::data_table::{DataTable, Entry, p_value, shown, shown_ends, signed};
+use super::data_table::{DataTable, p_value, shown, shown_ends, signed};
 use super::figure::{Looks, Numbers, Panels, Style};
 use super::names::Names;
 use super::scene::Scene;
 use super::words::unit_numbers;
 use crate::analyse::declared::{ArmId, Content, Finding};
-use crate::analyse::{Design, Interval, Simulated, Undefined};
+use crate::analyse::{Design, Interval};
 use crate::job::counted;
 use crate::job::{Measure, MetricUnit, Scalar};
 use crate::report::symbols;
-use crate::report::tables::range;
 
 /// Inputs that all figures of a finding share.
 pub(super) struct Sheet<'s> {
@@ -202,6 +201,12 @@ pub(super) fn ends(Interval { low, high }: Interval, unit: impl Into<MetricUnit>
     }
 }
 
+/// The end of a tooltip or a clause: ", 95 % interval 5 % to 7 %"; empty without an interval.
+pub(super) fn spread<E>(interval: Result<Interval, E>, unit: impl Into<MetricUnit>) -> String {
+    let words = interval.map(|interval| format!(", 95 % interval {}", ends(interval, unit)));
+    words.unwrap_or_default()
+}
+
 /// A number of a parameter with its sign: every digit, or an exponent if it is very small or very large.
 fn parameter(value: f64) -> String {
     signed(&Scalar::Real(value).to_string())
@@ -216,22 +221,6 @@ fn related(p: f64) -> String {
     }
 }
 
-/// A share with its percentage.
-fn percent(share: Result<Simulated, Undefined>) -> Entry {
-    match share {
-        Ok(Simulated { value, .. }) => Entry::Number { value, shown: shown(100.0 * value, 1) },
-        Err(reason) => Entry::Missing(reason.to_string()),
-    }
-}
-
-/// The ends of an interval, times a factor.
-fn scaled(ends: Result<Interval, Undefined>, (factor, decimals): (f64, usize)) -> Entry {
-    match ends {
-        Ok(Interval { low, high }) => Entry::text(range(factor * low, factor * high, decimals)),
-        Err(reason) => Entry::Missing(reason.to_string()),
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use std::slice;
@@ -239,12 +228,13 @@ mod tests {
     use super::*;
     use crate::analyse::declared::{
         ActionPanel, BinShares, Candidate, ContrastFigure, ContrastRow, CurveFigure, CurveLine,
-        CurvePoint, Family, JobCounts, LearningFigure, LearningLine, LearningPanel, Ranking,
+        CurvePoint, JobCounts, LearningFigure, LearningLine, LearningPanel, Ranking,
     };
-    use crate::analyse::{Contrast, Corrected, Design, Sample};
+    use crate::analyse::{Corrected, Design, Sample, Undefined};
     use crate::job::ParticipantRange;
     use crate::job::metric::{DISENGAGEMENT_RATE, MEAN_RETURN};
     use crate::manifest::FigureKeys;
+    use crate::report::data_table::Entry;
     use crate::report::scene::Shape;
 
     const RETURN: Measure = MEAN_RETURN.in_unit("points");
@@ -252,20 +242,6 @@ mod tests {
 
     fn name() -> ArmId {
         ArmId { agent: "dqn".into(), scenario: "P-H-D".into(), settings: Vec::new() }
-    }
-
-    fn row(first: Sample, second: Sample, design: Design) -> ContrastRow {
-        ContrastRow {
-            sides: ("a".into(), "b".into()),
-            name: name(),
-            error: None,
-            contrast: Contrast::new(&first, &second, design),
-            family: Family::default(),
-            corrected: Err(Undefined::NoSeeds),
-            published: None,
-            first,
-            second,
-        }
     }
 
     fn contrast(rows: Vec<ContrastRow>) -> ContrastFigure {
@@ -298,7 +274,7 @@ mod tests {
         // Seeds 2 and 3 are matched, with means of 30 and 35.
         let first = sample(&[(1, 900.0), (2, 20.0), (3, 40.0)], 0);
         let second = sample(&[(2, 25.0), (3, 45.0), (4, 1.0), (5, 2.0)], 0);
-        let table = contrast(vec![row(first, second, Design::Matched)]).table(
+        let table = contrast(vec![ContrastRow::between(first, second, Design::Matched)]).table(
             "",
             RETURN,
             &Names::default(),
@@ -314,7 +290,7 @@ mod tests {
     fn seeds_of_independent_sides_need_no_partner() {
         let first = sample(&[(1, 10.0), (2, 20.0)], 1);
         let second = sample(&[(3, 30.0)], 0);
-        let table = contrast(vec![row(first, second, Design::Independent)]).table(
+        let table = contrast(vec![ContrastRow::between(first, second, Design::Independent)]).table(
             "",
             RETURN,
             &Names::default(),
@@ -329,7 +305,7 @@ mod tests {
         let of = |n: u64| {
             let values: Vec<(u64, f64)> = (1..=n).map(|seed| (seed, seed as f64 * 0.01)).collect();
             let (first, second) = (sample(&values, 0), sample(&values, 0));
-            contrast(vec![row(first, second, Design::Independent)]).table(
+            contrast(vec![ContrastRow::between(first, second, Design::Independent)]).table(
                 "",
                 RATE,
                 &Names::default(),
@@ -385,12 +361,16 @@ mod tests {
     fn the_caption_of_a_contrast_states_n_the_largest_difference_its_test_and_what_is_missing() {
         let of = |p: f64, first: &[(u64, f64)]| ContrastRow {
             corrected: Ok(Corrected { holm: p, benjamini_hochberg: p }),
-            ..row(sample(first, 0), sample(&[(1, 1.0), (2, 3.0)], 0), Design::Independent)
+            ..ContrastRow::between(
+                sample(first, 0),
+                sample(&[(1, 1.0), (2, 3.0)], 0),
+                Design::Independent,
+            )
         };
         let rows = vec![
             of(0.01, &[(1, 51.0), (2, 53.0)]),
             of(0.2, &[(1, 0.0), (2, 2.0)]),
-            row(sample(&[(1, 5.0)], 0), sample(&[], 3), Design::Independent),
+            ContrastRow::between(sample(&[(1, 5.0)], 0), sample(&[], 3), Design::Independent),
         ];
         let jobs = JobCounts { completed: 9, failed: 3, open: 1 };
         assert_eq!(
@@ -398,7 +378,7 @@ mod tests {
             "Differences in mean return per episode (points) between a and b (unpaired t test) with their 95 % \
              intervals, not corrected for the number of comparisons, n = 1–2 seeds per side. Of 2 tested \
              comparisons, a is significantly above b in 1 and significantly below it in 0; at the widest \
-             significant one, a is above b by 50, for dqn P-H-D (unpaired t = 35.36, 1 degree of \
+             significant one, a is above b by 50, for dqn P (unpaired t = 35.36, 1 degree of \
              freedom, p = 0.018). Missing: 4 of 13 jobs, 3 of which failed; 1 of 3 comparisons (no seed \
              completed)."
         );
@@ -408,7 +388,7 @@ mod tests {
     fn the_caption_of_one_comparison_answers_it_with_its_test() {
         let one = |holm: f64| ContrastRow {
             corrected: Ok(Corrected { holm, benjamini_hochberg: holm }),
-            ..row(
+            ..ContrastRow::between(
                 sample(&[(1, 1.0), (2, 3.0)], 0),
                 sample(&[(1, 51.0), (2, 53.5)], 0),
                 Design::Matched,
@@ -428,7 +408,7 @@ mod tests {
             caption(&finding(0.003_2), &Names::default()),
             "Differences in mean return per episode (points) between a and b (t test paired by seed) with their \
              95 % intervals, not corrected for the number of comparisons, n = 2 seeds per side, among the \
-             20 % of participants with the largest ε_d. a is below b by 50, for dqn P-H-D: significant \
+             20 % of participants with the largest ε_d. a is below b by 50, for dqn P: significant \
              (paired t = −201.00, 1 degree of freedom, p = 0.0032)."
         );
         assert!(caption(&finding(0.2), &Names::default()).contains("not significant (paired t"));
@@ -437,36 +417,6 @@ mod tests {
             ": mean return per episode, points; t test paired by seed, among the 20 % of participants with the \
              largest ε_d"
         );
-    }
-
-    #[test]
-    fn the_caption_of_several_comparisons_says_in_words_on_which_side_the_largest_is() {
-        // As in experiments/population.toml: two agents, trained on the average person or on people.
-        let of = |agent: &str, second: f64| {
-            let row = row(
-                sample(&[(1, 100.0), (2, 110.0), (3, 90.0)], 0),
-                sample(&[(1, second), (2, second + 4.0), (3, second - 4.0)], 0),
-                Design::Matched,
-            );
-            ContrastRow {
-                sides: ("population.phases=test".into(), "population.phases=all".into()),
-                corrected: Ok(Corrected { holm: 0.5, benjamini_hochberg: 0.5 }),
-                name: ArmId { agent: agent.into(), ..name() },
-                ..row
-            }
-        };
-        let finds =
-            |rows: Vec<ContrastRow>| contrast(rows).finds(RETURN, &Names::default()).unwrap();
-        assert_eq!(
-            finds(vec![of("dqn", 100.5), of("reinforce", 124.0)]),
-            "None of 2 tested differences is significant; at the widest, population.phases=test is below \
-             population.phases=all by 24, for reinforce P-H-D (paired t = −6.93, 2 degrees of freedom, p \
-             = 0.020)"
-        );
-        let found = finds(vec![of("dqn", 60.0), of("reinforce", 124.0)]);
-        let widest = "population.phases=test is above population.phases=all by 40, for dqn P-H-D";
-        assert!(found.contains(widest), "{found}");
-        assert!(!finds(vec![of("dqn", 60.0), of("dqn", 60.0)]).contains(". "));
     }
 
     #[test]

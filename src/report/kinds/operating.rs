@@ -1,9 +1,9 @@
 //! Operating characteristics of estimates: power, coverage and bias over trials.
 
-use super::{Drawn, Sheet, parameter, percent, scaled};
+use super::{Drawn, Sheet, parameter};
 use crate::analyse::declared::{ArmId, OperatingFigure, OperatingRow, Sought, Term};
 use crate::analyse::{Interval, LEVEL, Simulated, Undefined};
-use crate::job::{CONSTANT, Measure, REWARD, counted};
+use crate::job::{CONSTANT, Measure, MetricUnit, REWARD, counted, distinct};
 use crate::report::data_table::{DataTable, Entry, shown};
 use crate::report::figure::{
     AxisScale, Chart, Line, Numbers, Panels, Place, Spread, arm_label, axes_of, draw, facets,
@@ -11,7 +11,7 @@ use crate::report::figure::{
 use crate::report::names::Names;
 use crate::report::scene::Scene;
 use crate::report::symbols;
-use crate::report::tables::{arm, high, low, range};
+use crate::report::tables::{arm, between, high, in_unit, low, range, scaled};
 
 /// What a figure shows of the rows, over the axis.
 #[derive(Clone, Copy, PartialEq, Eq)]
@@ -72,10 +72,6 @@ impl Drawn for OperatingFigure {
             scenes
         };
         terms.iter().enumerate().flat_map(of_term).collect()
-    }
-
-    fn wholes(&self, sheet: &Sheet<'_>, panels: usize) -> Vec<(String, usize)> {
-        vec![(sheet.stem.to_owned(), panels)]
     }
 
     fn has_figures(&self) -> bool {
@@ -156,18 +152,8 @@ impl Drawn for OperatingFigure {
         (!all.is_empty()).then(|| all.join("; "))
     }
 
-    fn split(&self) -> Option<Panels> {
-        None
-    }
-
     fn arms(&self) -> Vec<&ArmId> {
-        let mut arms: Vec<&ArmId> = Vec::new();
-        for row in &self.rows {
-            if !arms.contains(&&row.name) {
-                arms.push(&row.name);
-            }
-        }
-        arms
+        distinct(self.rows.iter().map(|row| &row.name))
     }
 
     fn is_table(&self) -> bool {
@@ -358,7 +344,6 @@ fn cells(row: &OperatingRow, decimals: usize, names: &Names) -> Vec<Entry> {
     let ends = |value: Result<Simulated, Undefined>| value.and_then(|value| value.interval);
     let plain =
         |value: Result<Simulated, Undefined>| Entry::of(value.map(|value| value.value), decimals);
-    let between = |value, how| scaled(ends(value), how);
     let mut cells = vec![
         arm(&row.name, names),
         Entry::text(row.term.estimate.clone()),
@@ -375,12 +360,13 @@ fn cells(row: &OperatingRow, decimals: usize, names: &Names) -> Vec<Entry> {
         cells.extend([low(ends(value)), high(ends(value))]);
     };
     with_ends(&mut cells, of.truth, vec![plain(of.truth)]);
-    with_ends(&mut cells, of.bias, vec![plain(of.bias), between(of.bias, (1.0, decimals))]);
+    with_ends(&mut cells, of.bias, vec![plain(of.bias), scaled(ends(of.bias), (1.0, decimals))]);
     for value in [of.empirical_error, of.mean_error] {
         with_ends(&mut cells, value, vec![plain(value)]);
     }
     for value in [of.coverage, of.power] {
-        with_ends(&mut cells, value, vec![percent(value), between(value, (100.0, 1))]);
+        let share = in_unit(value.map(|share| share.value), MetricUnit::Share);
+        with_ends(&mut cells, value, vec![share, between(ends(value), MetricUnit::Share)]);
     }
     cells
 }

@@ -1,6 +1,6 @@
 //! Selections: settings in the order of a rule.
 
-use super::{Drawn, Sheet, amount, ends, gap, gap_ends, metric_words, test_name};
+use super::{Drawn, Sheet, amount, gap, gap_ends, metric_words, spread, test_name};
 use crate::analyse::declared::{Candidate, RangeEnd, Ranking};
 use crate::analyse::{Design, TTest, Undefined, t_test};
 use crate::job::{Measure, counted};
@@ -60,10 +60,7 @@ impl Drawn for Vec<Ranking> {
         };
         let best = ranking.candidates.first()?;
         let mean = amount(best.mean.ok()?, metric);
-        let spread = best.interval.map_or_else(
-            |_| String::new(),
-            |interval| format!(", 95 % interval {}", ends(interval, metric)),
-        );
+        let spread = spread(best.interval, metric);
         Some(format!(
             "{} has the highest mean with {}: {mean} (best of {} tried{spread}){}{}; {BIASED}",
             names.label(&ranking.place),
