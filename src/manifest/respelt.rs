@@ -5,19 +5,7 @@ use std::borrow::Cow;
 use toml::Spanned;
 use toml::de::DeTable;
 
-use super::fault::{Fault, near, shortened};
-use super::sweep::Reader;
-
-impl Reader<'_> {
-    /// Reports the keys of a table that it cannot have; `place` says where they stand.
-    pub(super) fn only_keys(&mut self, place: &str, keys: &[&str], table: &DeTable) {
-        for key in table.keys().filter(|key| !keys.contains(&key.get_ref().as_ref())) {
-            let found = shortened(key.get_ref());
-            let message = format!("unknown key `{found}` in {place}");
-            self.faults.add(Fault::at(key.span().into(), message).one_of("its", keys, &found));
-        }
-    }
-}
+use super::fault::near;
 
 /// The table with each misspelt key under the name that was probably meant, if the table lacks that name.
 pub(super) fn respelt<'r, 't>(table: &'r DeTable<'t>, known: &[&str]) -> Cow<'r, DeTable<'t>> {

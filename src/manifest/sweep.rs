@@ -8,7 +8,7 @@ use serde_json::{Number, Value as Json};
 use toml::Spanned;
 use toml::de::{DeTable, DeValue};
 
-use super::fault::{Fault, FaultList};
+use super::fault::{Fault, FaultList, shortened};
 use super::parameter::parameter;
 use super::range::{self, MOST_VALUES, MOST_VALUES_IN_ALL, RangeError, Spacing};
 use super::respelt::respelt;
@@ -83,6 +83,15 @@ impl<'t> Reader<'t> {
             runs: Runs::default(),
             named_runs: Vec::new(),
             values_left: MOST_VALUES_IN_ALL,
+        }
+    }
+
+    /// Reports the keys of a table that it cannot have; `place` says where they stand.
+    pub(super) fn only_keys(&mut self, place: &str, keys: &[&str], table: &DeTable) {
+        for key in table.keys().filter(|key| !keys.contains(&key.get_ref().as_ref())) {
+            let found = shortened(key.get_ref());
+            let message = format!("unknown key `{found}` in {place}");
+            self.faults.add(Fault::at(key.span().into(), message).one_of("its", keys, &found));
         }
     }
 
