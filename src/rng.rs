@@ -268,7 +268,7 @@ mod tests {
     const STREAM_MAX_REPLAY: u64 = 10223169959992702069;
 
     #[test]
-    fn a_stream_goes_on_from_every_position() {
+    fn a_stream_resumes_from_every_position() {
         let mut stream = Stream::new(3, Purpose::Exploration);
         for position in 0..300 {
             assert_eq!(stream.position(), position);

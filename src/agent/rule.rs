@@ -335,7 +335,7 @@ mod tests {
     }
 
     #[test]
-    fn rules_act_in_lanes_that_have_ended_while_others_go_on() {
+    fn rules_act_in_ended_lanes_beside_running_ones() {
         let environment = StepCount { horizon: 3, ..StepCount::paper(1.0) };
         for rule in ["never", "untailored", "tailored", "threshold:0.75", "random", "optimal"] {
             let (rule, scenario) = (read_rule(rule).unwrap(), "P-H-D".parse().unwrap());
@@ -369,7 +369,7 @@ mod tests {
     }
 
     #[test]
-    fn names_of_rules_are_those_of_the_manifest_and_faults_are_told() {
+    fn names_of_rules_are_those_of_the_manifest_and_faults_are_reported() {
         for word in ["never", "untailored", "tailored", "random", "optimal"] {
             let rule = read_rule(word).unwrap().rule;
             assert_eq!(rule.word(), word);

@@ -198,7 +198,7 @@ mod tests {
     }
 
     #[test]
-    fn what_does_not_vary_tells_nothing_of_a_published_number() {
+    fn what_does_not_vary_says_nothing_of_a_published_number() {
         let of = |arms: &[&[f64]]| Likeness::new(arms, 3.0, 8.0);
         assert_eq!(of(&[&[5.0; 3]]), Err(Undefined::NoVariance));
         assert_eq!(of(&[&[5.0]]), Err(Undefined::TooFewSeeds { have: 1, need: 2 }));

@@ -68,7 +68,7 @@ mod tests {
     }
 
     #[test]
-    fn too_few_seeds_are_told() {
+    fn too_few_seeds_are_reported() {
         let pairs = [(1.0, 2.0), (2.0, 2.5)];
         let few = Undefined::TooFewSeeds { have: 2, need: 3 };
         assert_eq!(paired_hedges_g(&pairs), Err(few));

@@ -229,7 +229,7 @@ fn degenerate_samples_never_give_a_number_that_is_none() {
 }
 
 #[test]
-fn a_failed_arm_is_told_in_every_column() {
+fn a_failed_arm_is_reported_in_every_column() {
     let (failed, whole) = (Sample::new([], 3, 0).unwrap(), sample(&[1.0, 2.0, 3.0]));
     for design in [Design::Independent, Design::Matched] {
         for number in numbers(&Contrast::new(&whole, &failed, design), 1.0) {

@@ -65,7 +65,7 @@ mod tests {
     }
 
     #[test]
-    fn too_few_and_too_large_values_are_told() {
+    fn too_few_and_too_large_values_are_reported() {
         assert_eq!(Moments::of(&[]), Err(Undefined::NoSeeds));
         let one = Moments::of(&[7.0]).unwrap();
         assert_eq!((one.mean, one.sd), (7.0, Err(Undefined::TooFewSeeds { have: 1, need: 2 })));

@@ -112,7 +112,7 @@ mod tests {
     }
 
     #[test]
-    fn what_takes_too_long_is_told() {
+    fn what_takes_too_long_is_reported() {
         assert!(permutation_p(&[0.0; 13], &[1.0; 13]).is_ok());
         assert_eq!(permutation_p(&[0.0; 14], &[1.0; 14]), Err(Undefined::Infeasible));
         assert_eq!(permutation_p(&[0.0; 5000], &[1.0; 5000]), Err(Undefined::Infeasible));

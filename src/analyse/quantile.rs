@@ -40,7 +40,7 @@ mod tests {
     }
 
     #[test]
-    fn what_has_no_quantile_is_told() {
+    fn what_has_no_quantile_is_reported() {
         assert_eq!(lower_quartile(&[]), Err(Undefined::NoSeeds));
         assert_eq!(lower_quartile(&[1.0, f64::NAN]), Err(Undefined::OutOfRange));
         assert_eq!(quantile(&[1.0], 1.5), Err(Undefined::OutOfRange));

@@ -349,7 +349,7 @@ mod tests {
     }
 
     #[test]
-    fn rows_past_those_aligned_together_go_on_in_the_same_columns() {
+    fn rows_past_those_aligned_together_keep_the_same_columns() {
         let mut out = Vec::new();
         let columns = ["name", "count", "note"].map(str::to_owned);
         let mut rows = Rows::new(Format::Table, &columns, &mut out).unwrap();

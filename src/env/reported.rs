@@ -200,7 +200,7 @@ mod tests {
     }
 
     #[test]
-    fn agents_see_the_last_report_while_the_truth_goes_on() {
+    fn agents_see_the_last_report_while_the_truth_changes() {
         let streams = || LaneStreams::PerLane(vec![Stream::new(1, Purpose::Person); 2]);
         let (mut one, mut other) = (streams(), streams());
         // The second entry of a person is the decision after the first step.

@@ -77,7 +77,7 @@ fn fates(races: &Races, rung: usize) -> Vec<(usize, Fate)> {
 }
 
 #[test]
-fn the_best_share_of_a_rung_goes_on() {
+fn the_best_share_of_a_rung_reaches_the_next() {
     let manifest = manifest(4, "rungs = [1, 3]\nkeep = 0.5\nfresh = 2", ONE, "");
     // 4 arms with 1 seed, 2 of them with 2 more, the winner with 2 fresh ones.
     assert_eq!(race_jobs(&manifest), Some(RaceJobs { least: 10, most: 10 }));

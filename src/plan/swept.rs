@@ -102,14 +102,14 @@ mod tests {
     }
 
     #[test]
-    fn an_agent_s_jobs_are_told_apart_by_what_it_sweeps() {
+    fn an_agent_s_jobs_are_distinguished_by_what_it_sweeps() {
         let manifest = manifest("one", "0.1");
         let expected = ["learning_rate=0.001", "learning_rate=0.0005"];
         assert_eq!(words(&[manifest]), [&expected[..], &expected[..], &[""]].concat());
     }
 
     #[test]
-    fn what_manifests_set_otherwise_tells_their_jobs_apart() {
+    fn what_manifests_set_otherwise_distinguishes_their_jobs() {
         let manifests = [manifest("one", "0.1"), manifest("other", "0.2")];
         assert_eq!(Swept::of(&manifests).names(), ["agent.learning_rate", "environment.delta_d"]);
         let words = words(&manifests);

@@ -134,7 +134,7 @@ mod tests {
     }
 
     #[test]
-    fn a_long_table_goes_on_over_pages_and_data_are_not_printed() {
+    fn a_long_table_continues_over_pages_and_data_are_not_printed() {
         let written = latex(&table(41));
         assert!(written.starts_with("% Needs \\usepackage{booktabs,longtable}.\n"));
         assert!(written.contains("\\endhead") && !written.contains("\\begin{table}"));

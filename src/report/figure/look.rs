@@ -123,12 +123,12 @@ impl Looks {
     /// The look of the optimum in an arm's environment.
     pub fn of_optimum(&self, name: &ArmId) -> Look {
         let scenario = place(&self.scenarios, &name.scenario);
-        let color = match self.tells_agents() {
+        let color = match self.distinguishes_agents() {
             true => INK,
             false => self.look(name).color.towards(INK, 0.25),
         };
         // Dots further apart tell scenarios apart where colours do not.
-        let gap = if self.tells_agents() { 2.4 + 2.0 * (scenario % 4) as f64 } else { 2.4 };
+        let gap = if self.distinguishes_agents() { 2.4 + 2.0 * (scenario % 4) as f64 } else { 2.4 };
         Look { color, dash: Some((1.0, gap)), marker: Marker::Ring }
     }
 
@@ -136,18 +136,18 @@ impl Looks {
     pub fn look(&self, name: &ArmId) -> Look {
         let agent = place(&self.agents, &name.agent);
         let scenario = place(&self.scenarios, &name.scenario);
-        let (base, kind) = match self.tells_agents() {
+        let (base, kind) = match self.distinguishes_agents() {
             true => (OF_AGENTS[agent % OF_AGENTS.len()], scenario),
             false => (self.color_of_scenario(&name.scenario), agent),
         };
         // Arms that differ in settings have colours of their own, if scenarios or agents need none; else dashes and
         // markers of their own, and shades when these are used up.
-        let (places, word) = match self.tells_agents() {
+        let (places, word) = match self.distinguishes_agents() {
             true => (&self.of_scenarios, &name.scenario),
             false => (&self.of_agents, &name.agent),
         };
         let at = places.get(&(word.clone(), words(name))).copied().unwrap_or(kind);
-        let colored = if self.tells_agents() { &self.agents } else { &self.scenarios };
+        let colored = if self.distinguishes_agents() { &self.agents } else { &self.scenarios };
         let (base, kind, shade) = match colored.len() {
             _ if places.is_empty() => (base, kind, 0.0),
             0 | 1 => {
@@ -180,8 +180,8 @@ impl Looks {
 
     /// The colour of a value of a facet, if colours distinguish that facet.
     pub fn color_of(&self, facet: &str, value: &str) -> Option<Color> {
-        let stands = if self.tells_agents() { "agent" } else { "scenario" };
-        let list = if self.tells_agents() { &self.agents } else { &self.scenarios };
+        let stands = if self.distinguishes_agents() { "agent" } else { "scenario" };
+        let list = if self.distinguishes_agents() { &self.agents } else { &self.scenarios };
         let is_known = facet == stands && list.iter().any(|known| known == value);
         let (agent, scenario) = match facet {
             "agent" => (value.to_owned(), String::new()),
@@ -191,7 +191,7 @@ impl Looks {
     }
 
     /// Whether colours distinguish agents, and dashes scenarios: true if there are more agents than dashes.
-    fn tells_agents(&self) -> bool {
+    fn distinguishes_agents(&self) -> bool {
         self.agents.len() > DASHES.len()
     }
 }

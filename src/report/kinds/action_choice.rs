@@ -292,7 +292,7 @@ mod tests {
     }
 
     #[test]
-    fn the_note_tells_the_intervals_of_the_shares_that_are_labelled() {
+    fn the_note_states_the_intervals_of_the_shares_that_are_labelled() {
         // The segment of 0.05 is too low for a label, so its interval does not count.
         let shares = [(0.4, Some(0.3)), (0.35, Some(1.39)), (0.2, Some(0.12)), (0.05, Some(0.01))];
         assert_eq!(

@@ -613,7 +613,7 @@ mod tests {
     }
 
     #[test]
-    fn a_colour_is_the_same_number_in_all_maps_and_the_bar_tells_which() {
+    fn a_colour_is_the_same_number_in_all_maps_and_the_bar_states_which() {
         let range = (-19.0, 839.0);
         let (half, whole) = (419.5, 839.0);
         assert_eq!(color(whole, range, Scale::Difference), Color(0, 92, 160));
