@@ -44,6 +44,7 @@ pub(super) fn parameters<P: Keyed + Default>(case: &Value) -> P {
     let mut settings = case.as_object().unwrap().clone();
     // `batch` is also the name of the rows of a case.
     settings.retain(|name, json| !json.is_object() && P::KEYS.iter().any(|key| key.name == name));
+    assert!(["layers", "activation"].iter().all(|name| settings.contains_key(*name)), "{case}");
     P::default().with_settings(&settings).unwrap()
 }
 

@@ -278,7 +278,7 @@ fn row(
             (_, false, _) => "mean",
         };
         row.subject = match row.metric.filter(|metric| *metric != MEAN_RETURN) {
-            Some(metric) => format!("{kind} ({})", metric.text().replace('_', " ")),
+            Some(metric) => format!("{} {kind}", metric.text().replace('_', " ")),
             None => kind.to_owned(),
         };
     }
@@ -357,7 +357,7 @@ mod tests {
         let text = "agent,metric,value,n\na,mean_return,9,3\na,disengagement_rate,0.1,3\n";
         let published = Published::parse(Path::new("p.csv"), text).unwrap();
         let subjects = published.rows.iter().map(|row| row.subject.as_str());
-        assert!(subjects.eq(["mean", "mean (disengagement rate)"]));
+        assert!(subjects.eq(["mean", "disengagement rate mean"]));
     }
 
     #[test]

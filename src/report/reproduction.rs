@@ -42,7 +42,7 @@ pub fn reproduction(reproduction: &Reproduction) -> Vec<String> {
         let (margin, equivalent, compared) = reproduction.equivalent(subject)?;
         let mut all = reproduction.comparisons.iter();
         let one = all.find(|one| one.subject == **subject)?;
-        let margin = match one.is_rate {
+        let margin = match one.is_rate() {
             true => format!("± {} percentage points", shown(100.0 * margin, 1)),
             false => format!("± {} {}", shown(margin, 0), one.return_unit),
         };
@@ -76,13 +76,14 @@ mod tests {
     use crate::analyse::declared::Comparison;
     use crate::analyse::{Agreement, Interval, Verdict};
     use crate::job::Scalar;
+    use crate::job::metric::MEAN_RETURN;
 
     /// A tile of a heat map with a published value of 100, from which ours differs by `difference`.
     fn tile(difference: f64, verdict: Verdict) -> Comparison {
         let interval = Interval { low: difference - 30.0, high: difference + 30.0 };
         Comparison {
             subject: "heat-map tile".into(),
-            is_rate: false,
+            metric: Some(MEAN_RETURN),
             return_unit: "steps",
             agent: "reinforce".into(),
             scenario: "P-H-D - L-H-D".into(),

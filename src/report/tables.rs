@@ -93,7 +93,7 @@ pub fn reproduction(reproduction: &Reproduction) -> DataTable {
 
 fn comparison(one: &Comparison) -> Vec<Entry> {
     let settings = one.settings.iter().map(|(name, value)| format!("{name}={value}"));
-    let is_rate = one.is_rate;
+    let is_rate = one.is_rate();
     let decimals = if is_rate { 4 } else { 1 };
     let interval = one.agreement.as_ref().map(|agreement| agreement.interval).map_err(|e| *e);
     vec![

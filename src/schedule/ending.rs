@@ -89,17 +89,21 @@ impl End {
         let cause = match on_failure {
             _ if self.left() == 0 && self.estimated.lacking == 0 => Cause::NothingLeft,
             _ if is_stopped => Cause::Stopped,
-            OnFailure::Stop if self.tally.failed > 0 => Cause::Failure,
-            OnFailure::Stop | OnFailure::Continue => Cause::NothingLeft,
+            // Another process deleted jobs that lacked estimates.
+            OnFailure::Stop if self.left() == 0 && self.tally.failed == 0 => Cause::NothingLeft,
+            OnFailure::Stop => Cause::Failure,
+            OnFailure::Continue => Cause::NothingLeft,
         };
         End { cause, ..self }
     }
 
     /// The end before the next stage of a race, which does not begin after a failure that stops the sweep.
     pub fn before_next_stage(self, on_failure: OnFailure) -> End {
-        match on_failure {
-            OnFailure::Stop if self.tally.failed > 0 => End { cause: Cause::Failure, ..self },
-            OnFailure::Stop | OnFailure::Continue => self,
+        match (self.cause, on_failure) {
+            (Cause::NothingLeft, OnFailure::Stop) if self.tally.failed > 0 => {
+                End { cause: Cause::Failure, ..self }
+            }
+            _ => self,
         }
     }
 

@@ -1,7 +1,7 @@
 //! Runs manifests: from registration to stored runs.
 
 use std::collections::HashSet;
-use std::fs::File;
+use std::fs::{self, File};
 use std::iter;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -41,24 +41,30 @@ pub fn register_experiment(
     store.register_until(stop, &experiment, jobs, part)
 }
 
-/// The manifest of an experiment in a store, from its text; `None` if this release cannot read it, or if a file that it
-/// names is in none of the folders from which the commands of the store were run.
+/// The manifest of an experiment in a store, from its text; `None` if this release cannot read it. The files that it
+/// names are read beside a file with the same text that a command of the store names, or else in the working folder.
 pub fn stored_manifest(reader: &Reader, text: &str) -> Option<Manifest> {
     let policy = |key: &str| posterior_in(reader.path(), key);
-    let read = |folder: &Path| {
-        let label = folder.join("manifest.toml");
-        manifest::parse_with(&label.to_string_lossy(), text, &[], Runs(Some(&policy))).ok()
+    let path = match manifest::companions(text).is_empty() {
+        true => None,
+        false => path_of(reader, text),
     };
-    // A manifest's files are relative to its own folder, which the command names relative to the working folder.
+    let label = path.as_deref().unwrap_or(Path::new("manifest.toml")).to_string_lossy();
+    let read = manifest::parse_with(&label, text, &[], Runs(Some(&policy)));
+    read.ok().map(|read| read.manifest)
+}
+
+/// The path of a manifest with this text, from the commands that changed the store; the latest command first.
+fn path_of(reader: &Reader, text: &str) -> Option<PathBuf> {
     let log = reader.log().unwrap_or_default();
-    let folders = log.iter().rev().flat_map(|(_, command)| {
-        let manifests = command.words.split_whitespace().filter(|word| word.ends_with(".toml"));
-        manifests.map(|path| Path::new(&command.folder).join(path).with_file_name(""))
+    let mut paths = log.iter().rev().flat_map(|(_, command)| {
+        // A path with spaces stands between quotes.
+        let quoted = command.words.split(['\'', '"']);
+        let words = quoted.flat_map(|words| iter::once(words).chain(words.split_whitespace()));
+        let manifests = words.filter(|word| word.ends_with(".toml"));
+        manifests.map(|path| Path::new(&command.folder).join(path))
     });
-    let mut tried = HashSet::new();
-    let folders = iter::once(PathBuf::new()).chain(folders);
-    let mut manifests = folders.filter(|folder| tried.insert(folder.clone()));
-    manifests.find_map(|folder| read(&folder)).map(|read| read.manifest)
+    paths.find(|path| fs::read_to_string(path).is_ok_and(|found| found == text))
 }
 
 /// The warning that a registration dropped jobs of the experiment; `None` if it dropped no job.

@@ -214,13 +214,14 @@ impl Reader {
 
     /// The results of jobs for a comparison in a metric, in the order of `keys`.
     pub fn scores(&self, keys: &[JobKey], metric: MetricName) -> Result<Vec<Score>, StoreError> {
+        // Read before the values, so that every job found as completed has its value.
+        let states = self.job_states(keys)?;
         let mut values: HashMap<JobKey, f64> = HashMap::new();
         if metric == NET_RETURN {
             // It is recorded only where messages cost something.
             values.extend(self.values(keys, MEAN_RETURN)?);
         }
         values.extend(self.values(keys, metric)?);
-        let states = self.job_states(keys)?;
         let score = |(key, state)| match state {
             JobState::Completed => match values.get(key) {
                 Some(value) if value.is_finite() => Score::Value(*value),

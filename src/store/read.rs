@@ -156,6 +156,17 @@ impl Reader {
         })
     }
 
+    /// A number that changes when other jobs belong to an experiment: the sum of their row ids.
+    pub fn membership(&self, experiment: &str) -> Result<i64, StoreError> {
+        self.read("read the jobs of an experiment", |connection| {
+            let mut statement = connection.prepare_cached(
+                "SELECT coalesce(sum(job), 0) FROM experiment_job
+                 WHERE experiment = (SELECT id FROM experiment WHERE name = ?1)",
+            )?;
+            Ok(statement.query_row([experiment], |row| row.get(0))?)
+        })
+    }
+
     /// The jobs of an experiment in the order of its manifest, grouped by content without the seed. An unknown
     /// experiment has no jobs. Jobs that this release cannot read are omitted.
     pub fn arms(&self, experiment: &str) -> Result<Vec<StoredArm>, StoreError> {

@@ -74,8 +74,8 @@ struct Jobs {
     experiment: String,
     /// The number of jobs in the store when they were read.
     total: u64,
-    /// The text of the manifest that declared them.
-    text: String,
+    /// Their membership in the experiment when they were read; see [`Reader::membership`].
+    membership: i64,
     arms: Vec<StoredArm>,
     names: Vec<String>,
     swept: Swept,
@@ -144,21 +144,31 @@ impl Watcher {
         Ok(View { experiments: names, ..view? })
     }
 
-    /// The jobs of an experiment, read again if their number or the manifest has changed.
+    /// The jobs of an experiment, read again if others belong to it.
     fn jobs_of(&mut self, experiment: &str, total: u64) -> Result<Jobs, WatchError> {
-        let text = self.reader.manifest(experiment)?.unwrap_or_default();
-        let known =
-            |jobs: &Jobs| jobs.experiment == experiment && jobs.total == total && jobs.text == text;
+        let membership = self.reader.membership(experiment)?;
+        let known = |jobs: &Jobs| {
+            (&*jobs.experiment, jobs.total, jobs.membership) == (experiment, total, membership)
+        };
         if let Some(jobs) = self.jobs.take().filter(known) {
             return Ok(jobs);
         }
+        let text = self.reader.manifest(experiment)?.unwrap_or_default();
         // A manifest that cannot be read leaves names without swept parameters.
         let manifest = schedule::stored_manifest(&self.reader, &text);
         let swept = Swept::of(manifest.as_slice());
         let arms = self.reader.arms(experiment)?;
         let names = arms.iter().map(|arm| swept.arm(&arm.agent, &arm.job)).collect();
         let search = manifest.filter(|manifest| manifest.search.is_some());
-        Ok(Jobs { experiment: experiment.to_owned(), total, text, arms, names, swept, search })
+        Ok(Jobs {
+            experiment: experiment.to_owned(),
+            total,
+            membership,
+            arms,
+            names,
+            swept,
+            search,
+        })
     }
 
     /// Looks at the submissions from time to time, and at the parts that are new.

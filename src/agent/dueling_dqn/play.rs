@@ -1,5 +1,4 @@
-//! The part that dueling DQNs with and without memory share: play one episode at a time, explore,
-//! and count updates. It handles neither networks nor replay buffers.
+//! The running episode of a dueling DQN: plays one episode at a time, explores, and counts updates. It handles neither networks nor replay buffers.
 
 use std::mem;
 

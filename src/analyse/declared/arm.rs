@@ -119,7 +119,9 @@ impl Token<'_> {
     pub fn of(setting: &Scalar) -> Token<'_> {
         match setting {
             Scalar::Real(number) => Token::Number(number.to_bits()),
-            Scalar::Integer(whole) if (*whole as f64) as i64 != *whole => Token::Integer(*whole),
+            Scalar::Integer(whole) if (*whole as f64) as i128 != i128::from(*whole) => {
+                Token::Integer(*whole)
+            }
             Scalar::Integer(whole) => Token::Number((*whole as f64).to_bits()),
             Scalar::Text(text) => Token::Text(text),
         }

@@ -28,8 +28,8 @@ pub struct Reproduction {
 pub struct Comparison {
     /// The kind of number, as the published file calls it.
     pub subject: String,
-    /// Whether the number is a share.
-    pub is_rate: bool,
+    /// The metric; `None` for an error rate.
+    pub metric: Option<MetricName>,
     /// The unit of returns.
     pub return_unit: &'static str,
     /// The agent, or both as `first - second`; empty where there is none.
@@ -57,6 +57,11 @@ pub struct Comparison {
 }
 
 impl Comparison {
+    /// Whether the number is a share.
+    pub fn is_rate(&self) -> bool {
+        self.metric.is_none_or(|metric| metric.unit() == MetricUnit::Share)
+    }
+
     /// Whether both numbers are equivalent within the declared margin.
     pub fn is_equivalent(&self) -> Option<bool> {
         let margin = self.margin?;
@@ -111,8 +116,9 @@ impl Reproduction {
     /// agent. Numbers can be too high on average although each of them agrees.
     pub fn distances(&self, subject: &str) -> Vec<Distance> {
         let mut agents: BTreeMap<(&str, &'static str), Vec<f64>> = BTreeMap::new();
-        let is_of =
-            |one: &&Comparison| one.subject == subject && !one.is_rate && one.published_p.is_none();
+        let is_of = |one: &&Comparison| {
+            one.subject == subject && !one.is_rate() && one.published_p.is_none()
+        };
         for one in self.comparisons.iter().filter(is_of) {
             if let Ok(ours) = one.ours {
                 agents.entry((&one.agent, one.return_unit)).or_default().push(ours - one.published);
@@ -168,7 +174,7 @@ pub fn reproduce(
         let settings = row.parameters.iter();
         Some(Comparison {
             subject: row.subject.clone(),
-            is_rate: row.metric.is_none_or(|metric| metric.unit() == MetricUnit::Share),
+            metric: row.metric,
             return_unit,
             agent: row.agent.clone(),
             scenario: row.scenario.clone(),
@@ -323,7 +329,7 @@ fn unlabelled(
 ) -> Comparison {
     Comparison {
         subject: String::new(),
-        is_rate: false,
+        metric: None,
         return_unit: "",
         agent: String::new(),
         scenario: String::new(),

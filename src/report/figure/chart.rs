@@ -384,6 +384,33 @@ mod tests {
     }
 
     #[test]
+    fn the_label_of_an_optimum_at_one_point_stands_behind_its_dash() {
+        let low = || Line::through([0.0, 1.0].map(|x| (x, 1.0)), Spread::Bars);
+        let optimum = |y: f64| Line {
+            label: "optimum".to_owned(),
+            ..Line::through([(0.0, y)], Spread::Exact)
+        };
+        let place = |y: f64| {
+            let scene = drawn(vec![low(), optimum(y)], "");
+            let of_optimum = scene.marks.iter().filter(|mark| mark.series == Some(1));
+            let (mut dash, mut label) = (None, None);
+            for mark in of_optimum {
+                match &mark.shape {
+                    Shape::Line { points, .. } => dash = Some(points[1]),
+                    Shape::Text { at, .. } => label = Some(*at),
+                    _ => {}
+                }
+            }
+            (dash.unwrap(), label.unwrap())
+        };
+        let (dash, label) = place(5.0);
+        assert!(label.0 > dash.0 && (label.1 - dash.1).abs() < TEXT, "{dash:?} {label:?}");
+        // A line runs there.
+        let (dash, label) = place(1.0);
+        assert!((label.1 - dash.1).abs() > TEXT, "{dash:?} {label:?}");
+    }
+
+    #[test]
     fn every_label_of_large_numbers_is_inside_the_figure() {
         let line = |scale: f64| {
             let mut line = Line::through([1.0, 2.0].map(|x| (x * scale, -x * scale)), Spread::Bars);

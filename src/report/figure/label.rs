@@ -211,11 +211,15 @@ fn inside_place(
 ) -> (Point, f64) {
     let others = chart.lines.iter().enumerate().filter(|(other, _)| *other != series);
     let place = |line: &Line| -> Vec<Point> {
-        line.points.iter().map(|point| frame.place(axes, (point.x, point.y))).collect()
+        let points = line.points.iter().map(|point| frame.place(axes, (point.x, point.y)));
+        match points.clone().collect::<Vec<_>>().as_slice() {
+            [(x, y)] => vec![(x - ALONE, *y), (x + ALONE, *y)],
+            _ => points.collect(),
+        }
     };
     let others: Vec<Vec<Point>> = others.map(|(_, line)| place(line)).collect();
     let line = &chart.lines[series];
-    if line.points.len() == 1 {
+    if line.points.len() == 1 && line.spread == Spread::Exact {
         let left = end.0 + ALONE + 4.0;
         let behind = left + width(&line.label, TEXT, Weight::SemiBold);
         if behind < frame.left + frame.width && is_free(&others, (left, behind), end.1) {

@@ -170,7 +170,8 @@ impl Looks {
             return color;
         }
         let taken: Vec<Color> = self.scenarios.iter().filter_map(|name| fixed(name)).collect();
-        // Hardly any fixed colour is sky blue or orange, so these come first; beside blue, sky blue comes last.
+        // Hardly any fixed colour is sky blue or orange, so these come first. Sky blue beside blue is the last
+        // colour before the greys.
         let first = if taken.contains(&COLORS[0]) { 5 } else { 4 };
         let all = COLORS.iter().cycle().skip(first).take(COLORS.len()).chain(&OF_AGENTS[6..]);
         let free: Vec<&Color> = all.filter(|color| !taken.contains(color)).collect();
