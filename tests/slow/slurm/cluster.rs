@@ -436,14 +436,24 @@ pub fn parent(process: u32) -> u32 {
     stat(process).unwrap()[1].parse().unwrap()
 }
 
-/// Whether a process has ended. It may still be a zombie.
+/// Whether a process has ended: none of its threads still runs. It may be a zombie. Of a killed process the
+/// first thread may be a zombie before the others have ended; only the end of the last one reaches its
+/// children, which get another parent and perhaps a SIGHUP.
 pub fn has_ended(process: u32) -> bool {
-    stat(process).is_none_or(|stat| stat[0] == "Z" || stat[0] == "X")
+    let threads = fs::read_dir(format!("/proc/{process}/task"));
+    let has_ended =
+        |thread: &Path| fields(thread).is_none_or(|stat| stat[0] == "Z" || stat[0] == "X");
+    threads.into_iter().flatten().flatten().all(|thread| has_ended(&thread.path()))
 }
 
-/// The fields of `/proc/<process>/stat` after the name: the state, the parent and so on.
 fn stat(process: u32) -> Option<Vec<String>> {
-    let stat = fs::read_to_string(format!("/proc/{process}/stat")).ok()?;
+    fields(Path::new(&format!("/proc/{process}")))
+}
+
+/// The fields of the `stat` file in a process's or a thread's folder of `/proc` after the name: the state,
+/// the parent and so on.
+fn fields(folder: &Path) -> Option<Vec<String>> {
+    let stat = fs::read_to_string(folder.join("stat")).ok()?;
     let behind_name = stat.rsplit_once(')')?.1;
     Some(behind_name.split_whitespace().map(str::to_owned).collect())
 }
