@@ -74,8 +74,8 @@ const TRAJECTORIES: &str = "the trajectories of an update";
 impl Trajectories {
     /// Reserves room for `rows` more rows of this number of actions.
     fn reserve(&mut self, rows: usize, actions: usize) -> Result<(), OutOfMemory> {
-        let bytes =
-            (self.observations.rows() + rows) * self.observations.width() * size_of::<f32>();
+        let more = rows * self.observations.width();
+        let bytes = (self.observations.features().len() + more) * size_of::<f32>();
         let refused = OutOfMemory { what: TRAJECTORIES, bytes };
         memory::permit(bytes, TRAJECTORIES)?;
         self.observations.try_reserve(rows).map_err(|_| refused)?;

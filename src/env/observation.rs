@@ -101,6 +101,7 @@ impl Observations {
     /// Reserves room for `rows` more rows.
     ///
     /// **Errors**: there is not enough memory.
+    #[inline]
     pub fn try_reserve(&mut self, rows: usize) -> Result<(), TryReserveError> {
         self.features.try_reserve(rows * self.width)?;
         self.moments.try_reserve(if self.one_hot > 0 { rows } else { 0 })

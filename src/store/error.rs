@@ -1,5 +1,6 @@
 //! Errors of the store; every message says what to do.
 
+use std::io;
 use std::path::{Path, PathBuf};
 
 use rusqlite::ErrorCode;
@@ -13,6 +14,9 @@ const NO_SQLITE_FILE: &str = "not a SQLite file (if it was a store, `jitai docto
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum StoreError {
+    /// The system started no thread.
+    #[error("failed to start a thread: {0}; end other programs or raise the limit on threads")]
+    NoThread(#[source] io::Error),
     /// The file does not exist.
     #[error(
         "there is no store at `{}`; create it with `jitai run`, or name another store with --store",

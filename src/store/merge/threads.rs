@@ -64,8 +64,8 @@ impl Sources {
 ///
 /// If another process is writing to a source, the merge reads a snapshot of it.
 ///
-/// **Errors**: a source can no longer be read, or `into` cannot be written. Runs that were copied before
-/// remain.
+/// **Errors**: a source can no longer be read, `into` cannot be written, or no thread can be started. Runs that
+/// were copied before remain.
 pub fn merge(
     sources: &Sources,
     into: &mut Store,
@@ -80,8 +80,14 @@ pub fn merge(
     let (unread, waiting) = sync_channel::<Unread<'_>>(sources.len());
     let waiting = Mutex::new(waiting);
     thread::scope(|scope| {
-        for _ in 0..readers {
-            scope.spawn(|| read_all(&waiting, &target));
+        for started in 0..readers {
+            let reader = || read_all(&waiting, &target);
+            match thread::Builder::new().spawn_scoped(scope, reader) {
+                Err(reason) if started == 0 => return Err(StoreError::NoThread(reason)),
+                // Fewer readers suffice.
+                Err(_) => break,
+                Ok(_) => {}
+            }
         }
         let unread = unread;
         let mut merged = Merged { sources: sources.len(), ..Merged::default() };
