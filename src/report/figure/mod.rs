@@ -74,6 +74,19 @@ pub(super) fn fitting(
     text(at, words, (size, Weight::Regular), color, Anchor::Middle)
 }
 
+/// The lines of a note, broken between its clauses where it would not fit its space.
+pub(super) fn note_lines(note: &str, room: f64) -> Vec<String> {
+    let mut lines: Vec<String> = Vec::new();
+    for clause in note.split_inclusive(", ") {
+        let longer = lines.last().map(|line| format!("{line}{clause}"));
+        match longer.filter(|line| width(line.trim_end(), NOTE, Weight::Regular) <= room) {
+            Some(longer) => *lines.last_mut().expect("it was made longer") = longer,
+            None => lines.push(clause.to_owned()),
+        }
+    }
+    lines
+}
+
 fn fitted(words: &str, size: f64, room: f64) -> f64 {
     size * (room / width(words, size, Weight::Regular)).min(1.0)
 }

@@ -6,7 +6,7 @@ use crate::job::Measure;
 use crate::report::data_table::shown;
 use crate::report::figure::{
     Axis, AxisScale, FAINT, GRID, INK, Look, Marker, NOTE, PUBLISHED, Panel, Panels, TEXT, facets,
-    fitting, marker, round_range, seeds, text,
+    fitting, marker, note_lines, round_range, seeds, text,
 };
 use crate::report::names::Names;
 use crate::report::scene::{Anchor, Mark, Scene, Shape, Stroke, Weight, width};
@@ -93,6 +93,19 @@ fn family(row: &ContrastRow) -> String {
     }
 }
 
+fn note(rows: &[(&ContrastRow, &str, &str)]) -> String {
+    let compared = rows.iter().flat_map(|(row, ..)| <[usize; 2]>::from(row.contrast.seeds));
+    let is_published = rows.iter().any(|(row, ..)| row.published.is_some());
+    format!(
+        "Difference, uncorrected 95 % interval{}{}, {} per side.{}",
+        rows.first().map_or_else(String::new, |(row, ..)| family(row)),
+        test_name(rows.iter().map(|(row, ..)| row.contrast.design))
+            .map_or_else(String::new, |test| format!(", {test}")),
+        seeds(compared.filter(|n| *n > 0)),
+        if is_published { " Diamonds: published." } else { "" }
+    )
+}
+
 fn forest(
     rows: &[(&ContrastRow, &str, &str)],
     heading: &str,
@@ -102,9 +115,14 @@ fn forest(
     let Across { left, right, whole, .. } = *across;
     let has_upper = rows.len() >= MANY_ROWS;
     let top = if has_upper { TOP + TEXT + 3.0 } else { TOP };
-    let beside = top + BOTTOM + style.note();
+    let note = match style.has_titles() {
+        true => note_lines(&note(rows), whole - 8.0),
+        false => Vec::new(),
+    };
+    let beside = top + BOTTOM + note.len() as f64 * (NOTE + 3.0);
     let high = style.row(ROW, rows.len(), beside);
     let bottom = top + high * rows.len() as f64;
+    let height = beside - top + bottom;
     let mut marks = ruler(across, (top, bottom), has_upper);
     if let Some((row, ..)) = rows.first().filter(|_| style.has_titles() || !heading.is_empty()) {
         let sides = sides(row, names).join(" − ");
@@ -126,19 +144,9 @@ fn forest(
         of_row.extend(row_marks(row, label, middle, (across, metric)));
         marks.extend(of_row.into_iter().map(|mark| mark.of(at)));
     }
-    let compared = rows.iter().flat_map(|(row, ..)| <[usize; 2]>::from(row.contrast.seeds));
-    let is_published = rows.iter().any(|(row, ..)| row.published.is_some());
-    let note = format!(
-        "Difference, uncorrected 95 % interval{}{}, {} per side.{}",
-        rows.first().map_or_else(String::new, |(row, ..)| family(row)),
-        test_name(rows.iter().map(|(row, ..)| row.contrast.design))
-            .map_or_else(String::new, |test| format!(", {test}")),
-        seeds(compared.filter(|n| *n > 0)),
-        if is_published { " Diamonds: published." } else { "" }
-    );
-    let height = bottom + BOTTOM + style.note();
-    if style.has_titles() {
-        marks.push(fitting((whole / 2.0, height - 5.0), note, (NOTE, whole - 8.0), FAINT).into());
+    for (at, line) in note.iter().rev().enumerate() {
+        let place = (whole / 2.0, height - 5.0 - at as f64 * (NOTE + 3.0));
+        marks.push(fitting(place, line.trim_end(), (NOTE, whole - 8.0), FAINT).into());
     }
     let description = format!("differences in {}", metric.title());
     let series = rows.iter().map(|(row, ..)| facets(&names.arm(&row.name))).collect();
@@ -301,5 +309,18 @@ mod tests {
         assert_eq!(ends.count(), 2);
         let tip = marks.iter().find_map(|mark| mark.tip.clone()).unwrap();
         assert!(tip.contains("95 % interval 880 to 920, n = 2 seeds per side"), "{tip}");
+    }
+
+    #[test]
+    fn a_long_note_is_broken_between_clauses_and_keeps_its_size() {
+        let note = "Difference, uncorrected 95 % interval, Holm-corrected p (family gain of 4 tests), t test \
+                    paired by seed, n = 3 seeds per side.";
+        let lines = note_lines(note, 313.0);
+        assert_eq!(lines.concat(), note);
+        assert_eq!(lines.len(), 2, "{lines:?}");
+        for line in &lines {
+            assert!(width(line.trim_end(), NOTE, Weight::Regular) <= 313.0, "{line}");
+        }
+        assert_eq!(note_lines("A clause, another", 10.0), ["A clause, ", "another"]);
     }
 }
