@@ -4,16 +4,16 @@ use std::collections::HashSet;
 
 use toml::de::DeTable;
 
-use super::draft::Draft;
-use super::fault::{Fault, near, nearest, shortened};
-use super::free::PARAMETERS;
-use super::parameter::{meant, named, parameter};
-use super::read::MOST_ENTRIES;
-use super::section::Section;
-use super::source::{Located, Span};
-use super::sweep::{Node, Reader, Repeats};
 use crate::job::Condition;
 use crate::key::{Key, Kind, Parameter, Value};
+use crate::manifest::draft::Draft;
+use crate::manifest::parameter::{meant, named, parameter};
+use crate::manifest::read::MOST_ENTRIES;
+use crate::manifest::section::Section;
+use crate::manifest::text::fault::{Fault, near, nearest, shortened};
+use crate::manifest::text::source::{Located, Span};
+use crate::manifest::value::free::PARAMETERS;
+use crate::manifest::value::sweep::{Node, Reader, Repeats};
 
 /// The keys of an exclusion in addition to the keys of the sections.
 const CONDITIONS: [&str; 7] =

@@ -3,18 +3,17 @@
 
 use std::collections::{HashMap, HashSet};
 
-use super::analyses;
-use super::declared::{DeclaredAgent, Exclusion, Manifest};
-use super::draft::Draft;
-use super::estimates;
-use super::fault::{Fault, FaultList};
-use super::grid::{Axis, Grid, axes, size, zipped};
-use super::limits::{MOST_COMPARISONS, MOST_JOBS};
-use super::presence::absent;
-use super::source::Span;
 use crate::agent::Algorithm;
 use crate::job::{Condition, EvaluatedOn, TestActions, Trial};
 use crate::key::{Assignment, Constraint, Keyed, Parameter, Size, Value, Violation};
+use crate::manifest::declared::{DeclaredAgent, Exclusion, Manifest};
+use crate::manifest::draft::Draft;
+use crate::manifest::grid::{Axis, Grid, axes, size, zipped};
+use crate::manifest::limits::{MOST_COMPARISONS, MOST_JOBS};
+use crate::manifest::presence::absent;
+use crate::manifest::text::fault::{Fault, FaultList};
+use crate::manifest::text::source::Span;
+use crate::manifest::{analysis, estimate};
 
 /// Reports faults between the keys of `manifest`, which was completed from `draft`.
 ///
@@ -27,7 +26,7 @@ pub(super) fn check(
 ) -> (Manifest, Vec<(usize, FaultList)>) {
     let broken = zips(draft, &manifest, faults);
     manifest.zips.retain(|zip| !zip.parameters.iter().any(|name| broken.contains(name)));
-    let lost = analyses::lost(draft, &manifest, faults);
+    let lost = analysis::read::lost(draft, &manifest, faults);
     if !size_fits(draft, &manifest, faults) {
         if listed(&manifest) <= FEW_LISTED {
             exclusions(draft, &manifest, faults);
@@ -67,7 +66,7 @@ pub(super) fn check(
     }
     trials(draft, &manifest, &grids, faults);
     if faults.is_empty() {
-        estimates::check(draft, &manifest, &grids, faults);
+        estimate::read::check(draft, &manifest, &grids, faults);
     }
     if exclusions_hold && broken.is_empty() && !draft.invalid_cells {
         matches(draft, &grids, faults);
@@ -367,7 +366,7 @@ fn matches(draft: &Draft, grids: &[Grid], faults: &mut FaultList) {
 
 #[cfg(test)]
 mod tests {
-    use super::super::parse;
+    use crate::manifest::parse;
 
     #[test]
     fn a_fault_between_an_authors_key_and_a_presets_points_to_the_authors() {

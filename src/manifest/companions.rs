@@ -4,9 +4,9 @@ use std::fs;
 
 use toml_edit::{DocumentMut, Item, TableLike, Value};
 
-use super::declared::Manifest;
-use super::section::Section;
 use crate::key::{Content, Key, Kind, Rows};
+use crate::manifest::declared::Manifest;
+use crate::manifest::section::Section;
 
 /// The keys whose values can name files: section and key.
 fn file_keys() -> impl Iterator<Item = (&'static str, &'static Key)> {
@@ -96,10 +96,10 @@ pub fn self_contained(of: &Manifest) -> Result<String, String> {
 mod tests {
     use serde_json::json;
 
-    use super::super::load::parse_from;
-    use super::super::{Runs, parse};
     use super::*;
     use crate::key::{Parameter, Value as KeyValue};
+    use crate::manifest::load::parse_from;
+    use crate::manifest::{Runs, parse};
     use crate::plan;
 
     const VALID: &str = "format = 1\nname = \"t\"\nextends = \"paper\"\nscenarios = [\"C\"]\nseeds = 1\n\

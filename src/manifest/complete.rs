@@ -1,16 +1,16 @@
 //! Completes a draft: reports missing required keys, and fills in all other keys with their defaults.
 
-use super::declared::{DeclaredAgent, Exclusion, Manifest, Zip};
-use super::draft::{Draft, Settings};
-use super::draw::Draw;
-use super::fault::{Fault, FaultList};
-use super::parameter::Parameters;
-use super::section::Section;
-use super::source::{Located, Span};
-use super::written;
 use crate::env::Family;
 use crate::job::EvaluatedOn;
 use crate::key::{Content, Distribution, Key, Kind, Parameter, Rows, Value};
+use crate::manifest::declared::{DeclaredAgent, Exclusion, Manifest, Zip};
+use crate::manifest::draft::{Draft, Settings};
+use crate::manifest::parameter::Parameters;
+use crate::manifest::search::draw::Draw;
+use crate::manifest::section::Section;
+use crate::manifest::text::fault::{Fault, FaultList};
+use crate::manifest::text::source::{Located, Span};
+use crate::manifest::text::written;
 
 /// The manifest that `draft` declares; reports missing keys.
 ///

@@ -3,17 +3,17 @@
 use std::path::Path;
 use std::sync::Arc;
 
-use super::analysis::Analysis;
-use super::draw::Draw;
-use super::estimate::DeclaredEstimate;
-use super::parameter::{Parameters, scenario_of, seed_of};
-use super::search::Search;
-use super::section::Section;
-use super::stage::Stage;
 use crate::agent::Algorithm;
 use crate::env::{Family, Scenario};
 use crate::job::{Condition, EstimateDeclaration};
 use crate::key::{Parameter, Value};
+use crate::manifest::analysis::declared::Analysis;
+use crate::manifest::estimate::declared::DeclaredEstimate;
+use crate::manifest::parameter::{Parameters, scenario_of, seed_of};
+use crate::manifest::search::declared::Search;
+use crate::manifest::search::draw::Draw;
+use crate::manifest::search::stage::Stage;
+use crate::manifest::section::Section;
 
 /// A validated manifest: every default filled in, every cell of its grids a possible job.
 ///

@@ -5,16 +5,16 @@
 
 use std::collections::BTreeMap;
 
-use super::analysis::AnalysisDraft;
-use super::draw::Draw;
-use super::estimate::EstimateDraft;
-use super::search::Search;
-use super::section::Section;
-use super::source::{Located, Span};
 use crate::agent::Algorithm;
 use crate::env::Family;
 use crate::job::Condition;
 use crate::key::{Parameter, Value};
+use crate::manifest::analysis::declared::AnalysisDraft;
+use crate::manifest::estimate::declared::EstimateDraft;
+use crate::manifest::search::declared::Search;
+use crate::manifest::search::draw::Draw;
+use crate::manifest::section::Section;
+use crate::manifest::text::source::{Located, Span};
 
 /// The content of a manifest or a preset.
 #[derive(Clone, Debug)]

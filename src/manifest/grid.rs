@@ -7,14 +7,14 @@
 use std::borrow::Cow;
 use std::collections::HashSet;
 
-use super::declared::{DeclaredAgent, Exclusion, Manifest};
-use super::parameter::{Parameters, scenario_of, seed_of};
-use super::section::Section;
-use super::stage::RaceCells;
 use crate::agent::{Agent, Algorithm, HORIZON};
 use crate::env::{Environment, Scenario};
 use crate::job::{Evaluation, Job, Trial};
 use crate::key::{Assignment, Constraint, Key, Keyed, Parameter, Value, Violation};
+use crate::manifest::declared::{DeclaredAgent, Exclusion, Manifest};
+use crate::manifest::parameter::{Parameters, scenario_of, seed_of};
+use crate::manifest::search::stage::RaceCells;
+use crate::manifest::section::Section;
 
 /// The number of observations that an agent sees at a time.
 const HISTORY: Parameter = Parameter::Agent("history");

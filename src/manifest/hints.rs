@@ -4,18 +4,18 @@ use std::cmp::Ordering;
 use std::path::{Path, PathBuf};
 use std::{env, fs};
 
-use super::analysis::Analysis;
-use super::analysis_kind::{AnalysisKind, LearningCurve, SelectionRule};
-use super::declared::{DeclaredAgent, Manifest};
-use super::fault::Fault;
-use super::grid::Grid;
-use super::parameter::Parameters;
-use super::repair::decimal_lists;
-use super::written::share;
 use crate::agent::{UNAVAILABLE, longest_episode};
 use crate::job::{Condition, MetricUnit};
 use crate::key::printable;
 use crate::key::{Constraint, Key, Parameter, Value, Violation};
+use crate::manifest::analysis::declared::Analysis;
+use crate::manifest::analysis::kind::{AnalysisKind, LearningCurve, SelectionRule};
+use crate::manifest::declared::{DeclaredAgent, Manifest};
+use crate::manifest::grid::Grid;
+use crate::manifest::parameter::Parameters;
+use crate::manifest::repair::decimal_lists;
+use crate::manifest::text::fault::Fault;
+use crate::manifest::text::written::share;
 
 /// Standard deviation of the context feature above which the feature says next to nothing.
 const LARGE_SIGMA: f64 = 10.0;

@@ -4,14 +4,14 @@ use std::fs::{self, File};
 use std::io::{self, Read};
 use std::path::Path;
 
-use super::declared::Manifest;
-use super::document::{Document, document};
-use super::fault::{Fault, FaultList, Faults};
-use super::read::newer_format;
-use super::repair::{Repaired, decimal_lists, repaired};
-use super::source::{Source, Span};
-use super::sweep::{Reader, Runs};
-use super::{check, complete};
+use crate::manifest::declared::Manifest;
+use crate::manifest::read::newer_format;
+use crate::manifest::repair::{Repaired, decimal_lists, repaired};
+use crate::manifest::text::document::{Document, document};
+use crate::manifest::text::fault::{Fault, FaultList, Faults};
+use crate::manifest::text::source::{Source, Span};
+use crate::manifest::value::sweep::{Reader, Runs};
+use crate::manifest::{check, complete};
 
 /// Maximum size of a manifest in bytes; ranges keep large sweeps short.
 const MOST_BYTES: u64 = 10_000_000;

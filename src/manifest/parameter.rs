@@ -1,10 +1,10 @@
 //! The parameters that a grid can vary, and the values that a manifest declares for them.
 
-use super::fault::nearest;
-use super::section::Section;
 use crate::env::{Family, Scenario};
 use crate::job::{Condition, short_name};
 use crate::key::{Key, Parameter, Value, free_key};
+use crate::manifest::section::Section;
+use crate::manifest::text::fault::nearest;
 
 /// Every parameter, in the order of the grid: scenario, keys by section, seed.
 pub fn parameters() -> Vec<Parameter> {

@@ -2,12 +2,12 @@
 
 use std::collections::HashSet;
 
-use super::declared::Manifest;
-use super::draft::Draft;
-use super::fault::{Fault, nearest_value};
-use super::source::Span;
 use crate::job::Condition;
 use crate::key::{Parameter, Value};
+use crate::manifest::declared::Manifest;
+use crate::manifest::draft::Draft;
+use crate::manifest::text::fault::{Fault, nearest_value};
+use crate::manifest::text::source::Span;
 
 /// A value of a condition that does not occur in a manifest.
 pub(super) struct Absent {

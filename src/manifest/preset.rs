@@ -2,8 +2,8 @@
 
 use toml::de::DeTable;
 
-use super::draft::Draft;
-use super::sweep::Reader;
+use crate::manifest::draft::Draft;
+use crate::manifest::value::sweep::Reader;
 
 const PRESETS: [(&str, &str); 5] = [
     ("paper", include_str!("presets/paper.toml")),

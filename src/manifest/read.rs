@@ -3,20 +3,20 @@
 use toml::Spanned;
 use toml::de::{DeTable, DeValue};
 
-use super::draft::{AgentDraft, Draft, Settings};
-use super::draw::is_draw;
-use super::fault::{Fault, nearest, shortened};
-use super::free::{FAMILY, Free, PARAMETERS};
-use super::limits::MOST_JOBS;
-use super::preset;
-use super::respelt::respelt;
-use super::section::Section;
-use super::source::{Located, Span};
-use super::sweep::{Node, Reader, Repeats, whole, zipped};
 use crate::agent::Algorithm;
 use crate::env::{Family, Scenario, ScenarioError};
 use crate::key::hidden;
 use crate::key::{Kind, Value};
+use crate::manifest::draft::{AgentDraft, Draft, Settings};
+use crate::manifest::limits::MOST_JOBS;
+use crate::manifest::preset;
+use crate::manifest::search::draw::is_draw;
+use crate::manifest::section::Section;
+use crate::manifest::text::fault::{Fault, nearest, shortened};
+use crate::manifest::text::source::{Located, Span};
+use crate::manifest::value::free::{FAMILY, Free, PARAMETERS};
+use crate::manifest::value::respelt::respelt;
+use crate::manifest::value::sweep::{Node, Reader, Repeats, whole, zipped};
 
 /// The top-level keys of a manifest: first the keys above all tables, then the tables.
 pub(super) const TOP_KEYS: [&str; 19] = [

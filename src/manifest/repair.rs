@@ -9,14 +9,14 @@ use std::collections::HashMap;
 
 use toml::de::DeTable;
 
-use super::document::{Broken, broken};
-use super::edits::Edits;
-use super::fault::{Fault, FaultList, nearest};
-use super::read::{TABLES, TOP_KEYS};
-use super::section::Section;
-use super::source::{Source, Span};
-use super::written::share;
 use crate::key::Kind;
+use crate::manifest::read::{TABLES, TOP_KEYS};
+use crate::manifest::section::Section;
+use crate::manifest::text::document::{Broken, broken};
+use crate::manifest::text::edits::Edits;
+use crate::manifest::text::fault::{Fault, FaultList, nearest};
+use crate::manifest::text::source::{Source, Span};
+use crate::manifest::text::written::share;
 
 /// A text with its slips repaired.
 pub(super) struct Repaired {

@@ -2,18 +2,18 @@
 
 use std::fmt::{self, Write};
 
-use super::analysis::Analysis;
-use super::analysis_field::Fields;
-use super::declared::{DeclaredAgent, Manifest};
-use super::estimate::DeclaredEstimate;
-use super::free::FAMILY;
-use super::parameter::Parameters;
-use super::participant_range;
-use super::read::FORMAT;
-use super::written::{self, list, quoted};
 use crate::env::Family;
 use crate::job::{Condition, Messages, StandardErrors, Treatment};
 use crate::key::{Key, Parameter, Value};
+use crate::manifest::analysis::declared::Analysis;
+use crate::manifest::analysis::field::Fields;
+use crate::manifest::analysis::participants;
+use crate::manifest::declared::{DeclaredAgent, Manifest};
+use crate::manifest::estimate::declared::DeclaredEstimate;
+use crate::manifest::parameter::Parameters;
+use crate::manifest::read::FORMAT;
+use crate::manifest::text::written::{self, list, quoted};
+use crate::manifest::value::free::FAMILY;
 
 impl Manifest {
     /// Complete TOML that declares the same jobs, independent of presets and defaults.
@@ -181,9 +181,9 @@ fn write_analysis(out: &mut String, analysis: &Analysis) -> fmt::Result {
         writeln!(out, "metric = \"{}\"", analysis.metric)?;
     }
     let range = analysis.participants.as_ref();
-    range.iter().try_for_each(|range| {
-        writeln!(out, "participants = {}", participant_range::written(range))
-    })?;
+    range
+        .iter()
+        .try_for_each(|range| writeln!(out, "participants = {}", participants::written(range)))?;
     for (key, value) in analysis.kind.written().into_iter().chain(Fields::written(&analysis.figure))
     {
         writeln!(out, "{key} = {value}")?;
@@ -201,7 +201,7 @@ fn write_condition(out: &mut String, condition: &Condition) -> fmt::Result {
 
 #[cfg(test)]
 mod tests {
-    use super::super::parse;
+    use crate::manifest::parse;
 
     #[test]
     fn a_label_and_the_keys_of_a_figure_read_back_as_written() {

@@ -2,21 +2,20 @@
 
 use serde_json::{Map, Value as Json, json};
 
-use super::analysis_kind::KINDS;
-use super::draw::DrawForm;
-use super::estimates;
-use super::free::{FAMILY, PARAMETERS};
-use super::limits::MOST_JOBS;
-use super::parameter::parameters;
-use super::preset;
-use super::range::MOST_VALUES;
-use super::read::{FORMAT, LONGEST_NAME, LONGEST_TIME_LIMIT, MOST_ENTRIES};
-use super::searches;
-use super::section::Section;
-use super::value_schema::{list, value};
 use crate::agent::Algorithm;
 use crate::env::{Family, Feature};
 use crate::key::{Key, Kind};
+use crate::manifest::analysis::kind::KINDS;
+use crate::manifest::limits::MOST_JOBS;
+use crate::manifest::parameter::parameters;
+use crate::manifest::preset;
+use crate::manifest::read::{FORMAT, LONGEST_NAME, LONGEST_TIME_LIMIT, MOST_ENTRIES};
+use crate::manifest::search::draw::DrawForm;
+use crate::manifest::section::Section;
+use crate::manifest::value::free::{FAMILY, PARAMETERS};
+use crate::manifest::value::range::MOST_VALUES;
+use crate::manifest::value::schema::{list, value};
+use crate::manifest::{estimate, search};
 
 /// The schema, in draft 2020-12. It states types, ranges and words of single keys; [`super::parse`] checks
 /// the rules between keys.
@@ -66,9 +65,9 @@ pub fn schema() -> Json {
             "population": section(Section::Population(Family::first()), Map::new()),
             "evaluation": section(Section::Evaluation, Map::new()),
             "trial": trial(),
-            "search": searches::schema(),
+            "search": search::read::schema(),
             "exclude": exclude(),
-            "estimate": estimates::schema(),
+            "estimate": estimate::read::schema(),
             "analysis": analysis(),
         },
     });
@@ -352,7 +351,9 @@ fn exclude() -> Json {
     let short = short.flat_map(keys).chain(of_agents.clone());
     let short: Map<String, Json> = short
         .filter(|(key, _)| {
-            Family::all().iter().any(|family| super::parameter::named(family, key).is_some())
+            Family::all()
+                .iter()
+                .any(|family| crate::manifest::parameter::named(family, key).is_some())
         })
         .collect();
     let mut properties = short;

@@ -10,18 +10,18 @@ use std::str::FromStr;
 
 use toml_edit::{Array, ArrayOfTables, DocumentMut, Item, Table, TableLike, Value};
 
-use super::declared::Manifest;
-use super::edits::Edits;
-use super::fault::{Fault, Faults, nearest};
-use super::load::{load_from, parse_from, read_text};
-use super::parameter::{is_in, parameters};
-use super::repair::slip;
-use super::searches;
-use super::source::Source;
-use super::sweep::Runs;
 use crate::job::short_name;
 use crate::key::printable;
 use crate::key::{Parameter, free_key};
+use crate::manifest::declared::Manifest;
+use crate::manifest::load::{load_from, parse_from, read_text};
+use crate::manifest::parameter::{is_in, parameters};
+use crate::manifest::repair::slip;
+use crate::manifest::search;
+use crate::manifest::text::edits::Edits;
+use crate::manifest::text::fault::{Fault, Faults, nearest};
+use crate::manifest::text::source::Source;
+use crate::manifest::value::sweep::Runs;
 
 /// Top-level keys that can be set.
 const TOP: [&str; 6] =
@@ -320,8 +320,8 @@ fn place<'m>(manifest: &'m Manifest, set: &Override) -> Result<Place<'m>, Fault>
     }
     let fault = |message: String| Fault::whole(format!("--set {set}: {message}"));
     if let (Some(short), Some(_)) = (key.strip_prefix("search."), &manifest.search) {
-        let known = searches::KEYS.into_iter().find(|known| *known == short);
-        let unknown = || fault(format!("no key `{key}`")).nearest(short, searches::KEYS);
+        let known = search::read::KEYS.into_iter().find(|known| *known == short);
+        let unknown = || fault(format!("no key `{key}`")).nearest(short, search::read::KEYS);
         return Ok(Place::Section("search", known.ok_or_else(unknown)?));
     }
     if let Some(place) = environment_parameter(manifest, key) {
@@ -421,8 +421,8 @@ fn agents<'m>(
 
 #[cfg(test)]
 mod tests {
-    use super::super::load::parse;
     use super::*;
+    use crate::manifest::load::parse;
     use crate::plan;
 
     const TEXT: &str = "# A comment.\nformat = 1\nname = \"t\"\nextends = \"paper\"\n\

@@ -3,8 +3,8 @@
 use std::collections::{BTreeMap, HashMap};
 use std::hash::Hash;
 
-use super::declared::Manifest;
 use crate::job::distinct;
+use crate::manifest::declared::Manifest;
 
 /// The parameters in which the jobs of each agent differ, except scenario and seed.
 #[derive(Clone, Debug, Default, PartialEq)]

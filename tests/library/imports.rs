@@ -88,8 +88,8 @@ const OF_STEP_COUNT: &[&str] = &[
     "analyse/declared/curve.rs",
     "analyse/declared/inference_error.rs",
     "analyse/declared/reproduction.rs",
-    "manifest/analyses.rs",
-    "manifest/axis.rs",
+    "manifest/analysis/axis.rs",
+    "manifest/analysis/read.rs",
     "manifest/hints.rs",
     "report/kinds/inference_error.rs",
     // The commands that simulate it without a job.

@@ -1,0 +1,13 @@
+//! `[[analysis]]`: the declared analyses, the kinds of analyses and their keys, and published numbers to compare
+//! with.
+
+pub(super) mod axis;
+pub(super) mod declared;
+pub(super) mod field;
+pub(super) mod figure_keys;
+pub(super) mod jobs;
+pub(super) mod kind;
+pub(super) mod participants;
+pub(super) mod published;
+pub(super) mod read;
+pub(super) mod sides;

@@ -1,0 +1,477 @@
+//! Reads `[[analysis]]`, and checks each analysis against the rest of the manifest.
+
+use std::cell::LazyCell;
+use std::collections::HashSet;
+
+use toml::de::DeTable;
+
+use crate::env::Scenario;
+use crate::job::metric::{MEAN_RETURN, metrics_with};
+use crate::job::{Condition, MetricName, MetricPlace, RecordedEpisodes};
+use crate::key::{Distribution, Parameter, Value};
+use crate::manifest::analysis::axis::CurveAxis;
+use crate::manifest::analysis::declared::{Analysis, AnalysisDraft};
+use crate::manifest::analysis::field::{AnalysisTable, Fields};
+use crate::manifest::analysis::figure_keys::FigureKeys;
+use crate::manifest::analysis::jobs;
+use crate::manifest::analysis::kind::{
+    AnalysisKind, Curve, KINDS, KindDeclaration, LearningCurve, SHARED,
+};
+use crate::manifest::declared::{DeclaredAgent, Manifest};
+use crate::manifest::draft::Draft;
+use crate::manifest::limits::MOST_COMPARISONS;
+use crate::manifest::presence::absent;
+use crate::manifest::text::fault::{Fault, FaultList, near};
+use crate::manifest::text::source::{Located, Span};
+use crate::manifest::value::respelt::respelt;
+use crate::manifest::value::sweep::{Node, Reader};
+
+/// The probability of context 1.
+const CONTEXT_PROBABILITY: Parameter = Parameter::Environment("context_probability");
+
+impl Reader<'_> {
+    /// Reads `[[analysis]]`.
+    pub fn analyses(&mut self, draft: &mut Draft, node: &Node) {
+        let mut names = HashSet::new();
+        for (place, (span, written)) in self.tables("analysis", node).into_iter().enumerate() {
+            let kind = self.kind(span, &respelt(written, &SHARED));
+            let known = kind.map_or_else(|| SHARED.to_vec(), KindDeclaration::key_names);
+            if let Some(kind) = kind {
+                let place = format!("an [[analysis]] of kind \"{}\"", kind.word);
+                self.only_keys(&place, &known, written);
+            }
+            let table = &*respelt(written, &known);
+            let name = match table.get("name") {
+                Some(node) => self.name("name", node),
+                None => {
+                    let help = "files and links use it: write name = \"figure-1\"";
+                    let fault = Fault::at(span, "missing key `name` in an [[analysis]]");
+                    self.faults.add(fault.help(help));
+                    Located { value: String::new(), span }
+                }
+            };
+            if !name.value.is_empty() && !names.insert(name.value.clone()) {
+                let message = format!("another [[analysis]] is called `{}`", name.value);
+                self.faults.add(Fault::at(name.span, message));
+            }
+            draft.analyses.push(self.analysis((place, kind), &name.value, span, table));
+        }
+    }
+
+    /// The kind of an analysis; for an unknown word, the kind with the nearest one.
+    fn kind(&mut self, span: Span, table: &DeTable) -> Option<&'static KindDeclaration> {
+        let words: Vec<&str> = KINDS.iter().map(|kind| kind.word).collect();
+        let Some(node) = table.get("kind") else {
+            let fault = Fault::at(span, "missing key `kind` in an [[analysis]]");
+            self.faults.add(fault.help(format!("expected one of {}", words.join(", "))));
+            return None;
+        };
+        let word = self.word("kind", &words, node);
+        let word = word.or_else(|| near(node.get_ref().as_str()?, words))?;
+        KINDS.iter().find(|kind| kind.word == word)
+    }
+
+    /// The analysis in a table. A faulty part has been reported, and is replaced by one that always holds.
+    fn analysis(
+        &mut self,
+        (place, kind): (usize, Option<&KindDeclaration>),
+        name: &str,
+        span: Span,
+        table: &DeTable,
+    ) -> AnalysisDraft {
+        let title = table.get("title").and_then(|node| self.text("title", node));
+        let metric = table.get("metric").map(|node| self.metric(node));
+        let jobs = table.get("where").and_then(|node| self.table("where", node));
+        let located = jobs.map(|jobs| self.conditions(jobs, "`where`")).unwrap_or_default();
+        let participants = self.participants(metric.unwrap_or(Some(MEAN_RETURN)), table);
+        let mut parts = AnalysisTable {
+            reader: self,
+            name,
+            span,
+            table,
+            conditions: located.clone(),
+            panels: Vec::new(),
+            axes: Vec::new(),
+        };
+        let kind = kind.and_then(|kind| (kind.read)(&mut parts));
+        let figure = FigureKeys::read(&mut parts);
+        let AnalysisTable { conditions, panels, axes, .. } = parts;
+        let figure = figure.unwrap_or_default();
+        if let (Some(low), Some(high), Some(node)) =
+            (figure.y_min, figure.y_max, table.get("y_max"))
+            && low >= high
+        {
+            self.expected("y_max", "a number above `y_min`", node);
+        }
+        let analysis = Analysis {
+            name: name.to_owned(),
+            title,
+            metric: metric.flatten().unwrap_or(MEAN_RETURN),
+            participants: participants.as_ref().map(|range| range.value),
+            conditions: located.into_iter().map(|condition| condition.value).collect(),
+            figure,
+            kind: kind.unwrap_or(AnalysisKind::LearningCurve(LearningCurve { window: 1 })),
+        };
+        AnalysisDraft { place, analysis, conditions, participants, panels, axes, span }
+    }
+
+    /// A metric that an analysis can have.
+    fn metric(&mut self, node: &Node) -> Option<MetricName> {
+        let named = node.get_ref().as_str().and_then(MetricName::named);
+        let mut known = metrics_with(MetricPlace::Analyses, self.family.termination_metric);
+        let words: Vec<_> = known.clone().map(MetricName::text).collect();
+        let is_known = |metric: &MetricName| {
+            metric.first_episodes().is_some() || known.any(|one| one == *metric)
+        };
+        named.filter(is_known).or_else(|| {
+            self.not_one_of("metric", &words, node);
+            None
+        })
+    }
+
+    /// One of `words`.
+    pub fn word(
+        &mut self,
+        name: &str,
+        words: &[&'static str],
+        node: &Node,
+    ) -> Option<&'static str> {
+        let found = node.get_ref().as_str();
+        let word = words.iter().find(|word| Some(**word) == found).copied();
+        if word.is_none() {
+            self.not_one_of(name, words, node);
+        }
+        word
+    }
+
+    /// Reports a value that is none of `words`.
+    fn not_one_of(&mut self, name: &str, words: &[impl AsRef<str>], node: &Node) {
+        let words = || words.iter().map(AsRef::as_ref);
+        let quoted: Vec<String> = words().map(|word| format!("\"{word}\"")).collect();
+        let message =
+            format!("`{name}`: expected {}, found {}", quoted.join(" or "), self.found(node));
+        let fault = Fault::at(node.span().into(), message);
+        self.faults.add(fault.nearest(node.get_ref().as_str().unwrap_or_default(), words()));
+    }
+}
+
+/// The faults of each analysis that refers to something that the manifest does not declare, by its index;
+/// reports analyses that are too many to be checked.
+pub(in crate::manifest) fn lost(
+    draft: &Draft,
+    manifest: &Manifest,
+    faults: &mut FaultList,
+) -> Vec<(usize, FaultList)> {
+    if !comparisons_fit(draft, manifest, faults) {
+        return Vec::new();
+    }
+    let seeds = LazyCell::new(|| manifest.seeds().collect());
+    let mut lost = Vec::new();
+    for analysis in &draft.analyses {
+        let mut faults = FaultList::default();
+        let checked = Checked { draft, manifest, analysis };
+        checked.family(&mut faults);
+        checked.estimates(&mut faults);
+        checked.learned(&mut faults);
+        checked.conditions(&mut faults);
+        checked.metric(&mut faults);
+        checked.sides(&mut faults);
+        checked.inference_error(&mut faults);
+        if let AnalysisKind::Recovery(recovery) = &analysis.analysis.kind {
+            jobs::of_recovery(draft, manifest, (analysis, recovery), &mut faults);
+        } else if faults.is_empty() {
+            jobs::of(draft, manifest, analysis, &mut faults);
+        }
+        checked.axes(&mut faults);
+        checked.seeds(&seeds, &mut faults);
+        if !faults.is_empty() {
+            lost.push((analysis.place, faults));
+        }
+    }
+    lost
+}
+
+/// An analysis that is checked against the rest of its manifest.
+struct Checked<'m> {
+    draft: &'m Draft,
+    manifest: &'m Manifest,
+    analysis: &'m AnalysisDraft,
+}
+
+impl Checked<'_> {
+    fn conditions(&self, faults: &mut FaultList) {
+        for condition in &self.analysis.conditions {
+            if let Some(absent) = absent(self.draft, self.manifest, &condition.value) {
+                faults.add(absent.fault("no job to analyse", condition.span));
+            }
+        }
+    }
+
+    /// Reports a kind that needs something that the family of the environment does not have.
+    fn family(&self, faults: &mut FaultList) {
+        let Checked { manifest, analysis, .. } = self;
+        let family = manifest.family();
+        let kind = &analysis.analysis.kind;
+        let needed = match kind {
+            AnalysisKind::Recovery(_) if !family.has_optimum => "an optimum",
+            AnalysisKind::ActionChoice(_) | AnalysisKind::InferenceError(_)
+                if !family.has_contexts =>
+            {
+                "inferred contexts"
+            }
+            AnalysisKind::Curve(Curve { x: CurveAxis::ContextInferenceError })
+                if !family.has_contexts =>
+            {
+                "inferred contexts; give `x`, a swept parameter"
+            }
+            _ => return,
+        };
+        let message = format!(
+            "kind \"{}\" is not possible with environment.family = \"{}\", which lacks {needed}",
+            kind.word(),
+            family.name
+        );
+        faults.add(Fault::at(analysis.span, message));
+    }
+
+    /// Reports operating characteristics of estimates that are not declared, or of people along another axis.
+    fn estimates(&self, faults: &mut FaultList) {
+        let Checked { draft, manifest, analysis } = self;
+        let AnalysisKind::OperatingCharacteristics(kind) = &analysis.analysis.kind else { return };
+        let declared = manifest.estimates.iter().map(|one| one.declaration.name.as_str());
+        let declared: Vec<&str> = declared.collect();
+        let word = analysis.analysis.kind.word();
+        if declared.is_empty() && draft.estimates.is_empty() {
+            let message = format!("kind \"{word}\" needs an [[estimate]]");
+            let help = "write [[estimate]] with name = \"effect\"";
+            faults.add(Fault::at(analysis.span, message).help(help));
+            return;
+        }
+        for name in kind.estimates.0.iter().filter(|name| !declared.contains(&name.as_str())) {
+            let message = format!("no [[estimate]] is called `{name}`");
+            let fault = Fault::at(analysis.span, message);
+            let fault = fault.help(format!("the estimates are {}", declared.join(", ")));
+            faults.add(fault.nearest(name, declared.iter().copied()));
+        }
+        if let (Some(_), Some(x)) = (kind.find, kind.x.filter(|x| *x != Parameter::Trial("people")))
+        {
+            let message = format!("`find` is sought along `trial.people`, and `x` is `{x}`");
+            let help = "leave out `x`, or seek the number of people in another analysis";
+            faults.add(Fault::at(analysis.span, message).help(help));
+        }
+    }
+
+    /// Reports states of which no trial without an effect is declared or that agents do not see, and posteriors that are
+    /// not recorded.
+    fn learned(&self, faults: &mut FaultList) {
+        let Checked { draft, manifest, analysis } = self;
+        let AnalysisKind::DidItLearn(kind) = &analysis.analysis.kind else { return };
+        let word = analysis.analysis.kind.word();
+        let mut fault =
+            |says: String, help: &str| faults.add(Fault::at(analysis.span, says).help(help));
+        let is_recorded = manifest.evaluation.get("record_posteriors");
+        if !is_recorded.is_some_and(|all| all.contains(&Value::Flag(true))) {
+            let says = format!("kind \"{word}\" needs the posteriors at the updates of a trial");
+            fault(says, "write record_posteriors = true in [evaluation]");
+        }
+        let removed = manifest.environment.get("no_effect_at");
+        if kind.without.is_none() && removed.is_none() {
+            let says = format!("kind \"{word}\" needs trials without an effect");
+            let help = "declare them, and name them: without = { environment.rho_1 = 0 }";
+            return fault(says, help);
+        }
+        for state in &kind.states.0 {
+            let shown = Value::Reals(state.clone());
+            let is_seen = |scenario: Scenario| {
+                scenario.names().is_none_or(|names| names.count() == state.len())
+            };
+            if !draft.is_invalid(Parameter::SCENARIO) && !manifest.scenarios().all(is_seen) {
+                let says = format!("the state {shown} does not have a value for each feature");
+                fault(says, "a state has the values of the features of the scenario, in order");
+            } else if kind.without.is_none() && !removed.is_some_and(|all| all.contains(&shown)) {
+                let says = format!("no trial has environment.no_effect_at = {shown}");
+                fault(says, "list the state there, too: no_effect_at = [[], [1, -0.7, -0.1, 0]]");
+            }
+        }
+    }
+
+    /// Reports a metric or participants that no job records.
+    fn metric(&self, faults: &mut FaultList) {
+        let Checked { draft, manifest, analysis } = self;
+        if let Some(episodes) = analysis.analysis.metric.first_episodes() {
+            const LISTS: &str = "first_episodes";
+            let lists = manifest.evaluation.get(LISTS).unwrap_or_default();
+            let has =
+                |list: &Value| matches!(list, Value::Wholes(list) if list.contains(&episodes));
+            if !lists.iter().all(has) && !draft.is_invalid(Parameter::Evaluation(LISTS)) {
+                let metric = analysis.analysis.metric;
+                let message = format!("no job records the metric \"{metric}\"");
+                let help = format!("list {episodes} in `evaluation.{LISTS}`");
+                faults.add(Fault::at(analysis.span, message).help(help));
+            }
+        }
+        let kept = manifest.evaluation.get("record_episodes").unwrap_or_default();
+        if let Some(range) = &analysis.participants
+            && kept.contains(&Value::Choice(RecordedEpisodes::None.word()))
+        {
+            let message =
+                "`participants` needs episodes, and `record_episodes` of [evaluation] is \"none\"";
+            faults.add(Fault::at(range.span, message).help("remove record_episodes"));
+        }
+        if let Some(range) = &analysis.participants
+            && !differ_in(manifest, range.value.parameter)
+            && !draft.is_invalid(Parameter::Population(range.value.parameter))
+            && !draft.is_invalid(Parameter::Population("rows"))
+        {
+            let name = range.value.parameter;
+            let message = format!("`participants`: [population] gives no `{name}`");
+            let help = "name a parameter that has a distribution, or is a column of `rows`";
+            faults.add(Fault::at(range.span, message).help(help));
+        }
+    }
+
+    /// Reports a side whose agent lacks a key of a condition.
+    fn sides(&self, faults: &mut FaultList) {
+        let Checked { manifest, analysis, .. } = self;
+        for side in analysis.analysis.kind.sides().iter().flat_map(|sides| sides.both()) {
+            let is_side = |agent: &&DeclaredAgent| side.values.contains(&agent.names[0]);
+            let agent = manifest.agents.iter().find(is_side);
+            let lacks = |condition: &&Located<Condition>| {
+                agent.is_some_and(|agent| {
+                    manifest.values(agent, condition.value.parameter).is_none()
+                })
+            };
+            if let (Some(condition), Some(agent)) = (analysis.conditions.iter().find(lacks), agent)
+            {
+                let key = condition.value.name();
+                let message =
+                    format!("agent `{}` has no key `{key}`, so no job of it is left", agent.name);
+                let help = "leave the condition out: a key that only one of the agents sweeps has a row \
+                            per value";
+                faults.add(Fault::at(condition.span, message).help(help));
+            }
+        }
+    }
+
+    /// Reports an inference error that depends on more than sigma.
+    fn inference_error(&self, faults: &mut FaultList) {
+        let Checked { manifest, analysis, .. } = self;
+        if !analysis.analysis.kind.shows_inference_error() {
+            return;
+        }
+        let odds = manifest.environment.get(CONTEXT_PROBABILITY.key()).unwrap_or_default();
+        let is_invalid = self.draft.is_invalid(CONTEXT_PROBABILITY);
+        let unequal = odds.iter().find(|value| **value != Value::Real(0.5) && !is_invalid);
+        if let Some(value) = unequal {
+            let message = format!(
+                "the context inference error requires equally likely contexts, found \
+                 `{CONTEXT_PROBABILITY}` = {value}"
+            );
+            let help = "use another analysis, or a curve with x = \"environment.sigma\"";
+            faults.add(Fault::at(analysis.span, message).help(help));
+        }
+        let differing =
+            ["sigma", CONTEXT_PROBABILITY.key()].into_iter().find(|name| differ_in(manifest, name));
+        if let Some(name) = differing {
+            let message = format!("the context inference error depends on `population.{name}`");
+            let help = "use another analysis";
+            faults.add(Fault::at(analysis.span, message).help(help));
+        }
+    }
+
+    /// Reports axes and panels of keys that are not swept, and axes of values that are no numbers.
+    fn axes(&self, faults: &mut FaultList) {
+        let Checked { draft, manifest, analysis } = self;
+        let is_single = |parameter| {
+            let lengths = manifest.agents.iter().map(|agent| manifest.length(agent, parameter));
+            lengths.max().is_some_and(|most| most < 2) && !draft.is_invalid(parameter)
+        };
+        for axis in analysis.axes.iter().filter(|axis| !draft.is_invalid(axis.value)) {
+            let mut add = |says: &str, help: &str| {
+                let message = format!("`{}` {says}", axis.value);
+                faults.add(Fault::at(axis.span, message).help(help));
+            };
+            if is_single(axis.value) {
+                let help =
+                    "an axis needs a number with several values: sweep it, or name another number";
+                add("is not swept: it has one value", help);
+            }
+            let repeats = |values: &&[Value]| {
+                let mut seen = HashSet::new();
+                !values.iter().all(|value| seen.insert(value))
+            };
+            let mut lists =
+                manifest.agents.iter().filter_map(|agent| manifest.values(agent, axis.value));
+            let is_number = |value: &Value| {
+                matches!(value, Value::Real(_) | Value::Integer(_) | Value::Negative(_))
+            };
+            if lists.clone().any(|list| !list.iter().all(is_number)) {
+                add("has values that are not numbers", "an axis needs numbers");
+            }
+            if lists.any(|list| repeats(&list)) {
+                let help = "an axis needs distinct values; use another parameter of its zip";
+                add("has a value twice", help);
+            }
+        }
+        for panel in analysis.panels.iter().filter(|panel| is_single(panel.value)) {
+            let message = format!("`{}` is not swept: it has one value", panel.value);
+            faults
+                .add(Fault::at(panel.span, message).help("panels need a key with several values"));
+        }
+    }
+
+    /// Reports a selection that reports on seeds of its search.
+    fn seeds(
+        &self,
+        seeds: &LazyCell<HashSet<u64>, impl FnOnce() -> HashSet<u64>>,
+        faults: &mut FaultList,
+    ) {
+        let reported = self.analysis.analysis.kind.reporting_seeds();
+        let shared = reported.iter().find(|seed| seeds.contains(seed));
+        if let (Some(seed), false) = (shared, self.draft.is_invalid(Parameter::SEED)) {
+            let message = format!("seed {seed} is used both for the search and for the report");
+            let help = "search on seeds that are not reported, such as seeds = [101, 102]";
+            faults.add(Fault::at(self.analysis.span, message).help(help));
+        }
+    }
+}
+
+/// Whether the population varies the parameter between participants in any job.
+fn differ_in(manifest: &Manifest, parameter: &str) -> bool {
+    let values = |key| manifest.population.get(key).unwrap_or_default().iter();
+    let has_column = |value: &Value| match value {
+        Value::Rows(rows) => rows.columns().contains(&parameter),
+        _ => false,
+    };
+    let is_given = |value: &Value| *value != Value::Distribution(Distribution::Fixed);
+    values(parameter).any(is_given) || values("rows").any(has_column)
+}
+
+/// Whether comparing the analyses with the agents' keys takes acceptable time; reports a fault if not.
+fn comparisons_fit(draft: &Draft, manifest: &Manifest, faults: &mut FaultList) -> bool {
+    let conditions = || draft.analyses.iter().flat_map(|analysis| &analysis.conditions);
+    let present = |parameter: Parameter| -> usize {
+        let lengths = manifest.agents.iter().map(|agent| manifest.length(agent, parameter));
+        match parameter {
+            Parameter::Job(_) => lengths.max().unwrap_or(0),
+            _ => lengths.sum(),
+        }
+    };
+    let comparisons: usize =
+        conditions().map(|one| present(one.value.parameter) + one.value.values.len()).sum();
+    let axes: usize = draft.analyses.iter().map(|analysis| analysis.axes.len()).sum();
+    let comparisons = comparisons + axes * manifest.agents.len();
+    if comparisons as u64 <= MOST_COMPARISONS {
+        return true;
+    }
+    let message = format!(
+        "the analyses need {comparisons} comparisons with values; the maximum is {MOST_COMPARISONS}"
+    );
+    let span = draft.analyses.first().map_or(Span { start: 0, end: 0 }, |first| first.span);
+    faults.add(Fault::at(span, message).help(format!(
+        "analyses: {}, conditions: {}; leave out conditions that every job meets",
+        draft.analyses.len(),
+        conditions().count()
+    )));
+    false
+}

@@ -1,0 +1,4 @@
+//! `[[estimate]]`: declared estimates of causal effects.
+
+pub(super) mod declared;
+pub(super) mod read;

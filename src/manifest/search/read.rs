@@ -1,0 +1,392 @@
+//! Reads `[search]`, and gives the drawn keys of agents their values.
+//!
+//! In: the table, and the draws of agents. Out: for each agent with draws, lists of equal length, which are one
+//! axis of its grid: the arms of the race. The seeds of the manifest are those of the race, then the fresh ones.
+
+use std::collections::HashSet;
+
+use serde_json::{Value as Json, json};
+use toml::de::DeTable;
+
+use crate::job::metric::{MEAN_RETURN, NET_RETURN};
+use crate::key::{Kind, Parameter, Value};
+use crate::manifest::draft::{AgentDraft, Draft};
+use crate::manifest::search::declared::{Leaving, Search};
+use crate::manifest::search::draw::Draw;
+use crate::manifest::search::points::points;
+use crate::manifest::text::fault::Fault;
+use crate::manifest::text::source::{Located, Span};
+use crate::manifest::value::respelt::respelt;
+use crate::manifest::value::schema::{list, value};
+use crate::manifest::value::sweep::{Node, Reader};
+
+/// The keys of `[search]`.
+pub(in crate::manifest) const KEYS: [&str; 7] =
+    ["samples", "seed", "rungs", "keep", "level", "fresh", "metric"];
+
+const SAMPLES: Kind = Kind::Integer { min: 2, max: 10_000 };
+const SEED: Kind = Kind::Integer { min: 0, max: i64::MAX as u64 };
+const RUNGS: Kind = Kind::Counts { most: 20, max: 10_000 };
+const KEEP: Kind = Kind::Real { min: 0.001, max: 0.999 };
+const LEVEL: Kind = Kind::Real { min: 1e-6, max: 0.5 };
+const METRIC: Kind = Kind::Choice(&["mean_return", "mean_net_return"]);
+const FRESH: Kind = Kind::Integer { min: 1, max: 10_000 };
+
+/// The number of fresh seeds where the manifest does not say.
+const FRESH_SEEDS: u64 = 10;
+
+/// The points that are tried per setting, until the draws count as exhausted: choices and whole numbers repeat.
+const TRIES: usize = 50;
+
+impl Reader<'_> {
+    /// Reads `[search]`; `None` if it is faulty.
+    pub fn search(&mut self, node: &Node) -> Option<Search> {
+        let written = self.table("search", node)?;
+        self.only_keys("[search]", &KEYS, written);
+        let table = &*respelt(written, &KEYS);
+        let span = node.span().into();
+        let before = self.faults.len();
+        self.require(table, span);
+        let samples = self.whole_in(table, "samples", SAMPLES);
+        let seed = self.whole_in(table, "seed", SEED).unwrap_or(1);
+        let rungs = self.rungs(table).unwrap_or_default();
+        let leaving = self.leaving(table, &rungs);
+        let metric = match table.get("metric").map(|node| self.value("metric", METRIC, node)) {
+            Some(Some(Value::Choice("mean_net_return"))) => NET_RETURN,
+            _ => MEAN_RETURN,
+        };
+        let fresh = self.fresh(table, rungs.last().copied().unwrap_or(0) as u64);
+        if self.faults.len() > before {
+            return None;
+        }
+        let (samples, leaving) = (samples? as usize, leaving?);
+        Some(Search { samples, seed, rungs, leaving, fresh, metric })
+    }
+
+    /// Reports keys that are missing or exclude each other.
+    fn require(&mut self, table: &DeTable, span: Span) {
+        let examples = [("samples", "samples = 32"), ("rungs", "rungs = [2, 4, 8]")];
+        for (key, example) in examples.into_iter().filter(|(key, _)| !table.contains_key(*key)) {
+            let message = format!("missing key `{key}` in [search]");
+            self.faults.add(Fault::at(span, message).help(format!("write {example}")));
+        }
+        let message = match (table.contains_key("keep"), table.contains_key("level")) {
+            (true, true) => "[search] takes `keep` or `level`, not both",
+            (false, false) => "[search] needs `keep` or `level`, which say when an arm leaves",
+            (true, false) | (false, true) => return,
+        };
+        self.faults.add(Fault::at(span, message).help(
+            "write keep = 0.5 for the better half of a rung, or level = 0.05 for the arms that are not shown to be worse \
+             than the best",
+        ));
+    }
+
+    fn whole_in(&mut self, table: &DeTable, key: &str, kind: Kind) -> Option<u64> {
+        match self.value(key, kind, table.get(key)?) {
+            Some(Value::Integer(whole)) => Some(whole),
+            _ => None,
+        }
+    }
+
+    /// The seeds of an arm at the end of each rung.
+    fn rungs(&mut self, table: &DeTable) -> Option<Vec<usize>> {
+        let node = table.get("rungs")?;
+        let Some(Value::Wholes(rungs)) = self.value("rungs", RUNGS, node) else { return None };
+        if rungs.is_empty() {
+            self.expected("rungs", "at least one number of seeds per arm, as in [2, 4, 8]", node);
+            return None;
+        }
+        Some(rungs.into_iter().map(|seeds| seeds as usize).collect())
+    }
+
+    fn leaving(&mut self, table: &DeTable, rungs: &[usize]) -> Option<Leaving> {
+        if let Some(node) = table.get("keep") {
+            let Some(Value::Real(keep)) = self.value("keep", KEEP, node) else { return None };
+            return Some(Leaving::Share(keep));
+        }
+        let node = table.get("level")?;
+        let Some(Value::Real(level)) = self.value("level", LEVEL, node) else { return None };
+        if rungs.first() == Some(&1) {
+            let message = "`level`: one seed per arm gives no interval, and the first rung has one";
+            let fault = Fault::at(node.span().into(), message);
+            self.faults.add(fault.help("begin `rungs` with 2 or more, or write keep = 0.5"));
+        }
+        Some(Leaving::Evidence(level))
+    }
+
+    /// The fresh seeds: a count of the seeds behind those of the race, or a list.
+    fn fresh(&mut self, table: &DeTable, race: u64) -> Vec<u64> {
+        let after = |count: u64| (race + 1..=race + count).collect();
+        let Some(node) = table.get("fresh") else { return after(FRESH_SEEDS) };
+        if !node.get_ref().is_array() {
+            return match self.value("fresh", FRESH, node) {
+                Some(Value::Integer(count)) => after(count),
+                _ => Vec::new(),
+            };
+        }
+        let seeds = self.seed_list("fresh", node).into_iter();
+        let seeds: Vec<u64> = seeds
+            .filter_map(|seed| if let Value::Integer(seed) = seed { Some(seed) } else { None })
+            .collect();
+        if let Some(raced) = seeds.iter().find(|seed| (1..=race).contains(*seed)) {
+            let message = format!(
+                "`fresh`: the arms race with the seeds 1 to {race}, and {raced} is one of them"
+            );
+            let help = "on a seed that selected the winner, its return would be too high";
+            self.faults.add(Fault::at(node.span().into(), message).help(help));
+        }
+        seeds
+    }
+
+    /// Gives the drawn keys of every agent their values and the manifest its seeds, and reports what a search cannot
+    /// have. `seeds` is the position of the key `seeds` of the document.
+    pub fn drawn(&mut self, draft: &mut Draft, seeds: Option<Span>) {
+        let is_of_search = draft.search.is_some() || draft.invalid_search;
+        if !is_of_search {
+            let draws = draft.agents.iter().flat_map(|agent| agent.settings.draws.values());
+            for draw in draws {
+                let fault = Fault::at(
+                    draw.span,
+                    "a draw needs a [search], which says how many values are drawn",
+                );
+                self.faults
+                    .add(fault.help(
+                        "write [search] with samples = 32, rungs = [2, 4, 8] and keep = 0.5",
+                    ));
+            }
+            return;
+        }
+        if let Some(span) = seeds {
+            let fault = Fault::at(
+                span,
+                "`seeds` does not stand beside [search], whose `rungs` and `fresh` give the seeds",
+            );
+            self.faults.add(fault.help("remove `seeds`"));
+        }
+        let Some(search) = draft.search.clone() else {
+            // The seeds are declared, in a table that could not be read.
+            draft
+                .seeds
+                .get_or_insert(Located { value: Vec::new(), span: Span { start: 0, end: 0 } });
+            return;
+        };
+        self.shape(draft, &search);
+        self.cells_of_race(draft);
+        for agent in &mut draft.agents {
+            // Agents without draws have none to set.
+            let _ = self.draw_settings(agent, &search.value);
+        }
+        draft.seeds = Some(Located { value: search.value.seeds(), span: search.span });
+    }
+
+    /// Reports lists that do not go with a search.
+    fn shape(&mut self, draft: &Draft, search: &Located<Search>) {
+        // A draw that could not be read leaves its key without values.
+        let has_all = |agent: &AgentDraft| {
+            let mut given = agent.settings.given.values();
+            agent.settings.draws.is_empty() && given.all(|values| !values.value.is_empty())
+        };
+        if draft.agents.iter().all(has_all) && !draft.invalid_agents() {
+            let fault = Fault::at(search.span, "[search]: no agent draws a value");
+            self.faults.add(
+                fault.help("write learning_rate = { log_uniform = [1e-5, 1e-2] } in an [[agent]]"),
+            );
+        }
+        for agent in &draft.agents {
+            let swept = agent.settings.given.values().find(|values| values.value.len() > 1);
+            let Some(swept) = swept else { continue };
+            let (says, help) = match agent.settings.draws.is_empty() {
+                true => (
+                    "an agent without draws is what winners are compared with, and has one value per key",
+                    "choose one value, or write { choices = […] }",
+                ),
+                false => (
+                    "an agent with draws draws every key that varies",
+                    "write { choices = […] } with these values",
+                ),
+            };
+            let message = format!("agent `{}`: {says}", agent.name.value);
+            self.faults.add(Fault::at(swept.span, message).help(help));
+        }
+    }
+
+    /// Reports zips and exclusions of what a race decides, and removes them, so that no rule of the grid reports them
+    /// again.
+    fn cells_of_race(&mut self, draft: &mut Draft) {
+        let drawn: HashSet<Parameter> = draft.agents.iter().flat_map(drawn_parameters).collect();
+        let is_raced =
+            |parameter: &Parameter| *parameter == Parameter::SEED || drawn.contains(parameter);
+        let mut raced: Vec<(Span, Parameter)> = Vec::new();
+        if let Some(zips) = &mut draft.zips {
+            zips.retain(|zip| {
+                let found = zip.value.iter().copied().find(is_raced);
+                raced.extend(found.map(|parameter| (zip.span, parameter)));
+                found.is_none()
+            });
+        }
+        draft.exclusions.retain(|exclusion| {
+            let conditions = exclusion.value.iter().map(|one| (one.span, one.value.parameter));
+            let before = raced.len();
+            raced.extend(conditions.filter(|(_, parameter)| is_raced(parameter)));
+            raced.len() == before
+        });
+        draft.invalid_cells |= !raced.is_empty();
+        for (span, parameter) in raced {
+            let message = format!(
+                "the race decides which arms have which seeds, and `{parameter}` is part of it"
+            );
+            let help =
+                "zips and exclusions of a [search] name scenarios, agents and keys without draws";
+            self.faults.add(Fault::at(span, message).help(help));
+        }
+    }
+
+    /// Gives the drawn keys of an agent their values, at distinct points. Points that repeat earlier settings are
+    /// left out, so that the first settings do not depend on the number of samples.
+    fn draw_settings(&mut self, agent: &mut AgentDraft, search: &Search) -> Option<()> {
+        let draws: Vec<(usize, Located<Draw>)> =
+            agent.settings.draws.iter().map(|(place, draw)| (*place, draw.clone())).collect();
+        let first = draws.first()?;
+        let is_left = draws.len() as u64 * search.samples as u64 <= self.values_left;
+        if !is_left {
+            let message = "[search] draws more values than a manifest may have";
+            self.faults.add(Fault::at(first.1.span, message).help("draw fewer `samples`"));
+            return None;
+        }
+        self.values_left -= draws.len() as u64 * search.samples as u64;
+        let mut known = HashSet::new();
+        let all = points(search.seed, draws.len()).take(TRIES * search.samples);
+        let settings = all.map(|point| -> Vec<Value> {
+            draws.iter().zip(point).map(|((_, draw), u)| draw.value.at(u)).collect()
+        });
+        let distinct = settings.filter(|setting| known.insert(setting.clone()));
+        let settings: Vec<Vec<Value>> = distinct.take(search.samples).collect();
+        if settings.len() < search.samples {
+            let message = format!(
+                "agent `{}`: its draws have about {} different settings, fewer than {} `samples`",
+                agent.name.value,
+                settings.len(),
+                search.samples
+            );
+            self.faults.add(
+                Fault::at(first.1.span, message).help("draw fewer samples, or from more values"),
+            );
+            return None;
+        }
+        for (column, (place, draw)) in draws.iter().enumerate() {
+            let value = settings.iter().map(|setting| setting[column].clone()).collect();
+            agent.settings.given.insert(*place, Located { value, span: draw.span });
+        }
+        Some(())
+    }
+}
+
+/// The parameters that an agent draws.
+fn drawn_parameters(agent: &AgentDraft) -> Vec<Parameter> {
+    let section = agent.settings.section;
+    let name = |place: &usize| section.parameter(section.keys()[*place].name);
+    agent.settings.draws.keys().map(name).collect()
+}
+
+/// The JSON Schema of `[search]`.
+pub(in crate::manifest) fn schema() -> Json {
+    let seeds = list(json!({ "$ref": "#/$defs/seed" }));
+    let described = |text: &str, mut schema: Json| {
+        schema["description"] = text.into();
+        schema
+    };
+    let mut rungs = value(RUNGS);
+    rungs["minItems"] = json!(1);
+    json!({
+        "type": "object",
+        "additionalProperties": false,
+        "required": ["samples", "rungs"],
+        "oneOf": [{ "required": ["keep"] }, { "required": ["level"] }],
+        "properties": {
+            "samples": described("number of settings that are drawn for each agent with draws", value(SAMPLES)),
+            "seed": described("seed of the points at which settings are drawn; 1 by default", value(SEED)),
+            "rungs": described("seeds per arm at the end of each rung, ascending", rungs),
+            "keep": described("share of the arms of a rung that go on, the best", value(KEEP)),
+            "level": described(
+                "level of the race: an arm leaves when its paired difference to the best is not 0 at this level, divided \
+                 by the number of comparisons",
+                value(LEVEL),
+            ),
+            "fresh": described(
+                "seeds that the race does not use, on which winners are tested: a count (10 by default) or a list",
+                json!({ "anyOf": [value(FRESH), seeds] }),
+            ),
+            "metric": described("the metric of the race; mean_return by default", value(METRIC)),
+        },
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::manifest::Manifest;
+    use crate::manifest::parse;
+
+    fn text(samples: usize, search: &str, draws: &str) -> String {
+        format!(
+            "format = 1\nname = \"t\"\nscenarios = [\"P-H-D\"]\nenvironment.sigma = 0.6\n[search]\nsamples = {samples}\n\
+             {search}\n[[agent]]\nname = \"a\"\nalgorithm = \"dueling_dqn\"\n{draws}\n"
+        )
+    }
+
+    const HALF: &str = "rungs = [1, 2]\nkeep = 0.5";
+    const DRAWS: &str = "learning_rate = { log_uniform = [1e-5, 1e-2] }\nlayers = { choices = [[32], [64, 64]] }\n\
+                         batch = { integers = [8, 64] }\ngamma = { uniform = [0.9, 0.999] }";
+
+    fn manifest(samples: usize, draws: &str) -> Manifest {
+        parse("t", text(samples, HALF, draws).as_bytes()).unwrap()
+    }
+
+    fn drawn(manifest: &Manifest, key: &str) -> Vec<Value> {
+        manifest.agents[0].parameters.get(key).unwrap().to_vec()
+    }
+
+    #[test]
+    fn more_samples_keep_the_earlier_ones() {
+        let [few, many] = [8, 20].map(|samples| manifest(samples, DRAWS));
+        for key in ["learning_rate", "layers", "batch", "gamma"] {
+            assert_eq!(drawn(&few, key), drawn(&many, key)[..8], "{key}");
+        }
+        // Where draws repeat, too: 6 of the 8 pairs.
+        let choices = "layers = { choices = [[32], [64]] }\nbatch = { integers = [8, 11] }";
+        let [few, many] = [6, 8].map(|samples| manifest(samples, choices));
+        assert_eq!(drawn(&few, "batch"), drawn(&many, "batch")[..6]);
+        let pairs: HashSet<(Value, Value)> =
+            drawn(&many, "layers").into_iter().zip(drawn(&many, "batch")).collect();
+        assert_eq!(pairs.len(), 8);
+    }
+
+    #[test]
+    fn a_resolved_search_declares_the_same_arms() {
+        let written = manifest(8, DRAWS);
+        let resolved = parse("resolved", written.resolved().as_bytes()).unwrap();
+        assert_eq!(resolved.search, written.search);
+        assert_eq!(resolved.agents, written.agents);
+        assert!(resolved.seeds().eq(1..=12));
+    }
+
+    #[test]
+    fn a_preset_s_seeds_and_values_give_way_to_a_search() {
+        let text = "format = 1\nname = \"t\"\nextends = \"paper\"\nscenarios = [\"P-H-D\"]\nenvironment.sigma = 0.6\n\
+                    [search]\nsamples = 4\nrungs = [2]\nlevel = 0.05\nfresh = [11, 12]\n\
+                    [[agent]]\nname = \"dqn\"\nlearning_rate = { log_uniform = [1e-4, 1e-3] }\n";
+        let manifest = parse("t", text.as_bytes()).unwrap();
+        assert!(manifest.seeds().eq([1, 2, 11, 12]));
+        assert_eq!(drawn(&manifest, "learning_rate").len(), 4);
+        assert_eq!(manifest.search.map(|search| search.leaving), Some(Leaving::Evidence(0.05)));
+    }
+
+    #[test]
+    fn seeds_have_their_rungs_and_fresh_seeds_come_last() {
+        let manifest =
+            parse("t", text(2, "rungs = [2, 5]\nkeep = 0.5\nfresh = 3", DRAWS).as_bytes());
+        let search = manifest.unwrap().search.unwrap();
+        let rungs: Vec<usize> = (1..=8).map(|seed| search.rung_of(seed)).collect();
+        assert_eq!(rungs, [0, 0, 1, 1, 1, 2, 2, 2]);
+    }
+}
