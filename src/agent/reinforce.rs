@@ -71,6 +71,9 @@ pub struct Trajectories {
 /// Name of the memory in messages.
 const TRAJECTORIES: &str = "the trajectories of an update";
 
+/// The number of steps for which room is reserved at once.
+const STEPS_AHEAD: usize = 16;
+
 impl Trajectories {
     /// Reserves room for `rows` more rows of this number of actions.
     fn reserve(&mut self, rows: usize, actions: usize) -> Result<(), OutOfMemory> {
@@ -217,6 +220,8 @@ impl<E: ReinforceEngine, Env: VectorEnvironment> ReinforceLearner<E, Env> {
             totals.fill(0.0);
             lengths.fill(0);
         }
+        // Steps for which there is room.
+        let mut ahead = 0;
         while self.environment.any_running() {
             if pause() {
                 return Ok(Span::BrokenOff);
@@ -230,9 +235,13 @@ impl<E: ReinforceEngine, Env: VectorEnvironment> ReinforceLearner<E, Env> {
                 unavailable.withhold(&self.environment, actions, &mut probabilities);
                 observer.chosen(&self.environment, actions, &probabilities);
             }
-            trajectories.reserve(lanes, count)?;
-            reserve(rewards, lanes, TRAJECTORIES)?;
-            reserve(positions, lanes, TRAJECTORIES)?;
+            if ahead == 0 {
+                ahead = STEPS_AHEAD;
+                trajectories.reserve(lanes * ahead, count)?;
+                reserve(rewards, lanes * ahead, TRAJECTORIES)?;
+                reserve(positions, lanes * ahead, TRAJECTORIES)?;
+            }
+            ahead -= 1;
             let start = rewards.len();
             rewards.resize(start + lanes, 0.0);
             learned.clear();
