@@ -7,7 +7,7 @@ use crate::env::{Family, Feature};
 use crate::key::{Key, Kind};
 use crate::manifest::analysis::kind::KINDS;
 use crate::manifest::limits::MOST_JOBS;
-use crate::manifest::parameter::parameters;
+use crate::manifest::parameter::{named, parameters};
 use crate::manifest::preset;
 use crate::manifest::read::{FORMAT, LONGEST_NAME, LONGEST_TIME_LIMIT, MOST_ENTRIES};
 use crate::manifest::search::draw::DrawForm;
@@ -350,11 +350,7 @@ fn exclude() -> Json {
     let short = environments().chain([people, Section::Evaluation, Section::Trial(true)]);
     let short = short.flat_map(keys).chain(of_agents.clone());
     let short: Map<String, Json> = short
-        .filter(|(key, _)| {
-            Family::all()
-                .iter()
-                .any(|family| crate::manifest::parameter::named(family, key).is_some())
-        })
+        .filter(|(key, _)| Family::all().iter().any(|family| named(family, key).is_some()))
         .collect();
     let mut properties = short;
     properties.extend([

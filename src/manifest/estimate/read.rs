@@ -19,7 +19,7 @@ use crate::manifest::text::fault::{Fault, FaultList};
 use crate::manifest::text::source::Span;
 use crate::manifest::value::respelt::respelt;
 use crate::manifest::value::schema::{list, value};
-use crate::manifest::value::sweep::{Node, Reader};
+use crate::manifest::value::sweep::{Node, Reader, whole};
 
 /// The keys of `[[estimate]]`.
 const KEYS: [&str; 10] = [
@@ -121,9 +121,7 @@ impl Reader<'_> {
 
     /// What is compared with action 0.
     fn treatment(&mut self, node: &Node) -> Option<Treatment> {
-        let number = || {
-            crate::manifest::value::sweep::whole(node).and_then(|number| u8::try_from(number).ok())
-        };
+        let number = || whole(node).and_then(|number| u8::try_from(number).ok());
         let treatment = match node.get_ref().as_str() {
             Some(word) => Treatment::named(word),
             None => number().filter(|number| *number > 0).map(Treatment::Action),

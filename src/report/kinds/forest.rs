@@ -119,7 +119,7 @@ fn forest(
         true => note_lines(&note(rows), whole - 8.0),
         false => Vec::new(),
     };
-    let beside = top + BOTTOM + note.len() as f64 * (NOTE + 3.0);
+    let beside = top + BOTTOM + note.len() as f64 * style.note();
     let high = style.row(ROW, rows.len(), beside);
     let bottom = top + high * rows.len() as f64;
     let height = beside - top + bottom;
@@ -145,7 +145,7 @@ fn forest(
         marks.extend(of_row.into_iter().map(|mark| mark.of(at)));
     }
     for (at, line) in note.iter().rev().enumerate() {
-        let place = (whole / 2.0, height - 5.0 - at as f64 * (NOTE + 3.0));
+        let place = (whole / 2.0, height - 5.0 - at as f64 * style.note());
         marks.push(fitting(place, line.trim_end(), (NOTE, whole - 8.0), FAINT).into());
     }
     let description = format!("differences in {}", metric.title());
