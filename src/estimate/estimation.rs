@@ -256,8 +256,8 @@ impl Estimation {
         // An environment with one action has no terms.
         let names = if names.is_empty() { vec![CONSTANT.to_owned()] } else { names };
         let effects = self.effects();
-        let effect = |place| match &effects {
-            Ok(effects) => checked(effects[place]),
+        let effect = |place: usize| match &effects {
+            Ok(effects) => Result::clone(&effects[place]),
             Err(why) => Err(why.clone()),
         };
         let terms = names.into_iter().enumerate();
@@ -266,7 +266,7 @@ impl Estimation {
     }
 
     /// The coefficients of the treatments.
-    fn effects(&self) -> Result<Vec<Effect>, String> {
+    fn effects(&self) -> Result<Vec<Result<Effect, String>>, String> {
         let layout = self.layout.as_ref().map_err(Clone::clone)?;
         if self.unknown > 0 {
             return Err(format!(
@@ -287,23 +287,27 @@ impl Estimation {
             self.sums.fit(Correction::ManclDeRouen).map_err(|why| self.reason(layout, why))?;
         let columns = self.sums.columns;
         let df = (fit.people - columns) as f64;
-        let quantile = t_of_p(OUTSIDE, df);
         let first = 1 + layout.control.len();
         let effect = |place: usize| {
-            let value = fit.coefficients[place];
-            let standard_error = fit.covariance[place * columns + place].sqrt();
-            let half = quantile * standard_error;
-            Effect {
-                value,
-                standard_error,
+            let effect = Effect {
+                value: fit.coefficients[place],
+                standard_error: f64::NAN,
                 degrees_of_freedom: df,
-                low: value - half,
-                high: value + half,
-                p_value: two_sided_p(value / standard_error, df),
+                low: f64::NAN,
+                high: f64::NAN,
+                p_value: f64::NAN,
                 decisions: self.sums.rows(),
                 residual_sd: fit.residual_sd,
                 truth: None,
+            };
+            let standard_error = fit.covariance[place * columns + place].sqrt();
+            if standard_error <= fit.rounding[place] {
+                let size = if standard_error == 0.0 { "0" } else { "rounding alone" };
+                return Err(format!(
+                    "its standard error is {size}: the outcome does not vary beyond what the features explain"
+                ));
             }
+            with_standard_error(effect, standard_error)
         };
         Ok((first..columns).map(effect).collect())
     }
@@ -367,37 +371,28 @@ impl Layout {
     }
 }
 
-/// An effect with another standard error, and with the interval and the p-value that follow from it.
+/// An effect with this standard error, and with the interval and the p-value that follow from it.
 ///
-/// **Errors**: the standard error is 0 or not a number.
+/// **Errors**: the standard error is 0 or not a number, or a number is too large to be stored.
 pub(crate) fn with_standard_error(effect: Effect, standard_error: f64) -> Result<Effect, String> {
-    let df = effect.degrees_of_freedom;
-    let half = t_of_p(OUTSIDE, df) * standard_error;
-    checked(Effect {
-        standard_error,
-        low: effect.value - half,
-        high: effect.value + half,
-        p_value: two_sided_p(effect.value / standard_error, df),
-        ..effect
-    })
-}
-
-/// The effect, if it can be stored.
-fn checked(effect: Effect) -> Result<Effect, String> {
-    let Effect { value, standard_error, low, high, p_value, residual_sd, .. } = effect;
     if standard_error.is_nan() {
         return Err("its standard error is not a number".to_owned());
     }
     if standard_error <= 0.0 {
-        return Err("its standard error is 0: the outcome does not vary between people".to_owned());
+        return Err("its standard error is 0".to_owned());
     }
-    match [value, standard_error, low, high, p_value, residual_sd]
-        .iter()
-        .all(|number| number.abs() < 1e300)
-    {
-        true => Ok(effect),
-        false => Err("its numbers are too large".to_owned()),
+    let (value, df) = (effect.value, effect.degrees_of_freedom);
+    let (low, high) = {
+        let half = t_of_p(OUTSIDE, df) * standard_error;
+        (value - half, value + half)
+    };
+    let numbers = [value, standard_error, low, high, effect.residual_sd];
+    // The negation holds for NaN, too.
+    if !numbers.iter().all(|number| number.abs() < 1e300) {
+        return Err("its numbers are too large".to_owned());
     }
+    let p_value = two_sided_p(value / standard_error, df);
+    Ok(Effect { standard_error, low, high, p_value, ..effect })
 }
 
 resumable!([] Sums { grown numbers });

@@ -4,8 +4,8 @@ use std::sync::Arc;
 
 use serde_json::Value as Json;
 
-use super::Estimation;
 use super::wcls::Correction;
+use super::{Estimation, with_standard_error};
 use crate::job::{
     Decision, Effect, Estimate, EstimateDeclaration, Estimator, Messages, Phase, REWARD,
     StandardErrors, Treatment,
@@ -193,6 +193,51 @@ fn an_effect_that_cannot_be_estimated_has_a_reason() {
     assert_fails(any(&[], &[]), &partly, "not known at 3 decisions");
     let known = EstimateDeclaration { treatment: Treatment::Action(1), ..any(&[], &[]) };
     assert!(estimates(known, &partly)[0].effect.is_ok());
+}
+
+#[test]
+fn an_outcome_that_does_not_vary_has_no_effect_and_no_standard_error() {
+    // Constant rewards, rewards of 0, and rewards that a feature explains up to the rounding of their size.
+    let rows = |reward: fn(u32, u32) -> f64| -> Vec<Decision> {
+        let of_person = |person: u32| {
+            (0..6).map(move |step| {
+                let action = u8::from((person * 7 + step * 5) % 3 == 0);
+                let mood = f64::from((person * step + step) % 5) / 7.0;
+                let one = decision(person, step, action, 0.4, reward(person, step));
+                Decision { state: [mood].into(), ..one }
+            })
+        };
+        (1..40).flat_map(of_person).collect()
+    };
+    let rounded: fn(u32, u32) -> f64 =
+        |person, step| f64::from((person * step + step) % 5) / 7.0 * 250.0 + 1234.5;
+    for reward in [|_, _| 0.0, |_, _| 1.0, |_, _| 60.1, rounded] {
+        for moderators in [&[][..], &["mood"]] {
+            for Estimate { effect, .. } in
+                estimates(declared(&["mood"], moderators, ANY), &rows(reward))
+            {
+                let why = effect.unwrap_err();
+                assert!(why.contains("the outcome does not vary"), "{why}");
+            }
+        }
+    }
+    // Noise that is small beside the outcome, and larger than its rounding, is noise.
+    let noisy: fn(u32, u32) -> f64 =
+        |person, step| 1e6 + f64::from(person * 31 % 17 + step % 2) * 1e-3;
+    assert!(estimates(declared(&[], &[], ANY), &rows(noisy))[0].effect.is_ok());
+}
+
+#[test]
+fn an_effect_without_a_standard_error_has_a_reason() {
+    let effect = estimates(declared(&[], &[], ANY), &six_rows())[0].effect.clone().unwrap();
+    let nothing = Effect { value: 0.0, ..effect };
+    for (standard_error, expected) in
+        [(0.0, "is 0"), (f64::NAN, "not a number"), (1e301, "too large")]
+    {
+        let why = with_standard_error(nothing, standard_error).unwrap_err();
+        assert!(why.contains(expected), "{why}");
+    }
+    assert_eq!(with_standard_error(effect, effect.standard_error), Ok(effect));
 }
 
 fn reference() -> Json {

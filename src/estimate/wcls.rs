@@ -21,7 +21,12 @@ pub(crate) struct Fit {
     pub(crate) people: usize,
     /// The weighted standard deviation of the residuals.
     pub(crate) residual_sd: f64,
+    /// By coefficient: the standard error that rounding alone can have, at the scale of the outcome.
+    pub(crate) rounding: Vec<f64>,
 }
+
+/// The part of the outcome's root mean square up to which a residual is taken for rounding.
+const ROUNDING: f64 = 1e-10;
 
 /// Why a regression has no fit.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -115,8 +120,14 @@ impl Sums {
     pub(crate) fn fit(&self, correction: Correction) -> Result<Fit, NoFit> {
         let scores = self.scores(correction)?;
         let covariance = scores.covariance();
+        let [_, weights, squares] = self.totals();
+        let size = scores.coefficients.len();
+        // Independent residuals of size r give a coefficient the standard error r √A, A its place in the bread.
+        let residual = ROUNDING * (squares / weights).sqrt();
+        let of_place = |place: usize| residual * scores.bread[place * size + place].sqrt();
+        let rounding = (0..size).map(of_place).collect();
         let Scores { coefficients, residual_sd, of_people, .. } = scores;
-        Ok(Fit { coefficients, covariance, people: of_people.len(), residual_sd })
+        Ok(Fit { coefficients, covariance, people: of_people.len(), residual_sd, rounding })
     }
 
     /// The scores of the people at the fit.
