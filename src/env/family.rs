@@ -122,6 +122,11 @@ pub trait Model: Any + fmt::Debug + Send + Sync {
     /// The number of steps of an episode that does not end early.
     fn longest_episode(&self) -> u32;
 
+    /// Whether an episode can end before its last step. True by default.
+    fn can_end_early(&self) -> bool {
+        true
+    }
+
     /// A simulation for the training, with this number of lanes, which shows `history` observations at a time.
     fn training(&self, scenario: &Scenario, history: usize, lanes: usize) -> Simulated;
 

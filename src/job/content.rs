@@ -8,7 +8,7 @@ use super::identity::{Parts, agent_text, environment_text, people_text, text};
 use super::metric::TERMINATION_RATE;
 use super::{
     CanonicalForm, Evaluation, JobKey, MetricName, Pooling, RecordedEpisodes, Scalar, TestActions,
-    Trial, Versions,
+    Trial, UpdateData, Versions,
 };
 use crate::agent::{Agent, Algorithm, Engine, External, Task, Work};
 use crate::env::{Environment, Family, Scenario};
@@ -132,9 +132,21 @@ impl Job {
     pub fn versions(&self) -> Versions {
         let differs = self.agent.differs_in(&self.task());
         Versions {
-            environment: self.environment.version(),
+            environment: self.environment.version() + u32::from(self.differs_in_trial()),
             algorithm: self.agent.version() + u32::from(differs),
         }
+    }
+
+    /// Whether the simulation of its trial has changed: people who have disengaged no longer count as people in the
+    /// study, and recorded decisions have whether their outcome reached the agent.
+    fn differs_in_trial(&self) -> bool {
+        let Some(trial) = &self.trial else { return false };
+        let forgets = trial.update_data == UpdateData::InStudy
+            && trial.pooling == Pooling::Full
+            && self.agent.algorithm().learns()
+            && self.environment.can_end_early();
+        let hides = trial.missing_outcomes > 0.0 && self.evaluation.record_decisions.of_test();
+        forgets || hides
     }
 
     /// The task that the agent learns.
@@ -403,6 +415,7 @@ mod tests {
     use super::*;
     use crate::agent::{DecisionRule, DuelingDqn, Reinforce, RuleParameters};
     use crate::env::StepCount;
+    use crate::job::RecordedDecisions;
 
     fn jobs() -> Vec<Job> {
         let agents = [
@@ -451,6 +464,32 @@ mod tests {
         assert_eq!(of(&|_| {}), [(0, 0); 3]);
         assert_eq!(of(&|environment| environment.unpaid_last_step = true), [(1, 0); 3]);
         assert_eq!(of(&|environment| environment.availability = 0.9), [(0, 1), (0, 1), (0, 0)]);
+        let in_trial = |change: &dyn Fn(&mut Trial)| {
+            let required = [Value::Integer(4), Value::Integer(50)];
+            let mut trial = Trial::with_required(&required);
+            change(&mut trial);
+            let versions = jobs().into_iter().map(|job| {
+                let mut evaluation = job.evaluation.clone();
+                evaluation.record_decisions = RecordedDecisions::Test;
+                let before = job.versions().environment;
+                Job { trial: Some(trial.clone()), evaluation, ..job }.versions().environment
+                    - before
+            });
+            versions.collect::<Vec<_>>()
+        };
+        assert_eq!(in_trial(&|_| {}), [0; 3]);
+        assert_eq!(in_trial(&|trial| trial.dropout = 0.1), [0; 3]);
+        assert_eq!(in_trial(&|trial| trial.missing_outcomes = 0.1), [1; 3]);
+        // The third is a rule.
+        let in_study = |trial: &mut Trial| trial.update_data = UpdateData::InStudy;
+        assert_eq!(in_trial(&in_study), [1, 1, 0]);
+        assert_eq!(
+            in_trial(&|trial| {
+                in_study(trial);
+                trial.pooling = Pooling::None;
+            }),
+            [0; 3]
+        );
         let threshold = |sigma: f64, scenario: &str, threshold: f64| {
             let rule = RuleParameters { threshold, ..RuleParameters::new(DecisionRule::Threshold) };
             let scenario = scenario.parse().unwrap();

@@ -174,6 +174,13 @@ impl Trial {
         reported.into_iter().chain(["calendar_day", "policy"]).map(str::to_owned)
     }
 
+    /// [`Trial::state_names`], and where outcomes can be missing, whether that of the decision reached the agent. The last
+    /// one is not known before the decision, so that estimates do not read it.
+    pub fn recorded_names(&self) -> impl Iterator<Item = String> + use<> {
+        let reached = (self.missing_outcomes > 0.0).then(|| "reached".to_owned());
+        self.state_names().chain(reached)
+    }
+
     /// A key with a value under which nobody's best mean return is that of the environment, and its value.
     pub fn without_optimum(&self) -> Option<(&'static str, f64)> {
         let realities = [("dropout", self.dropout), ("unreported", self.unreported)];

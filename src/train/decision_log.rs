@@ -33,7 +33,7 @@ pub(super) struct DecisionLog {
     last: Vec<u64>,
     /// The lanes of the most recent decisions, whose rewards are still missing.
     acting: Vec<usize>,
-    /// In a trial, numbers that follow the state of every lane, \[lanes, 2\], and episodes are the numbers of lanes;
+    /// In a trial, numbers that follow the state of every lane, \[lanes, numbers\], and episodes are the numbers of lanes;
     /// empty otherwise.
     beside: Vec<f64>,
     /// The first failed allocation; nothing is recorded afterwards.
@@ -74,10 +74,20 @@ impl DecisionLog {
         self.estimations.iter().map(Estimation::finish).collect()
     }
 
-    /// Records these numbers behind the state of every lane, \[lanes, 2\], in the next step of a trial.
-    pub(super) fn stand_beside(&mut self, numbers: impl Iterator<Item = [f64; 2]>) {
+    /// Records these numbers behind the state of every lane, \[lanes, numbers\], in the next step of a trial.
+    pub(super) fn stand_beside(&mut self, numbers: impl Iterator<Item = f64>) {
         self.beside.clear();
-        self.beside.extend(numbers.flatten());
+        self.beside.extend(numbers);
+    }
+
+    /// Records which episodes have ended, in the last decision of each.
+    pub(super) fn ended(&mut self, statuses: &[EpisodeStatus]) {
+        for (place, status) in self.last.iter().zip(statuses) {
+            if let Some(decision) = self.decisions.get_mut(*place as usize) {
+                decision.terminated = *status == EpisodeStatus::Terminated;
+                decision.truncated = *status == EpisodeStatus::Truncated;
+            }
+        }
     }
 
     /// Reports a failed allocation. **Errors**: there was not enough memory for a decision.
@@ -132,7 +142,8 @@ impl StepObserver<Simulated> for DecisionLog {
             }
             let mut state = Vec::new();
             lanes.record_state(lane, &mut state);
-            state.extend(self.beside.get(2 * lane..2 * lane + 2).unwrap_or_default());
+            let width = self.beside.len() / lanes.lanes();
+            state.extend(&self.beside[lane * width..(lane + 1) * width]);
             let decision = Decision {
                 phase: self.phase,
                 episode,
@@ -166,12 +177,7 @@ impl StepObserver<Simulated> for DecisionLog {
             return;
         }
         // An episode may end with a step that does not count, after its last decision.
-        for (place, status) in self.last.iter().zip(lanes.statuses()) {
-            if let Some(decision) = self.decisions.get_mut(*place as usize) {
-                decision.terminated = *status == EpisodeStatus::Terminated;
-                decision.truncated = *status == EpisodeStatus::Truncated;
-            }
-        }
+        self.ended(lanes.statuses());
     }
 }
 

@@ -11,7 +11,7 @@ use crate::agent::recorded_decisions;
 use crate::env::Environment;
 use crate::env::outside::{Description, EnvironmentProgram, OutsideModel};
 use crate::external::ProgramError;
-use crate::job::{CurvePoint, EstimateDeclaration, Failure, FailureKind, Job, Outcome};
+use crate::job::{CurvePoint, EstimateDeclaration, Failure, FailureKind, Job, Outcome, Trial};
 use crate::key::Size;
 use crate::train::control::{StopHandle, TrainingControl};
 use crate::train::progress::TrainingProgress;
@@ -65,8 +65,16 @@ pub fn misfit(job: &Job, description: &Description) -> Option<String> {
     }
     let evaluation = &job.evaluation;
     let longest = u64::from(job.environment.longest_episode());
+    if let Some(trial) = job.trial.as_ref().filter(|trial| trial.decisions() != longest) {
+        let Trial { days, decisions_per_day, .. } = trial;
+        return Some(format!(
+            "`days` = {days} with `decisions_per_day` = {decisions_per_day} are {} decisions of a person; the program \
+             describes a `horizon` of {longest}: change `days`, or the `horizon` and the episodes of the program",
+            trial.decisions()
+        ));
+    }
     let (training, test, longest) = match &job.trial {
-        Some(trial) => (0, trial.people, trial.decisions().min(longest)),
+        Some(trial) => (0, trial.people, longest),
         None => (job.agent.episodes(), evaluation.test_episodes, longest),
     };
     let episodes = [

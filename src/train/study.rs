@@ -14,6 +14,9 @@ pub struct Study {
     calendar: Calendar,
     /// The stay of every person, which dropout may have shortened.
     stays: Vec<Stay>,
+    /// The first day without each person: the end of the stay, or the day after the last one of a person whose episode
+    /// has ended before.
+    left: Vec<u32>,
     /// The row of the people's file that each person is; `None` if people are drawn.
     rows: Option<Vec<u32>>,
     /// Whether the outcome of a decision does not reach the agent, \[people, decisions\]; empty if all do.
@@ -52,6 +55,7 @@ impl Study {
         Study {
             trial: trial.clone(),
             calendar,
+            left: stays.iter().map(|stay| stay.end).collect(),
             stays,
             rows,
             missing,
@@ -77,16 +81,28 @@ impl Study {
         (self.time / self.calendar.per_day, self.calendar.days())
     }
 
-    /// The calendar day and the number of the policy in force for every person.
-    pub fn beside(&self) -> impl Iterator<Item = [f64; 2]> {
+    /// For every person: the calendar day, the number of the policy in force, and where outcomes can be missing, whether
+    /// that of the next decision reaches the agent. `times` returns the number of steps that a person has taken.
+    pub fn beside(&self, times: impl Fn(usize) -> u32) -> impl Iterator<Item = f64> {
         let (day, _) = self.days();
         let policy = |person: usize| self.policies[person.min(self.policies.len() - 1)];
-        (0..self.people()).map(move |person| [f64::from(day), f64::from(policy(person))])
+        (0..self.people()).flat_map(move |person| {
+            let numbers = [f64::from(day), f64::from(policy(person))];
+            let reached = (!self.missing.is_empty())
+                .then(|| f64::from(u8::from(!self.is_missing(person, times(person)))));
+            numbers.into_iter().chain(reached)
+        })
     }
 
-    /// The names of the numbers that stand behind the recorded state; the last two are those of [`Study::beside`].
+    /// The names of the numbers that stand behind the recorded state; the last ones are those of [`Study::beside`].
     pub fn names(&self) -> impl Iterator<Item = String> {
-        self.trial.state_names()
+        self.trial.recorded_names()
+    }
+
+    /// Whether the outcome of a person's decision does not reach the agent.
+    fn is_missing(&self, person: usize, step: u32) -> bool {
+        let decisions = self.trial.decisions() as usize;
+        self.missing.get(person * decisions + step as usize).copied().unwrap_or_default()
     }
 
     /// Whether people's phones report before each decision; `None` if they always do.
@@ -127,9 +143,13 @@ impl Study {
             return Ok(false);
         }
         let (day, _) = self.days();
-        for (person, stay) in self.stays.iter().enumerate() {
-            if stay.end == day && environment.statuses()[person] == EpisodeStatus::Running {
+        for (person, (stay, left)) in self.stays.iter().zip(&mut self.left).enumerate() {
+            let is_running = environment.statuses()[person] == EpisodeStatus::Running;
+            if stay.end == day && is_running {
                 environment.leave(person);
+            }
+            if stay.start < day && !(is_running && environment.is_counted(person)) {
+                *left = day.min(*left);
             }
         }
         let before = self.policies[0];
@@ -144,6 +164,15 @@ impl Study {
             actor.reset(LaneSet::Masked(&self.entering));
         }
         Ok(is_updated)
+    }
+
+    /// Lets the people go who stay to the last day.
+    pub fn end(&self, environment: &mut Simulated) {
+        for person in 0..self.people() {
+            if environment.statuses()[person] == EpisodeStatus::Running {
+                environment.leave(person);
+            }
+        }
     }
 
     /// The update of the agent of everybody that this step began with.
@@ -167,10 +196,12 @@ impl Study {
                 if !self.calendar.is_updated(day, entered) {
                     return Ok(());
                 }
-                for (counts, stay) in self.counting.iter_mut().zip(&self.stays) {
+                let stays = self.stays.iter().zip(&self.left);
+                for (counts, (stay, left)) in self.counting.iter_mut().zip(stays) {
+                    let has_entered = stay.start < day;
                     *counts = match self.trial.update_data {
-                        UpdateData::All => stay.start < day,
-                        UpdateData::InStudy => stay.contains(day - 1),
+                        UpdateData::All => has_entered,
+                        UpdateData::InStudy => has_entered && day <= *left,
                     };
                 }
                 actor.update(&StudyUpdate { people: &self.counting, before, agent: None })?;
@@ -200,18 +231,16 @@ impl Study {
         if self.missing.is_empty() {
             return;
         }
-        let decisions = self.trial.decisions() as usize;
         for (person, reward) in rewards.iter_mut().enumerate() {
-            let taken = times(person) as usize;
-            let place = taken.checked_sub(1).map(|last| person * decisions + last);
-            if place.is_some_and(|place| self.missing[place]) {
+            let step = times(person).checked_sub(1);
+            if step.is_some_and(|step| self.is_missing(person, step)) {
                 *reward = f64::NAN;
             }
         }
     }
 }
 
-resumable!([] Study { parts time; fixed policies });
+resumable!([] Study { parts time; fixed policies, left });
 
 #[cfg(test)]
 mod tests {

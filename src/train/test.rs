@@ -210,7 +210,7 @@ impl Test {
             }
             actor.act(lanes, &mut streams.actions, &mut actions, Some(&mut probabilities));
             if let Some(log) = &mut player.log {
-                log.stand_beside(study.beside());
+                log.stand_beside(study.beside(|person| lanes.time(person)));
             }
             player.chosen(lanes, &actions, &probabilities);
             if let Some(excursions) = &mut excursions {
@@ -225,6 +225,12 @@ impl Test {
             actor.observe(lanes, &rewards);
         }
         let is_over = study.is_over();
+        if is_over {
+            study.end(lanes);
+            if let Some(log) = &mut player.log {
+                log.ended(lanes.statuses());
+            }
+        }
         self.study = Some(study);
         (self.excursions, self.sightings) = (excursions, sightings);
         if is_over { Ok(self.end_batch()?) } else { Ok(()) }

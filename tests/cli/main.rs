@@ -11,6 +11,7 @@ mod exits;
 mod external;
 mod failures;
 mod forgetting;
+mod in_study;
 mod installed;
 mod learned;
 mod links;

@@ -1,5 +1,7 @@
 //! Trials: people who enter by a calendar, and agents that learn at calendar times.
 
+use std::time::Duration;
+
 use crate::support::Folder;
 
 const PEOPLE: &str = include_str!("../../experiments/oralytics/synthetic_v2.csv");
@@ -584,5 +586,72 @@ fn a_program_that_does_not_act_as_trials_need_fails_with_the_reason() {
         let sql = "SELECT failure_message FROM run_summary WHERE failure_kind = 'external'";
         let message: String = folder.store().query_row(sql, [], |row| row.get(0)).unwrap();
         assert!(message.contains(expected), "{message}");
+    }
+}
+
+#[test]
+fn a_stay_shorter_than_days_ends_with_the_trial() {
+    let folder = Folder::with(
+        "format = 1\nname = \"t\"\nscenarios = [\"P-H-D\"]\nseeds = 1\nenvironment = { sigma = 0.4, horizon = 3 }\n\
+         trial = { people = 3, days = 3, entry = \"stays.csv\" }\n\
+         evaluation = { on = \"trial\", record_decisions = \"test\" }\n\
+         [[agent]]\nname = \"random\"\nalgorithm = \"rule\"\nrule = \"random\"\n",
+    );
+    folder.write("stays.csv", "start_day,end_day\n1,3\n0,3\n2,3\n");
+    folder.start(["run", "sweep.toml"]).wait_for(Duration::from_secs(60)).succeeded();
+    let ends = |truncated: bool| {
+        folder.number(&format!(
+            "SELECT sum(10 * episode + step) FROM decision WHERE truncated = {truncated}"
+        ))
+    };
+    // Persons 1 to 3 have 2, 3 and 1 decisions, and the last of each is the end.
+    assert_eq!([ends(true), ends(false)], [11 + 22 + 30, 10 + 20 + 21]);
+}
+
+/// An environment of six steps.
+const SIX_STEPS: &str = r#"
+import json, sys
+steps = {}
+for line in sys.stdin:
+    m = json.loads(line)
+    rows = [[0.0] for _ in m["lanes"]] if isinstance(m.get("lanes"), list) else []
+    if m["type"] == "describe":
+        said = {"type": "description", "protocol": 1, "features": [{"name": "x"}], "actions": ["a", "b"], "horizon": 6}
+    elif m["type"] == "reset":
+        steps.update({(m["instance"], lane): 0 for lane in m["lanes"]})
+        said = {"type": "began", "observations": rows}
+    elif m["type"] == "step":
+        for lane in m["lanes"]:
+            steps[m["instance"], lane] += 1
+        ends = [steps[m["instance"], lane] == 6 for lane in m["lanes"]]
+        said = {"type": "stepped", "observations": rows, "rewards": [1.0] * len(rows), "truncated": ends}
+    else:
+        continue
+    print(json.dumps(said), flush=True)
+"#;
+
+#[test]
+fn a_program_with_another_horizon_than_the_trial_is_an_error_of_the_job() {
+    for (days, suits) in [(4, false), (9, false), (6, true)] {
+        let folder = Folder::with(&format!(
+            "format = 1\nname = \"t\"\nscenarios = [\"all\"]\nseeds = 1\n\
+             environment = {{ family = \"external\", command = [\"python3\", \"six.py\"], version = \"1\" }}\n\
+             trial = {{ people = 2, days = {days} }}\nevaluation = {{ on = \"trial\" }}\n\
+             [[agent]]\nname = \"random\"\nalgorithm = \"rule\"\nrule = \"random\"\n"
+        ));
+        folder.write("six.py", SIX_STEPS);
+        let ran = folder.start(["run", "sweep.toml"]).wait_for(Duration::from_secs(60));
+        if suits {
+            ran.succeeded();
+            assert_eq!(folder.number("SELECT sum(length) FROM evaluation_episode"), 12);
+            folder.jitai(["check", "--try", "sweep.toml"]).succeeded();
+        } else {
+            let says = format!(
+                "`days` = {days} with `decisions_per_day` = 1 are {days} decisions of a person; the program describes a \
+                 `horizon` of 6"
+            );
+            ran.ended(1).says(&says);
+            folder.jitai(["check", "--try", "sweep.toml"]).ended(2).says(&says);
+        }
     }
 }

@@ -112,6 +112,10 @@ impl Model for OralyticsModel {
         self.parameters.horizon()
     }
 
+    fn can_end_early(&self) -> bool {
+        false
+    }
+
     fn training(&self, scenario: &Scenario, history: usize, lanes: usize) -> Simulated {
         Box::new(self.simulation(scenario, history, lanes))
     }

@@ -14,6 +14,9 @@ use crate::env::vector::{
 use crate::external::{Numbers, Observation, Observed, ToEnvironment};
 use crate::state::{Resumable, StateError, StateReader, StateWriter};
 
+/// Up to this number, 32 bits hold every whole number.
+const LARGEST_WHOLE: f64 = 16_777_216.0;
+
 /// The lanes of an environment that is an outside program.
 ///
 /// Each episode takes one word from its lane's stream, from which the program gets its seed. A step takes
@@ -184,6 +187,14 @@ impl OutsideEnvironment {
             let each = entries.iter_mut().zip(shown.iter()).zip(&spec.features);
             for ((entry, number), feature) in each {
                 *entry = row[*number] as f32;
+                let is_rounded = row[*number].fract() == 0.0 && f64::from(*entry) != row[*number];
+                if is_rounded && row[*number].abs() > LARGEST_WHOLE {
+                    let (name, found) = (&feature.name, row[*number]);
+                    return Err(format!(
+                        "expected `{name}` in lane {lane} as a number that 32 bits hold, found {found}: whole numbers \
+                         above 16,777,216 are rounded; scale the feature or make it two"
+                    ));
+                }
                 if !(entry.is_finite() && (feature.low..=feature.high).contains(entry)) {
                     let (name, low, high) = (&feature.name, feature.low, feature.high);
                     let (found, clause) = (row[*number], Clause::ObservationBounds);
