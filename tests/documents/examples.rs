@@ -119,7 +119,7 @@ name = "learned"
 scenarios = ["C"]
 seeds = 1
 environment = { sigma = 0.4, horizon = 5 }
-evaluation = { on = "trial", record_posteriors = true }
+evaluation = { on = "trial", record_decisions = "test", record_posteriors = true }
 trial = { people = 3, days = 5, update = { every_days = 2 } }
 [[agent]]
 name = "thompson"
