@@ -63,7 +63,7 @@ fn check_weights(job: &Job, safetensors: Option<&[u8]>) -> Result<(), String> {
 }
 
 fn show_diagnosis(arguments: &Arguments, diagnosis: &Diagnosis) -> Result<(), Error> {
-    let Diagnosis { findings, completed, intact } = diagnosis;
+    let Diagnosis { findings, completed, intact, uncovered } = diagnosis;
     let mut out = io::stdout().lock();
     if arguments.format == TextOrJson::Json {
         let findings: Vec<_> = findings
@@ -74,12 +74,22 @@ fn show_diagnosis(arguments: &Arguments, diagnosis: &Diagnosis) -> Result<(), Er
             .collect();
         let healthy = findings.is_empty();
         let answer = json!({
-            "healthy": healthy, "completed": completed, "intact": intact, "findings": findings,
+            "healthy": healthy, "completed": completed, "intact": intact, "uncovered": uncovered,
+            "findings": findings,
         });
         return Ok(writeln!(out, "{answer}")?);
     }
     let store = printable(&arguments.store.store.display().to_string());
     let runs = counted(*completed, "completed run");
+    if *uncovered > 0 {
+        let cause =
+            "an earlier release made them, whose digests do not cover the decisions of trials";
+        writeln!(
+            io::stderr(),
+            "note: changes of the recorded decisions of {} would not be found; {cause}",
+            counted(*uncovered, "run")
+        )?;
+    }
     if findings.is_empty() {
         return Ok(writeln!(out, "{store} is healthy: {runs}, all intact")?);
     }

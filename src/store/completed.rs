@@ -365,9 +365,6 @@ fn curve(connection: &Connection, run: i64, metric: MetricName) -> rusqlite::Res
 }
 
 fn actions(connection: &Connection, run: i64) -> rusqlite::Result<Vec<ActionCount>> {
-    if family::has_rows(connection, run)? {
-        return family::actions(connection, run);
-    }
     let mut statement = connection.prepare_cached(
         "SELECT bin, context, action, count FROM action_count
          WHERE run = ?1 ORDER BY bin, context, action",
@@ -379,7 +376,9 @@ fn actions(connection: &Connection, run: i64) -> rusqlite::Result<Vec<ActionCoun
             count: row.get(3)?,
         })
     })?;
-    rows.collect()
+    let mut actions = rows.collect::<rusqlite::Result<Vec<_>>>()?;
+    actions.extend(family::actions(connection, run)?);
+    Ok(actions)
 }
 
 fn returns(connection: &Connection, run: i64) -> rusqlite::Result<Vec<f64>> {

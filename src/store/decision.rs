@@ -50,9 +50,21 @@ pub(super) fn are_known(connection: &Connection) -> rusqlite::Result<bool> {
 pub(super) const STATE: [&str; 5] =
     ["context", "probability", "likely_context", "habituation", "disengagement"];
 
-/// Whether the decisions of a run are rows of this table.
+/// Whether the decisions of a run are rows of this table. An outside environment may use the same names for other
+/// numbers; its actions have no strata.
 pub(super) fn packs(results: &Results) -> bool {
-    results.state_names == STATE
+    results.state_names == STATE && results.actions.iter().all(|choice| choice.stratum.is_some())
+}
+
+/// Whether the file has decisions of a run in this table.
+pub(super) fn has_rows(connection: &Connection, run: i64) -> rusqlite::Result<bool> {
+    if !are_known(connection)? {
+        return Ok(false);
+    }
+    let rows = format!(
+        "SELECT 1 FROM recorded_decision WHERE id BETWEEN ?1 << {RUN} AND (?1 << {RUN}) + {STEP_OF_RUN}"
+    );
+    connection.prepare_cached(&rows)?.exists([run])
 }
 
 /// Inserts the decisions of a run in progress, which must be sorted by phase, episode and step, and whose states

@@ -8,6 +8,7 @@ use rusqlite::types::ValueRef;
 use rusqlite::{Connection, Params};
 use sha2::{Digest, Sha256};
 
+use super::schema::has_table;
 use super::{choice, decision, episode_ending, family, participant, posterior};
 
 /// The metrics of run `?1`. This query and the following ones use orders that do not depend on the row ids of
@@ -30,9 +31,52 @@ const OTHERS: [&str; 3] = [
     "SELECT safetensors FROM trained_weights WHERE run = ?1",
 ];
 
+/// What a digest covers.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Form {
+    /// All results.
+    Whole,
+    /// All but the tables of [`family`]: the form of release 0.1.0 for trials in the family `step_count`.
+    WithoutSteps,
+}
+
 /// The digest of a run's results and its job's key. Equal results of the same job have the same digest in
 /// every store.
 pub(super) fn of_run(connection: &Connection, run: i64) -> rusqlite::Result<[u8; 32]> {
+    of_run_in(connection, run, Form::Whole)
+}
+
+/// The form in which a run's results have this digest; `None` if they have another digest.
+pub(super) fn form_of(
+    connection: &Connection,
+    run: i64,
+    stored: Option<[u8; 32]>,
+) -> rusqlite::Result<Option<Form>> {
+    if stored == Some(of_run(connection, run)?) {
+        return Ok(Some(Form::Whole));
+    }
+    let is_earlier = may_leave_out_steps(connection, run)?
+        && stored == Some(of_run_in(connection, run, Form::WithoutSteps)?);
+    Ok(is_earlier.then_some(Form::WithoutSteps))
+}
+
+/// Whether the digest of a run can have the form [`Form::WithoutSteps`].
+pub(super) fn may_leave_out_steps(connection: &Connection, run: i64) -> rusqlite::Result<bool> {
+    connection
+        .prepare_cached(
+            "SELECT json_type(job.canonical, '$.environment.family') IS NULL
+                AND json_type(job.canonical, '$.trial') IS NOT NULL
+             FROM run JOIN job ON job.id = run.job WHERE run.id = ?1",
+        )?
+        .query_row([run], |row| row.get(0))
+}
+
+/// The digest of a run's results in a form.
+pub(super) fn of_run_in(
+    connection: &Connection,
+    run: i64,
+    form: Form,
+) -> rusqlite::Result<[u8; 32]> {
     let mut digest = ResultsDigest::new(&key_of(connection, run)?);
     digest.begin_table();
     add_rows(&mut digest, connection, METRICS, [run])?;
@@ -61,9 +105,12 @@ pub(super) fn of_run(connection: &Connection, run: i64) -> rusqlite::Result<[u8;
     if episode_ending::are_known(connection)? {
         add_rows(&mut digest, connection, episode_ending::SELECT, [run])?;
     }
-    if family::has_rows(connection, run)? {
-        for sql in family::selects() {
-            add_rows(&mut digest, connection, &sql, [run])?;
+    // And for runs without rows in these tables.
+    if form == Form::Whole {
+        for (table, sql) in family::selects() {
+            if has_table(connection, table)? {
+                add_rows(&mut digest, connection, &sql, [run])?;
+            }
         }
     }
     // Runs without posteriors keep their digest, too.

@@ -13,7 +13,8 @@ use crate::job::{self, ImpliedParameter};
 use super::error::StoreError;
 use super::implied::{self, Known};
 use super::schema::has_table;
-use super::verify::{CheckWeights, failure_fault, job_fault, row_ids, run_fault};
+use super::tables::RESULT_TABLES;
+use super::verify::{CheckWeights, failure_fault, job_fault, leaves_out_steps, row_ids, run_fault};
 use super::{
     choice, decision, earlier_manifest, episode_ending, estimate, file, participant, schema,
 };
@@ -27,6 +28,9 @@ pub struct Diagnosis {
     pub completed: u64,
     /// The number of completed runs that verify.
     pub intact: u64,
+    /// The number of these whose digests do not cover their recorded decisions: trials in the family `step_count` by
+    /// release 0.1.0.
+    pub uncovered: u64,
 }
 
 /// A fault of the store.
@@ -49,21 +53,11 @@ struct Invariant {
     sql: &'static str,
 }
 
-const INVARIANTS: [Invariant; 7] = [
+const INVARIANTS: [Invariant; 6] = [
     Invariant {
         violation: "it has several running or completed runs",
         sql: "SELECT job.key FROM run JOIN job ON job.id = run.job
               WHERE status IN ('running', 'completed') GROUP BY run.job HAVING count(*) > 1",
-    },
-    Invariant {
-        violation: "a run that is not completed has results",
-        sql: "SELECT job.key FROM run JOIN job ON job.id = run.job
-              WHERE status <> 'completed' AND (
-                EXISTS (SELECT 1 FROM run_metric WHERE run = run.id)
-                OR EXISTS (SELECT 1 FROM curve_point WHERE run = run.id)
-                OR EXISTS (SELECT 1 FROM test_episode WHERE run = run.id)
-                OR EXISTS (SELECT 1 FROM action_count WHERE run = run.id)
-                OR EXISTS (SELECT 1 FROM trained_weights WHERE run = run.id))",
     },
     Invariant {
         violation: "its learning curve extends beyond its last training episode",
@@ -118,16 +112,9 @@ const INVARIANTS: [Invariant; 7] = [
 ];
 
 /// The invariants of recorded decisions, which stores of earlier versions lack.
-const OF_DECISIONS: [Invariant; 2] = [
-    Invariant {
-        violation: "a run that is not completed has recorded decisions",
-        sql: "SELECT job.key FROM run JOIN job ON job.id = run.job
-              WHERE status <> 'completed' AND EXISTS (SELECT 1 FROM recorded_decision AS recorded
-                WHERE recorded.id BETWEEN run.id << 39 AND (run.id << 39) + 549755813887)",
-    },
-    Invariant {
-        violation: "its recorded decisions do not match its declaration: one per step",
-        sql: "SELECT job.key FROM run JOIN job ON job.id = run.job
+const OF_DECISIONS: [Invariant; 1] = [Invariant {
+    violation: "its recorded decisions do not match its declaration: one per step",
+    sql: "SELECT job.key FROM run JOIN job ON job.id = run.job
               WHERE status = 'completed' AND json_type(canonical, '$.environment.family') IS NULL
                 AND json_type(canonical, '$.trial') IS NULL AND
                 (SELECT total(steps) FROM recorded_decision AS recorded
@@ -136,8 +123,7 @@ const OF_DECISIONS: [Invariant; 2] = [
                 IS NOT CASE WHEN json_extract(canonical, '$.evaluation.record_decisions')
                         IN ('test', 'all')
                     THEN (SELECT total(length) FROM test_episode WHERE run = run.id) ELSE 0.0 END",
-    },
-];
+}];
 
 /// The invariants of decisions in environments of other families, which stores of earlier versions lack.
 const OF_STEPS: &[Invariant] = &[
@@ -148,13 +134,6 @@ const OF_STEPS: &[Invariant] = &[
                 AND json_type(canonical, '$.evaluation.record_episodes') IS NULL
                 AND (SELECT sum(count) FROM action_total WHERE run = run.id)
                     IS NOT (SELECT sum(length) FROM test_episode WHERE run = run.id)",
-    },
-    Invariant {
-        violation: "a run that is not completed has results",
-        sql: "SELECT job.key FROM run JOIN job ON job.id = run.job
-              WHERE status <> 'completed'
-                AND (EXISTS (SELECT 1 FROM action_total WHERE action_total.run = run.id)
-                    OR EXISTS (SELECT 1 FROM recorded_step WHERE recorded_step.run = run.id))",
     },
     Invariant {
         violation: "its recorded steps do not match its declaration: one per step",
@@ -193,25 +172,16 @@ const OF_ENDINGS: &[Invariant] = &[Invariant {
 }];
 
 /// The invariants of recorded participants, which stores of earlier versions lack.
-const OF_PARTICIPANTS: &[Invariant] = &[
-    Invariant {
-        violation: "a run that is not completed has recorded participants",
-        sql: "SELECT job.key FROM run JOIN job ON job.id = run.job
-              WHERE status <> 'completed' AND EXISTS (
-                SELECT 1 FROM recorded_participant AS recorded
-                WHERE recorded.id BETWEEN run.id << 39 AND (run.id << 39) + 549755813887)",
-    },
-    Invariant {
-        violation: "its recorded participants do not match its population: one per test episode",
-        sql: "SELECT job.key FROM run JOIN job ON job.id = run.job
+const OF_PARTICIPANTS: &[Invariant] = &[Invariant {
+    violation: "its recorded participants do not match its population: one per test episode",
+    sql: "SELECT job.key FROM run JOIN job ON job.id = run.job
               WHERE status = 'completed' AND
                 (SELECT count(DISTINCT recorded.id >> 14) FROM recorded_participant AS recorded
                  WHERE recorded.id BETWEEN (run.id << 39) + (1 << 38)
                     AND (run.id << 39) + 549755813887)
                 <> CASE WHEN json_type(canonical, '$.population') IS NULL THEN 0
                     ELSE (SELECT count(*) FROM test_episode WHERE run = run.id) END",
-    },
-];
+}];
 
 /// Examines the whole store at `path`.
 ///
@@ -228,6 +198,7 @@ pub fn examine(path: &Path, check_weights: CheckWeights<'_>) -> Result<Diagnosis
     let mut examination = Examination { connection: &connection, found: Diagnosis::default() };
     examination.file();
     examination.references();
+    examination.runs_without_results();
     examination.invariants();
     examination.implied_parameters();
     examination.earlier_manifests();
@@ -290,6 +261,24 @@ impl Examination<'_> {
              FROM pragma_foreign_key_check GROUP BY \"table\", parent";
         for line in self.texts("reference", dangling) {
             self.find("reference", None, line);
+        }
+    }
+
+    fn runs_without_results(&mut self) {
+        for (table, rows) in RESULT_TABLES {
+            // Stores of earlier versions lack some of the tables.
+            if !has_table(self.connection, table).unwrap_or(false) {
+                continue;
+            }
+            let sql = format!(
+                "SELECT job.key FROM (SELECT run.id AS number, run.job, run.status FROM run) AS ended
+                 JOIN job ON job.id = ended.job
+                 WHERE status <> 'completed' AND EXISTS (SELECT 1 FROM {table} WHERE {})",
+                rows.replace("?1", "ended.number")
+            );
+            for key in self.texts("job", &sql) {
+                self.find("job", Some(key), "a run that is not completed has results");
+            }
         }
     }
 
@@ -410,7 +399,11 @@ impl Examination<'_> {
             }
             self.found.completed += 1;
             match run_fault(self.connection, run, check_weights) {
-                None => self.found.intact += 1,
+                None => {
+                    self.found.intact += 1;
+                    let is_uncovered = leaves_out_steps(self.connection, run).unwrap_or(false);
+                    self.found.uncovered += u64::from(is_uncovered);
+                }
                 Some(fault) => self.find("run", key, fault),
             }
         }

@@ -1,5 +1,5 @@
-//! What only runs in environments of other families than `step_count` have: choices of action without strata, steps
-//! with states of any names, and the descriptions of outside programs.
+//! Results that any environment can have: choices of action without strata, steps with states of any names, as in
+//! every trial, and the descriptions of outside programs.
 
 use rusqlite::types::Value;
 use rusqlite::{Connection, Error, OptionalExtension, params};
@@ -9,6 +9,7 @@ use crate::job::{ActionCount, Decision, Job, Phase, Results};
 
 use super::insert::insert_rows;
 use super::read::completed_run;
+use super::schema::has_table;
 
 /// The tables of such results, in the order of the digest: name, columns besides the run, and how many of these
 /// belong to the key.
@@ -37,31 +38,18 @@ pub(super) const TABLES: [(&str, &[&str], usize); 3] = [
 /// The number of columns of `recorded_step`.
 const STEP_COLUMNS: usize = 12;
 
-/// The rows of run `?1` in each of [`TABLES`], in order.
-pub(super) fn selects() -> impl Iterator<Item = String> {
+/// Each of [`TABLES`] with the query for its rows of run `?1` in order.
+pub(super) fn selects() -> impl Iterator<Item = (&'static str, String)> {
     TABLES.iter().map(|(name, columns, in_key)| {
         let order = match in_key {
             0 => String::new(),
             _ => format!(" ORDER BY {}", columns[..*in_key].join(", ")),
         };
-        format!("SELECT {} FROM {name} WHERE run = ?1{order}", columns.join(", "))
+        (*name, format!("SELECT {} FROM {name} WHERE run = ?1{order}", columns.join(", ")))
     })
 }
 
-/// Whether a run can have rows in [`TABLES`]. The tables of other runs are not read: damage in them is none of
-/// theirs, and stores of earlier versions lack them.
-pub(super) fn has_rows(connection: &Connection, run: i64) -> rusqlite::Result<bool> {
-    connection
-        .prepare_cached(
-            "SELECT json_type(job.canonical, '$.environment.family') IS NOT NULL
-             FROM run JOIN job ON job.id = run.job WHERE run.id = ?1",
-        )?
-        .query_row([run], |row| row.get(0))
-}
-
-/// Inserts what a run in progress has in [`TABLES`]. Its decisions must be sorted by phase, episode and step.
-///
-/// **Errors**: a number is not finite.
+/// Inserts the choices of action without strata, and the description, of a run in progress.
 pub(super) fn insert(connection: &Connection, run: i64, results: &Results) -> rusqlite::Result<()> {
     let actions = results.actions.iter().filter(|choice| choice.stratum.is_none());
     let actions = actions.map(|choice| {
@@ -69,12 +57,22 @@ pub(super) fn insert(connection: &Connection, run: i64, results: &Results) -> ru
         [run.into(), action.into(), count.cast_signed().into()]
     });
     insert_rows(connection, "action_total", actions)?;
-    let rows = results.decisions.iter().map(|decision| row(run, decision, &results.state_names));
-    let rows: Vec<[Value; STEP_COLUMNS]> = rows.collect::<rusqlite::Result<_>>()?;
-    insert_rows(connection, "recorded_step", rows.into_iter())?;
     let Some(text) = &results.description else { return Ok(()) };
     let sql = "INSERT INTO recorded_description VALUES (?1, ?2)";
     connection.prepare_cached(sql)?.execute(params![run, text]).map(drop)
+}
+
+/// Inserts the decisions of a run in progress, which must be sorted by phase, episode and step.
+///
+/// **Errors**: a number is not finite.
+pub(super) fn insert_steps(
+    connection: &Connection,
+    run: i64,
+    results: &Results,
+) -> rusqlite::Result<()> {
+    let rows = results.decisions.iter().map(|decision| row(run, decision, &results.state_names));
+    let rows: Vec<[Value; STEP_COLUMNS]> = rows.collect::<rusqlite::Result<_>>()?;
+    insert_rows(connection, "recorded_step", rows.into_iter())
 }
 
 fn row(run: i64, decision: &Decision, names: &[String]) -> rusqlite::Result<[Value; STEP_COLUMNS]> {
@@ -106,8 +104,11 @@ fn row(run: i64, decision: &Decision, names: &[String]) -> rusqlite::Result<[Val
     ])
 }
 
-/// The choices of action of a run.
+/// The choices of action of a run without strata.
 pub(super) fn actions(connection: &Connection, run: i64) -> rusqlite::Result<Vec<ActionCount>> {
+    if !has_table(connection, "action_total")? {
+        return Ok(Vec::new());
+    }
     let sql = "SELECT action, count FROM action_total WHERE run = ?1 ORDER BY action";
     let mut statement = connection.prepare_cached(sql)?;
     let rows = statement.query_map([run], |row| {
@@ -118,7 +119,7 @@ pub(super) fn actions(connection: &Connection, run: i64) -> rusqlite::Result<Vec
 
 /// The description of a run's environment; `None` if it was known before.
 fn description(connection: &Connection, run: i64) -> rusqlite::Result<Option<String>> {
-    if !has_rows(connection, run)? {
+    if !has_table(connection, "recorded_description")? {
         return Ok(None);
     }
     let sql = "SELECT description FROM recorded_description WHERE run = ?1";

@@ -5,6 +5,7 @@ use rusqlite::{Connection, OptionalExtension};
 use super::error::StoreError;
 use super::read::{Reader, holders};
 use super::state::{Counts, JobState, States};
+use super::tables::RESULT_TABLES;
 use super::writer::Store;
 
 /// The data that the store has of an experiment.
@@ -29,31 +30,9 @@ pub enum Forgotten {
     Removed(Belongings),
 }
 
-/// Tables whose rows belong to a run, with the condition for the rows of run `?1`. The ids of recorded
-/// decisions and participants contain the run in their upper bits.
-const OF_RUN: [(&str, &str); 15] = [
-    ("run_metric", "run = ?1"),
-    ("curve_point", "run = ?1"),
-    ("test_episode", "run = ?1"),
-    ("action_count", "run = ?1"),
-    ("action_total", "run = ?1"),
-    ("trained_weights", "run = ?1"),
-    ("recorded_decision", BY_ID),
-    ("recorded_choice", BY_ID),
-    ("recorded_ending", BY_ID),
-    ("recorded_participant", BY_ID),
-    ("recorded_step", "run = ?1"),
-    ("recorded_posterior", "run = ?1"),
-    ("recorded_description", "run = ?1"),
-    ("recorded_estimate", "run = ?1"),
-    ("run", "id = ?1"),
-];
-
 /// The number of completed jobs that no experiment holds.
 const UNHELD: &str = "SELECT count(DISTINCT job) FROM run WHERE status = 'completed'
     AND NOT EXISTS (SELECT 1 FROM experiment_job AS held WHERE held.job = run.job)";
-
-const BY_ID: &str = "id BETWEEN ?1 << 39 AND (?1 << 39) + 549755813887";
 
 impl Reader {
     /// The data that the store has of an experiment; `None` for an unknown experiment.
@@ -153,8 +132,9 @@ fn without_guards(
 /// Deletes the jobs that only this experiment holds, with their runs and results.
 fn delete_jobs(connection: &Connection, held: &Held) -> rusqlite::Result<()> {
     let mut runs = connection.prepare("SELECT id FROM run WHERE job = ?1")?;
-    let mut of_run = OF_RUN
+    let mut of_run = RESULT_TABLES
         .iter()
+        .chain(&[("run", "id = ?1")])
         .map(|(table, rows)| connection.prepare(&format!("DELETE FROM {table} WHERE {rows}")))
         .collect::<rusqlite::Result<Vec<_>>>()?;
     let mut conflicts = connection.prepare("DELETE FROM recorded_conflict WHERE job = ?1")?;

@@ -70,6 +70,7 @@ mod seal;
 mod seed_group;
 mod session;
 mod state;
+mod tables;
 mod transaction;
 mod verify;
 mod weights;

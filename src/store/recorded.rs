@@ -28,16 +28,21 @@ impl Reader {
     /// The job must be [`Reader::described`].
     pub fn decisions(&self, job: &Job, mut see: impl FnMut(&Decision)) -> Result<u64, StoreError> {
         let names = job.state_names();
-        let is_packed = names == decision::STATE;
-        // The state of packed rows has columns of its own, with all digits.
-        let state = if is_packed { decision::STATE.join(", ") } else { "state".to_owned() };
-        let sql = format!(
-            "SELECT {COLUMNS}, {state} FROM decision WHERE job_key = ?1 AND phase = 'test' ORDER BY episode, step"
-        );
+        let key = job.key().to_string();
         let actions = job.task().interface().actions;
         self.read("read decisions", |connection| {
+            let run = completed_run(connection, &key)?;
+            let is_packed = match run {
+                Some(run) => decision::has_rows(connection, run)?,
+                None => false,
+            };
+            // The state of packed rows has columns of its own, with all digits.
+            let state = if is_packed { decision::STATE.join(", ") } else { "state".to_owned() };
+            let sql = format!(
+                "SELECT {COLUMNS}, {state} FROM decision WHERE job_key = ?1 AND phase = 'test' ORDER BY episode, step"
+            );
             let mut statement = connection.prepare_cached(&sql)?;
-            let mut rows = statement.query([job.key().to_string()])?;
+            let mut rows = statement.query([&key])?;
             let mut count = 0;
             while let Some(row) = rows.next()? {
                 let action: u8 = row.get(5)?;

@@ -157,8 +157,9 @@ fn insert_results(connection: &Connection, run: i64, results: &Results) -> rusql
         decision::insert(connection, run, &results.decisions)?;
         choice::insert(connection, run, &results.decisions)?;
     } else {
-        family::insert(connection, run, results)?;
+        family::insert_steps(connection, run, results)?;
     }
+    family::insert(connection, run, results)?;
     episode_ending::insert(connection, run, &results.decisions)?;
     participant::insert(connection, run, &results.participants)?;
     posterior::insert(connection, run, &results.posteriors)?;

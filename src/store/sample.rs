@@ -22,6 +22,23 @@ pub(super) fn job() -> Job {
     Job::from_canonical(&canonical.split_whitespace().collect::<String>()).unwrap()
 }
 
+/// A job with a trial.
+pub(super) fn trial() -> Job {
+    let canonical = r#"{"agent":{"algorithm":"rule","rule":"random","threshold":0.8},
+        "environment":{"delta_d":0.1,"delta_h":0.1,"disengagement_threshold":1.0,"epsilon_d":0.4,
+        "epsilon_h":0.05,"first_context":"fixed","horizon":10,"initial_disengagement":0.1,
+        "initial_habituation":0.1,"mu":[0.1,0.1],"observed_probability":0,"rho_1":50.0,
+        "rho_2":200.0,"sigma":0.4,"time_indicator":"lagged","time_indicator_period":2,
+        "time_one_hot":false},"evaluation":{"curve_stride":10,"on":"trial",
+        "record_decisions":"test","test_actions":"as_trained","test_episodes":0},
+        "scenario":"P-H-D","seed":2,"trial":{"days":10,"decisions_per_day":1,"dropout":0.0,
+        "entry":"none","entry_every_days":0,"entry_first_day":0,"entry_people":1,
+        "missing_outcomes":0.0,"outage":[],"people":8,"people_file":"none","pooling":"full",
+        "unreported":0.0,"update_data":"all","update_every_days":1,"update_first_day":0,
+        "update_first_with_people":1,"update_lag_days":0}}"#;
+    Job::from_canonical(&canonical.split_whitespace().collect::<String>()).unwrap()
+}
+
 /// Minimal results of that job.
 pub(super) fn results() -> Results {
     Results {

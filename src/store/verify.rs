@@ -5,6 +5,7 @@ use rusqlite::{Connection, OptionalExtension};
 use crate::job::{Job, JobError, JobKey, Versions};
 use crate::key::CanonicalError;
 
+use super::digest::Form;
 use super::{digest, family};
 
 /// Checks the weights of a completed run of a job, because the store cannot interpret them. Returns an error
@@ -55,13 +56,23 @@ fn fault_of(
     if !has_instants {
         return Ok(Some("invalid `started_at` or `ended_at`".to_owned()));
     }
-    if stored != Some(digest::of_run(connection, run)?) {
+    if digest::form_of(connection, run, stored)?.is_none() {
         return Ok(Some("its results do not match their digest".to_owned()));
     }
     if let (_, Some(fault)) = job_fault(connection, job)? {
         return Ok(Some(fault));
     }
     weights_fault(connection, run, check_weights)
+}
+
+/// Whether the digest of a completed run does not cover its recorded steps.
+pub(super) fn leaves_out_steps(connection: &Connection, run: i64) -> rusqlite::Result<bool> {
+    if !digest::may_leave_out_steps(connection, run)? {
+        return Ok(false);
+    }
+    let stored = "SELECT results_sha256 FROM run WHERE id = ?1";
+    let stored = connection.prepare_cached(stored)?.query_row([run], |row| row.get(0))?;
+    Ok(digest::form_of(connection, run, stored)? == Some(Form::WithoutSteps))
 }
 
 /// The fault in the weights of a completed run, if there is one.

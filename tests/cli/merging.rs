@@ -14,7 +14,7 @@ use jitai::train::{self, TrainingControl};
 use rusqlite::Connection;
 
 use crate::failures::{OPTIONS, queued};
-use crate::support::{Effort, Folder, assert_same_rows, manifest, until};
+use crate::support::{Effort, Folder, assert_same_rows, manifest, rows, until};
 
 /// A manifest with two agents, one of which fails with every seed.
 fn failing() -> String {
@@ -435,5 +435,107 @@ fn a_merge_that_is_killed_and_repeated_leaves_what_an_undisturbed_one_does() {
         }
         assert!(kills > 8, "{point}: {kills}");
         assert_same_rows(&killed.everything(), &undisturbed.everything());
+    }
+}
+
+/// One manifest for every shape of a job: tests and trials, every family, decisions recorded and not, posteriors,
+/// estimates.
+fn shapes() -> Vec<String> {
+    let head = |name: &str| format!("format = 1\nname = \"{name}\"\nseeds = 1\n");
+    let random = "[[agent]]\nname = \"random\"\nalgorithm = \"rule\"\nrule = \"random\"\n";
+    let thompson = "[[agent]]\nname = \"thompson\"\nalgorithm = \"linear_thompson\"\n";
+    let estimate = "[[estimate]]\nname = \"effect\"\n";
+    let step_count = "scenarios = [\"P-H-D\"]\nenvironment.sigma = 0.4\nenvironment.horizon = 10\npopulation.delta_d = 0.2\n";
+    let trial = "trial = { people = 8, days = 10 }\n";
+    let oralytics = "scenarios = [[\"time_of_day\", \"brushing\", \"dosage\", \"app\"]]\n";
+    let outside = "scenarios = [\"all\"]\n";
+    let of_oralytics = "[environment]\nfamily = \"oralytics\"\npeople = \"people.csv\"\ndays = 5\n";
+    let of_outside = "[environment]\nfamily = \"external\"\ncommand = [\"python3\", \"own.py\"]\n\
+        version = \"1\"\n";
+    let mut all = Vec::new();
+    for (family, scenarios, environment) in
+        [("step", step_count, ""), ("oral", oralytics, of_oralytics), ("own", outside, of_outside)]
+    {
+        for record in ["none", "test", "all"] {
+            let name = head(&format!("{family}-test-{record}"));
+            let evaluation =
+                format!("[evaluation]\ntest_episodes = 4\nrecord_decisions = \"{record}\"\n");
+            let learner = "episodes = 5\n";
+            all.push(format!(
+                "{name}{scenarios}{environment}{evaluation}{random}{thompson}{learner}"
+            ));
+        }
+        for record in ["none", "test"] {
+            let name = head(&format!("{family}-trial-{record}"));
+            let posteriors = "record_posteriors = true\n";
+            let evaluation = format!(
+                "[evaluation]\non = \"trial\"\nrecord_decisions = \"{record}\"\n{posteriors}"
+            );
+            let estimate = if record == "test" { estimate } else { "" };
+            all.push(format!(
+                "{name}{scenarios}{trial}{environment}{evaluation}{random}{thompson}{estimate}"
+            ));
+        }
+    }
+    all
+}
+
+/// An outside environment with a state of its own.
+const OWN: &str = r#"
+import json, sys
+steps = {}
+for line in sys.stdin:
+    m = json.loads(line)
+    if m["type"] == "describe":
+        said = {"type": "description", "protocol": 1, "features": [{"name": "x"}], "actions": ["a", "b"], "horizon": 10}
+    elif m["type"] == "reset":
+        steps.update({lane: 0 for lane in m["lanes"]})
+        said = {"type": "began", "observations": [[0.0] for _ in m["lanes"]]}
+    elif m["type"] == "step":
+        for lane in m["lanes"]:
+            steps[lane] += 1
+        said = {"type": "stepped", "observations": [[steps[lane] / 10] for lane in m["lanes"]],
+                "rewards": [1.0 * a + (lane % 3) for lane, a in zip(m["lanes"], m["actions"])],
+                "truncated": [steps[lane] >= 10 for lane in m["lanes"]]}
+    else:
+        continue
+    print(json.dumps(said), flush=True)
+"#;
+
+#[test]
+fn a_job_of_every_shape_is_merged_and_salvaged_with_all_of_its_rows() {
+    let folder = Folder::new();
+    folder.write("own.py", OWN);
+    folder.write("people.csv", include_str!("../../experiments/oralytics/synthetic_v2.csv"));
+    let shapes = shapes();
+    let mut arguments = vec!["run".to_owned()];
+    for (number, shape) in shapes.iter().enumerate() {
+        folder.write(&format!("{number}.toml"), shape);
+        arguments.push(format!("{number}.toml"));
+    }
+    arguments.push("--quiet".to_owned());
+    folder.jitai(arguments.iter().map(String::as_str)).succeeded();
+    folder.jitai(["doctor"]).succeeded().prints("is healthy");
+    folder.jitai(["merge", "jitai.sqlite", "--store", "merged.sqlite"]).succeeded();
+    folder.jitai(["doctor", "--salvage", "salvaged.sqlite"]).succeeded();
+    let tables = |store: &str| -> Vec<String> {
+        let store = Connection::open(folder.path(store)).unwrap();
+        let names = "SELECT name FROM sqlite_schema WHERE type = 'table'
+            AND (name GLOB 'recorded_*' OR name IN ('run_metric', 'curve_point', 'test_episode', 'action_count',
+                'action_total', 'trained_weights')) AND name <> 'recorded_command' ORDER BY name";
+        let count = |table: String| {
+            let sql = format!("SELECT '{table}: ' || count(*) FROM {table}");
+            store.query_row(&sql, [], |row| row.get::<_, String>(0)).unwrap()
+        };
+        rows(&store, names).into_iter().map(count).collect()
+    };
+    let ours = tables("jitai.sqlite");
+    let empty: Vec<&String> = ours.iter().filter(|count| count.ends_with(": 0")).collect();
+    assert_eq!(empty, ["recorded_conflict: 0"; 1], "{ours:?}");
+    for store in ["merged.sqlite", "salvaged.sqlite"] {
+        assert_eq!(tables(store), ours, "{store}");
+        folder.jitai(["doctor", "--store", store]).succeeded().prints("is healthy");
+        let unchanged = folder.jitai(["merge", store]).succeeded();
+        unchanged.prints("nothing to copy from 1 store");
     }
 }

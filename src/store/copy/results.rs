@@ -8,8 +8,9 @@ use rusqlite::types::Value;
 use rusqlite::{CachedStatement, Connection};
 
 use crate::job::MetricName;
-use crate::store::digest::ResultsDigest;
+use crate::store::digest::{Form, ResultsDigest};
 use crate::store::results::metric_id;
+use crate::store::schema::has_table;
 use crate::store::{choice, decision, episode_ending, family, participant, posterior};
 
 use super::sql::{Written, read_rows, read_values, written};
@@ -44,7 +45,7 @@ const TABLES: [ResultTable; 5] = [
     ResultTable::new("trained_weights", &["safetensors"], 0),
 ];
 
-/// The tables of runs in environments of other families.
+/// The tables of [`family`].
 const OF_FAMILIES: [ResultTable; 3] = {
     let [one, other, last] = family::TABLES;
     [
@@ -53,6 +54,11 @@ const OF_FAMILIES: [ResultTable; 3] = {
         ResultTable::new(last.0, last.1, last.2),
     ]
 };
+
+/// The place of the steps in [`OF_FAMILIES`].
+const STEPS: usize = 1;
+
+static NONE: Vec<Value> = Vec::new();
 
 /// The number of rows that one statement inserts. More rows are hardly faster.
 const ROWS: usize = 32;
@@ -106,8 +112,8 @@ pub(super) struct ResultRows {
     choices: Vec<Value>,
     /// The endings of recorded training episodes, likewise.
     endings: Vec<Value>,
-    /// The rows of each table that only runs in environments of other families have; empty for others.
-    of_family: Vec<Vec<Value>>,
+    /// The rows of each of [`OF_FAMILIES`].
+    of_family: [Vec<Value>; OF_FAMILIES.len()],
     /// Posteriors at the updates of a trial.
     posteriors: Vec<Value>,
     metrics: Arc<MetricNames>,
@@ -139,10 +145,13 @@ impl ResultRows {
             true => read_values(from, episode_ending::SELECT, run)?,
             false => Vec::new(),
         };
-        let of_family = match family::has_rows(from, run).ok()? {
-            true => of_others.iter().map(table).collect::<Option<_>>()?,
-            false => Vec::new(),
-        };
+        let mut of_family = [const { Vec::new() }; OF_FAMILIES.len()];
+        for ((place, statements), of) in of_family.iter_mut().zip(of_others).zip(&OF_FAMILIES) {
+            // Stores of earlier versions lack these tables.
+            if has_table(from, of.name).ok()? {
+                *place = table(statements)?;
+            }
+        }
         let posteriors = match posterior::are_known(from).ok()? {
             true => read_values(from, posterior::SELECT, run)?,
             false => Vec::new(),
@@ -160,30 +169,44 @@ impl ResultRows {
         })
     }
 
-    /// The digest of these results for the job with this key, equal to [`crate::store::digest::of_run`];
-    /// `None` if the name of a metric cannot be read.
-    pub(super) fn digest(&self, job_key: &str) -> Option<[u8; 32]> {
+    /// The digest of these results for the job with this key, equal to [`crate::store::digest::of_run`] in the whole
+    /// form; `None` if the name of a metric cannot be read.
+    pub(super) fn digest_in(&self, job_key: &str, form: Form) -> Option<[u8; 32]> {
+        let mut of_family = self.of_family.each_ref();
+        if form == Form::WithoutSteps {
+            of_family = [&NONE; OF_FAMILIES.len()];
+        }
         let recorded = [&self.decisions, &self.participants, &self.choices, &self.endings];
-        self.digest_of(job_key, &recorded)
+        self.digest_of(job_key, recorded, of_family)
     }
 
-    /// Whether the results equal those of another run of the job, which was made by an earlier or a later version: only
-    /// one of them has recorded choices, or only one has recorded endings.
-    pub(super) fn differ_in_record_alone(&self, other: &ResultRows) -> bool {
+    /// Whether the results equal those of another run of the job, apart from what only one of the two has recorded,
+    /// because an earlier release made or copied it: choices, endings, or steps.
+    pub(super) fn are_the_same_but_for_records(&self, other: &ResultRows) -> bool {
         let is_shared =
             |of: fn(&ResultRows) -> &Vec<Value>| of(self).is_empty() == of(other).is_empty();
         let same_choices = is_shared(|rows| &rows.choices);
         let same_endings = is_shared(|rows| &rows.endings);
+        let same_steps = is_shared(|rows| &rows.of_family[STEPS]);
         let digest = |rows: &ResultRows| {
-            let none = Vec::new();
-            let choices = if same_choices { &rows.choices } else { &none };
-            let endings = if same_endings { &rows.endings } else { &none };
-            rows.digest_of("", &[&rows.decisions, &rows.participants, choices, endings])
+            let choices = if same_choices { &rows.choices } else { &NONE };
+            let endings = if same_endings { &rows.endings } else { &NONE };
+            let mut of_family = rows.of_family.each_ref();
+            if !same_steps {
+                of_family[STEPS] = &NONE;
+            }
+            let recorded = [&rows.decisions, &rows.participants, choices, endings];
+            rows.digest_of("", recorded, of_family)
         };
-        !(same_choices && same_endings) && digest(self) == digest(other)
+        digest(self).is_some_and(|ours| digest(other) == Some(ours))
     }
 
-    fn digest_of(&self, job_key: &str, recorded: &[&Vec<Value>]) -> Option<[u8; 32]> {
+    fn digest_of(
+        &self,
+        job_key: &str,
+        recorded: [&Vec<Value>; 4],
+        of_family: [&Vec<Value>; OF_FAMILIES.len()],
+    ) -> Option<[u8; 32]> {
         let mut digest = ResultsDigest::new(job_key);
         for (table, values) in TABLES.iter().zip(&self.tables) {
             digest.begin_table();
@@ -198,7 +221,7 @@ impl ResultRows {
                 }
             }
         }
-        let recorded = recorded.iter().copied().chain(&self.of_family).chain([&self.posteriors]);
+        let recorded = recorded.into_iter().chain(of_family).chain([&self.posteriors]);
         recorded.flatten().for_each(|value| digest.add(value.into()));
         Some(digest.finish())
     }

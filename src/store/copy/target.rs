@@ -123,13 +123,13 @@ fn insert_missing<const COLUMNS: usize>(
     Ok(inserted)
 }
 
-/// Whether the target's run `own` has the results of the source's run, and only one of the two has recorded
-/// choices or endings: the other one was made before they were recorded.
-fn differs_in_record_alone(target: &Connection, own: i64, run: &CopiedRun) -> bool {
+/// Whether the target's run `own` has the results of the source's run under another digest: only one of the two has
+/// recorded choices, endings or steps, or the digest of only one covers its steps.
+fn has_the_same_results(target: &Connection, own: i64, run: &CopiedRun) -> bool {
     let Content::Results(theirs) = &run.content else { return false };
     let names = Arc::new(MetricNames::read(target));
     let ours = ResultRows::read(target, &names, own);
-    ours.is_some_and(|ours| ours.differ_in_record_alone(theirs))
+    ours.is_some_and(|ours| ours.are_the_same_but_for_records(theirs))
 }
 
 impl Target {
@@ -220,7 +220,7 @@ impl Target {
         match (run.ended, current) {
             (_, Some((_, false, _))) => Ok(RunCopy::InProgress),
             (Ended::Completed, Some((own, true, digest)))
-                if digest == run.digest || differs_in_record_alone(target, own, run) =>
+                if digest == run.digest || has_the_same_results(target, own, run) =>
             {
                 self.estimates += estimate::insert_copied(target, own, &run.estimates)?;
                 Ok(RunCopy::AlreadyThere)
