@@ -175,3 +175,29 @@ pub struct Effect {
     /// trial's own decisions. `None` where it is not simulated.
     pub truth: Option<f64>,
 }
+
+impl Effect {
+    /// Why no store accepts the numbers, with the name of the first such number; `None` if they are acceptable.
+    pub fn unusable_number(&self) -> Option<String> {
+        let most = 1e308;
+        let real = |value: f64| value.abs() < most;
+        let positive = |value: f64| (0.0..=most).contains(&value);
+        let truth = self.truth.unwrap_or_default();
+        let numbers = [
+            ("its value", self.value, real(self.value)),
+            ("its standard error", self.standard_error, positive(self.standard_error)),
+            (
+                "its degrees of freedom",
+                self.degrees_of_freedom,
+                (1.0..=most).contains(&self.degrees_of_freedom),
+            ),
+            ("the lower end of its interval", self.low, real(self.low)),
+            ("the upper end of its interval", self.high, real(self.high)),
+            ("its p-value", self.p_value, (0.0..=1.0).contains(&self.p_value)),
+            ("its residual standard deviation", self.residual_sd, positive(self.residual_sd)),
+            ("its true value", truth, real(truth)),
+        ];
+        let unusable = numbers.into_iter().find(|(_, _, is_usable)| !is_usable);
+        unusable.map(|(name, value, _)| format!("{name} is {value}"))
+    }
+}

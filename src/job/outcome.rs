@@ -91,6 +91,28 @@ pub struct Decision {
 }
 
 impl Decision {
+    /// The first number that no store accepts; see [`Results::unusable_number`].
+    fn unusable_number(&self, state_names: &[String]) -> Option<String> {
+        let of = |name: &str, value: f64| {
+            let phase = match self.phase {
+                Phase::Train => "training",
+                Phase::Test => "test",
+            };
+            let Decision { episode, step, .. } = self;
+            format!("{name} at step {step} of {phase} episode {episode} is {value}")
+        };
+        let state = (0..).zip(&self.state).find(|(_, value)| !value.is_finite());
+        if let Some((place, value)) = state {
+            let name = state_names.get::<usize>(place).map_or("a state", String::as_str);
+            return Some(of(name, *value));
+        }
+        if !self.reward.is_finite() {
+            return Some(of("the reward", self.reward));
+        }
+        let taken = self.action_probability();
+        (!(0.0..=1.0).contains(&taken)).then(|| of("the action probability", taken))
+    }
+
     /// The probability with which the action was taken, in (0, 1]: 1 where no message could be sent.
     pub fn action_probability(&self) -> f64 {
         if self.can_send { self.probabilities[usize::from(self.action)] } else { 1.0 }
@@ -178,6 +200,45 @@ pub struct Results {
 }
 
 impl Results {
+    /// The first number that no store accepts, with its name: one that is not finite, or a probability outside 0
+    /// to 1. `None` if there is none. Weights and estimates are not looked at.
+    pub fn unusable_number(&self) -> Option<String> {
+        let unusable = |name: &dyn Fn() -> String, value: f64| {
+            (!value.is_finite()).then(|| format!("{} is {value}", name()))
+        };
+        let metric = |one: &Metric| unusable(&|| one.name.text().into_owned(), one.value);
+        let episode = |(number, one): (usize, &TestEpisode)| {
+            unusable(&|| format!("the total reward of test episode {number}"), one.total_reward)
+        };
+        let point = |one: &CurvePoint| {
+            let name = || {
+                format!("{} of the learning curve at episode {}", one.metric.text(), one.episode)
+            };
+            unusable(&name, one.value)
+        };
+        let participant = |one: &ParticipantValue| {
+            let name = || format!("parameter {} of participant {}", one.parameter, one.episode);
+            unusable(&name, one.value)
+        };
+        let posterior = |one: &RecordedPosterior| {
+            let name = |what| {
+                format!("the posterior {what} of action {} at update {}", one.action, one.update)
+            };
+            let first = |what: &'static str, numbers: &[f64]| {
+                numbers.iter().find_map(|number| unusable(&|| name(what), *number))
+            };
+            first("mean", &one.mean).or_else(|| first("covariance", &one.covariance))
+        };
+        (self.metrics.iter().find_map(metric))
+            .or_else(|| self.curve.iter().find_map(point))
+            .or_else(|| (1..).zip(&self.episodes).find_map(episode))
+            .or_else(|| {
+                self.decisions.iter().find_map(|one| one.unusable_number(&self.state_names))
+            })
+            .or_else(|| self.participants.iter().find_map(participant))
+            .or_else(|| self.posteriors.iter().find_map(posterior))
+    }
+
     /// The value of a summary metric; NaN without it.
     pub fn metric(&self, name: &str) -> f64 {
         self.metrics.iter().find(|metric| metric.name == name).map_or(f64::NAN, |m| m.value)
@@ -250,6 +311,25 @@ pub enum Outcome {
     Interrupted,
 }
 
+impl Outcome {
+    /// The same outcome, or a failure if a store would not accept a number of its results. `episode` is the number of
+    /// finished training episodes.
+    pub fn judged(self, episode: u32) -> Outcome {
+        let number = match &self {
+            Outcome::Completed(results) => results.unusable_number(),
+            Outcome::Failed(_) | Outcome::Interrupted => None,
+        };
+        match number {
+            None => self,
+            Some(number) => Outcome::Failed(Failure {
+                kind: FailureKind::Diverged,
+                message: format!("{number}: no result is stored"),
+                episode,
+            }),
+        }
+    }
+}
+
 /// The code and the machine that produced a run.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Provenance {
@@ -264,4 +344,87 @@ pub struct Provenance {
     pub host: String,
     /// Processor model.
     pub processor: String,
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::job::metric::{EPSILON, MEAN_RETURN};
+
+    fn results() -> Results {
+        Results {
+            metrics: vec![Metric { name: MEAN_RETURN, value: 1.0 }],
+            curve: vec![CurvePoint { episode: 10, metric: EPSILON, value: 0.5 }],
+            episodes: vec![TestEpisode { total_reward: 50.0, length: 2, terminated: true }],
+            actions: Vec::new(),
+            description: None,
+            state_names: vec!["x".to_owned()],
+            decisions: vec![Decision {
+                phase: Phase::Test,
+                episode: 3,
+                step: 4,
+                state: [1.0].into(),
+                can_send: true,
+                probabilities: [0.5, f64::NAN].into(),
+                ..Decision::default()
+            }],
+            participants: vec![ParticipantValue::default()],
+            posteriors: vec![RecordedPosterior {
+                update: 1,
+                step: 3,
+                action: 1,
+                mean: vec![0.5],
+                covariance: vec![1.0],
+            }],
+            weights: None,
+            estimates: Vec::new(),
+        }
+    }
+
+    #[test]
+    fn a_number_that_is_not_finite_fails_the_job_and_is_named() {
+        assert_eq!(results().unusable_number(), None);
+        let cases: [(fn(&mut Results), &str); 9] = [
+            (|all| all.metrics[0].value = f64::INFINITY, "mean_return is inf"),
+            (
+                |all| all.curve[0].value = f64::NAN,
+                "epsilon of the learning curve at episode 10 is NaN",
+            ),
+            (
+                |all| all.episodes[0].total_reward = f64::NEG_INFINITY,
+                "the total reward of test episode 1 is -inf",
+            ),
+            (
+                |all| all.decisions[0].state = [f64::NAN].into(),
+                "x at step 4 of test episode 3 is NaN",
+            ),
+            (
+                |all| all.decisions[0].reward = f64::INFINITY,
+                "the reward at step 4 of test episode 3 is inf",
+            ),
+            (
+                |all| all.decisions[0].probabilities = [f64::NAN, 1.0].into(),
+                "the action probability at step 4 of test episode 3 is NaN",
+            ),
+            (|all| all.participants[0].value = f64::NAN, "parameter 0 of participant 0 is NaN"),
+            (
+                |all| all.posteriors[0].mean = vec![f64::INFINITY],
+                "the posterior mean of action 1 at update 1 is inf",
+            ),
+            (
+                |all| all.posteriors[0].covariance = vec![f64::NAN],
+                "the posterior covariance of action 1 at update 1 is NaN",
+            ),
+        ];
+        for (spoil, expected) in cases {
+            let mut spoilt = results();
+            spoil(&mut spoilt);
+            let Outcome::Failed(failure) = Outcome::Completed(spoilt).judged(7) else {
+                panic!("{expected}")
+            };
+            let message = format!("{expected}: no result is stored");
+            let failed = Failure { kind: FailureKind::Diverged, message, episode: 7 };
+            assert_eq!(failure, failed);
+        }
+    }
 }

@@ -224,12 +224,13 @@ impl TrainingControl for SlotControl<'_> {
     }
 }
 
-/// The outcome of a training, with a panic as a failure.
+/// The outcome of a training. A panic and results that cannot be stored are failures.
 pub(super) fn caught(slot: &Slot, train: impl FnOnce() -> Outcome) -> Outcome {
-    panic::catch(train).unwrap_or_else(|message| {
+    let outcome = panic::catch(train).unwrap_or_else(|message| {
         let (kind, episode) = (FailureKind::Panicked, slot.episode());
         Outcome::Failed(Failure { kind, message, episode })
-    })
+    });
+    outcome.judged(slot.episode())
 }
 
 /// The failure of a job that was stopped at its time limit.

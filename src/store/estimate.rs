@@ -47,7 +47,9 @@ pub(super) fn insert(
 fn rows_of<'e>(job_key: &'e str, estimates: &'e Estimates) -> impl Iterator<Item = Row> + 'e {
     let canonical = estimates.declaration.canonical();
     (1_i64..).zip(&estimates.terms).map(move |(number, Estimate { term, effect })| {
-        let numbers = match effect {
+        let effect = effect.as_ref().map_err(Clone::clone);
+        let effect = effect.and_then(|of| of.unusable_number().map_or(Ok(of), Err));
+        let numbers = match &effect {
             Ok(of) => {
                 let [value, error, freedom, low, high, p_value, sd] = [
                     of.value,
@@ -66,7 +68,7 @@ fn rows_of<'e>(job_key: &'e str, estimates: &'e Estimates) -> impl Iterator<Item
             Err(_) => [const { Value::Null }; 9],
         };
         let [value, error, freedom, low, high, p_value, decisions, sd, truth] = numbers;
-        let failure = effect.as_ref().err().map_or(Value::Null, |why| Value::Text(why.clone()));
+        let failure = effect.err().map_or(Value::Null, Value::Text);
         let (canonical, term) = (Value::Text(canonical.clone()), Value::Text(term.clone()));
         let mut row = [
             canonical,

@@ -343,3 +343,51 @@ fn a_panic_without_a_text_and_one_after_another_are_rows_too() {
                 AND failure_message LIKE 'a panic without a message (%'";
     assert_eq!(folder.number(rows), 4);
 }
+
+/// An environment whose rewards are as large as its parameter.
+const LARGE: &str = r#"
+import json, sys
+for line in sys.stdin:
+    m = json.loads(line)
+    if m["type"] == "describe":
+        size = m["parameters"]["size"]
+        said = {"type": "description", "protocol": 1, "features": [{"name": "x"}], "actions": ["a", "b"], "horizon": 1}
+    elif m["type"] == "reset":
+        said = {"type": "began", "observations": [[0.0] for _ in m["lanes"]]}
+    elif m["type"] == "step":
+        said = {"type": "stepped", "observations": [[0.0] for _ in m["lanes"]], "rewards": [size * a for a in m["actions"]],
+                "truncated": [True for _ in m["lanes"]]}
+    else:
+        continue
+    print(json.dumps(said), flush=True)
+"#;
+
+#[test]
+fn a_job_whose_results_overflow_fails_with_the_name_of_the_number() {
+    let folder = Folder::with(
+        r#"format = 1
+name = "sweep"
+scenarios = ["all"]
+seeds = 1
+[environment]
+family = "external"
+command = ["python3", "large.py"]
+version = "1"
+parameters = { size = [1e300, 1.0] }
+[evaluation]
+test_episodes = 10
+[[agent]]
+name = "random"
+algorithm = "rule"
+rule = "random"
+"#,
+    );
+    folder.write("large.py", LARGE);
+    folder.jitai(["run", "sweep.toml", "--workers", "1", "--quiet"]).ended(1);
+    let statuses = "SELECT group_concat(status) FROM (SELECT status FROM run_summary ORDER BY 1)";
+    assert_eq!(crate::support::rows(&folder.store(), statuses), ["completed,failed"]);
+    let failure = "SELECT count(*) FROM run_summary WHERE failure_kind = 'diverged'
+        AND failure_message LIKE 'sd_return is %'";
+    assert_eq!(folder.number(failure), 1);
+    folder.jitai(["doctor"]).succeeded();
+}
