@@ -1,9 +1,11 @@
 //! `jitai forget`: removes an experiment from a store.
 
+use std::collections::HashSet;
 use std::io::{self, Write};
 
 use crate::cli::output::{counted, no_experiment};
-use crate::cli::{Error, Exit, StoreArgument, confirm};
+use crate::cli::{Error, Exit, StoreArgument, confirm, submissions};
+use crate::cluster;
 use crate::key::printable;
 use crate::store::{Belongings, Counts, Forgotten, Reader};
 
@@ -12,7 +14,8 @@ use crate::store::{Belongings, Counts, Forgotten, Reader};
 /// First shows what would be removed, and asks. Without --results, all results stay. Results also
 /// stay if an edit of the manifest has dropped their jobs from the experiment. To remove them
 /// later, run the manifest that has their jobs again, and forget it with --results. Jobs that
-/// another experiment holds always stay. The file keeps its size: SQLite uses the free space for
+/// another experiment holds always stay. Nothing is removed while a process or a task of a cluster
+/// runs jobs of the experiment. The file keeps its size: SQLite uses the free space for
 /// later results. No command brings back what was removed, so copy the store first if in doubt.
 #[derive(clap::Args)]
 pub(super) struct Arguments {
@@ -54,7 +57,17 @@ pub(super) fn run(arguments: &Arguments) -> Result<Exit, Error> {
     if !*yes && !confirm::asked(&what, "--yes")? {
         return Ok(Exit::Differs);
     }
-    match store.open()?.forget(experiment, *results)? {
+    let submissions = submissions::require_closed(store, &reader, experiment)?;
+    let mut removed = HashSet::new();
+    reader.jobs_of(experiment, |key| {
+        removed.insert(key);
+    })?;
+    let mut open = store.open()?;
+    // Jobs that stay in the store count as merged, whether they are listed or not.
+    if *results {
+        cluster::forget(&submissions, &removed)?;
+    }
+    match open.forget(experiment, *results)? {
         Forgotten::Unknown => Err(unknown()),
         Forgotten::Running => {
             let what = "a process runs jobs of it; stop the process, or wait until it ends";

@@ -141,7 +141,7 @@ fn run_jobs(
     arguments.selection(&manifests)?;
     let mut store = arguments.store.open()?;
     let mut staged = schedule::at_stage(&manifests, Some(&store.reader()?))?;
-    if !arguments.replacing.permit(&store.reader()?, &manifests)? {
+    if !arguments.replacing.permit(&arguments.store, &store.reader()?, &manifests)? {
         return Ok(Exit::Differs);
     }
     let (mut ran, mut retry) = (0, arguments.retry());

@@ -3,10 +3,10 @@
 use std::collections::HashSet;
 use std::io::{self, Write};
 
-use crate::cli::Error;
 use crate::cli::counting::Counting;
 use crate::cli::output::{Field, Format, Rows, counted};
-use crate::cluster::{self, Chunk, ChunkState, ChunkSurvey, Look, Loss, Stop, Submission};
+use crate::cli::{Error, StoreArgument};
+use crate::cluster::{self, Chunk, ChunkState, ChunkSurvey, Cluster, Look, Loss, Stop, Submission};
 use crate::job::JobKey;
 use crate::key::printable;
 use crate::store::{Conflict, Damage, JobState, Merged, Reader, Store};
@@ -17,6 +17,64 @@ const LOST_SHOWN: usize = 10;
 /// Whether tasks of a submission may still hand in results.
 pub(super) fn is_open(survey: &ChunkSurvey) -> bool {
     survey.stopped.is_none() && survey.counts().open() > 0
+}
+
+/// Requires that no submission brings back jobs of an experiment, from which jobs are to be removed. Returns all
+/// submissions of the store.
+///
+/// **Errors**: tasks run jobs of the experiment, or the store lacks what they handed in. Then nothing may be removed.
+pub(super) fn require_closed(
+    store: &StoreArgument,
+    reader: &Reader,
+    experiment: &str,
+) -> Result<Vec<Submission>, Error> {
+    let look = Cluster::of(&store.store, cluster::connect)?.look()?;
+    let refused = |submission: &Submission, why: &str| {
+        Error::Usage(format!(
+            "nothing was removed from {}: submission {} {why}",
+            printable(&store.store.display().to_string()),
+            submission.name()
+        ))
+    };
+    let option = store.as_option();
+    for (submission, survey) in &look.surveys {
+        if !submission.intent.experiments.iter().any(|name| name == experiment) {
+            continue;
+        }
+        let counts = survey.counts();
+        // Tasks of a cancelled submission that begin later end at once.
+        let is_open = is_open(survey) || counts.running > 0;
+        if is_open && counts.waiting + counts.running == 0 {
+            let folder = printable(&submission.path().display().to_string());
+            let silence = look.silence.as_ref().map(|why| format!(" ({why})")).unwrap_or_default();
+            return Err(refused(
+                submission,
+                &format!(
+                    "may hold jobs of it, and its cluster does not answer{silence}; try again where \
+                     it answers, or remove the folder {folder} if no task is left"
+                ),
+            ));
+        }
+        if is_open {
+            return Err(refused(
+                submission,
+                &format!(
+                    "has tasks with jobs of it; cancel them with `jitai cancel {}{option}`, or wait \
+                     until they end",
+                    submission.name()
+                ),
+            ));
+        }
+        if cluster::has_new_parts(submission, reader)? {
+            return Err(refused(
+                submission,
+                &format!(
+                    "has results of it that are not merged; merge them with `jitai status --merge{option}` first"
+                ),
+            ));
+        }
+    }
+    Ok(look.surveys.into_iter().map(|(submission, _)| submission).collect())
 }
 
 /// The state of a submission in one word.

@@ -100,7 +100,7 @@ fn submit(arguments: &Arguments, on_end: &OnEnd, stop: &AtomicBool) -> Result<Ex
     cluster.limits(profile.engine).map_err(ClusterError::from)?;
     let mut store = arguments.store.open()?;
     let staged = schedule::at_stage(&manifests, Some(&store.reader()?))?;
-    if !arguments.replacing.permit(&store.reader()?, &manifests)? {
+    if !arguments.replacing.permit(&arguments.store, &store.reader()?, &manifests)? {
         return Ok(Exit::Differs);
     }
     if register(&mut store, arguments, &staged, stop)?.is_break() {

@@ -32,7 +32,7 @@ mod submit_tests;
 mod survey;
 mod task;
 
-pub use collect::collect;
+pub use collect::{collect, forget, has_new_parts};
 pub use engine::{Alive, Engine, EngineError, Limits, Phase};
 pub use engines::{EngineKind, connect};
 pub use error::ClusterError;

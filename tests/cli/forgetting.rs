@@ -1,10 +1,11 @@
 //! `forget`: removes an experiment, and nothing that another experiment holds.
 
 use std::fs;
+use std::os::unix::fs::PermissionsExt;
 
 use rusqlite::Connection;
 
-use crate::support::{Effort, Folder, assert_same_rows, manifest, until};
+use crate::support::{Effort, Finished, Folder, Running, assert_same_rows, manifest, until};
 
 /// Two experiments; the second shares the jobs of one sigma with the first.
 fn two() -> Folder {
@@ -168,4 +169,65 @@ fn every_text_of_a_manifest_is_kept_and_status_shows_what_changed() {
     folder.write("saved.sqlite", bytes);
     let damaged = folder.jitai(["doctor", "--store", "saved.sqlite"]).ended(3);
     damaged.prints("an earlier manifest of sweep does not match its digest");
+}
+
+/// Runs a command beside a stub of Slurm, which holds the task of a submission while the file `held` exists.
+fn beside_slurm(folder: &Folder, arguments: &str) -> Finished {
+    let program = env!("CARGO_BIN_EXE_jitai");
+    let script = format!("PATH=$PWD/bin:$PATH exec {program} {arguments}");
+    Running::of(folder.command_of("sh", ["-c", &script])).wait()
+}
+
+#[test]
+fn an_experiment_of_an_open_submission_is_neither_forgotten_nor_replaced() {
+    let folder = Folder::with(&manifest("sweep", "0.6", "1", Effort::Trivial));
+    fs::create_dir(folder.path("bin")).unwrap();
+    let held = folder.path("held");
+    let squeue = format!(
+        "[ -e '{}' ] && for a; do case $a in --name=*) echo \"${{a#--name=}}|17|0|RUNNING\" ;; esac; done; exit 0",
+        held.display()
+    );
+    for (name, body) in [
+        ("sbatch", "echo 17"),
+        ("scontrol", "echo MaxArraySize = 1001"),
+        ("scancel", "exit 0"),
+        ("squeue", &squeue),
+    ] {
+        let path = folder.path("bin").join(name);
+        fs::write(&path, format!("#!/bin/sh\n{body}\n")).unwrap();
+        fs::set_permissions(&path, fs::Permissions::from_mode(0o755)).unwrap();
+    }
+    fs::write(&held, "").unwrap();
+    beside_slurm(&folder, "submit sweep.toml").succeeded();
+    let submission = fs::read_dir(folder.path("jitai.sqlite.submissions")).unwrap().flatten();
+    let submission = submission.map(|entry| entry.path()).find(|path| path.is_dir()).unwrap();
+    let experiments = "SELECT count(DISTINCT experiment) FROM run_summary";
+
+    let tasks = "has tasks with jobs of it; cancel them with `jitai cancel ";
+    for forget in ["forget sweep --yes", "forget sweep --results --yes"] {
+        beside_slurm(&folder, forget).ended(2).says("nothing was removed").says(tasks);
+    }
+    folder.write("other.toml", manifest("sweep", "0.8", "1", Effort::Trivial));
+    for verb in ["run", "submit"] {
+        let replace = format!("{verb} other.toml --replace");
+        beside_slurm(&folder, &replace).ended(2).says("nothing was removed").says(tasks);
+    }
+    // Without Slurm, nobody knows whether a task is left.
+    folder.jitai(["forget", "sweep", "--yes"]).ended(2).says("its cluster does not answer");
+
+    let chunk =
+        ["--chunk", "0", "--attempt", "17.0", "--scratch", folder.path("").to_str().unwrap()]
+            .join(" ");
+    beside_slurm(&folder, &format!("task {} {chunk}", submission.display())).succeeded();
+    fs::remove_file(&held).unwrap();
+    let unmerged = beside_slurm(&folder, "forget sweep --results --yes").ended(2);
+    unmerged.says("has results of it that are not merged; merge them with `jitai status --merge");
+    beside_slurm(&folder, "status --merge").succeeded();
+    assert_eq!(folder.number(experiments), 1);
+
+    // What was merged before it was forgotten stays away.
+    beside_slurm(&folder, "forget sweep --results --yes").succeeded();
+    beside_slurm(&folder, "status --merge").succeeded();
+    assert_eq!(folder.number(experiments), 0);
+    assert_eq!(folder.number("SELECT count(*) FROM run"), 0);
 }
