@@ -211,7 +211,7 @@ mod tests {
                 }
                 let other = format!(
                     "UPDATE {table} SET {column} = CASE typeof({column}) WHEN 'text' THEN {column} || ' '
-                        WHEN 'blob' THEN zeroblob(32) WHEN 'null' THEN NULL ELSE {column} + 1 END"
+                        WHEN 'blob' THEN zeroblob(32) WHEN 'null' THEN NULL WHEN 'integer' THEN {column} + 1000000 ELSE {column} + 1 END"
                 );
                 let has_value = format!("SELECT count({column}) FROM {table}");
                 let values: i64 = connection.query_row(&has_value, [], |row| row.get(0)).unwrap();
