@@ -32,6 +32,22 @@ const COSTS_BETWEEN: u32 = 100;
 /// killed process loses at most 30 seconds.
 const MOST_BETWEEN: Duration = Duration::from_secs(25);
 
+/// Time from the start of an attempt to its first checkpoint if the process of the attempt before was killed.
+/// Each further death without a checkpoint halves it, and each checkpoint doubles the time to the next one, up
+/// to the usual time. A job therefore gets further even if its process is killed every few seconds.
+const FIRST_AFTER_DEATH: Duration = Duration::from_secs(1);
+/// The number of times that [`FIRST_AFTER_DEATH`] is halved at most.
+const MOST_HALVINGS: u32 = 4;
+
+/// An attempt at a job.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) struct Attempt {
+    /// Its number, from 1.
+    pub(super) number: u32,
+    /// See [`Claim::deaths`](crate::store::Claim::deaths).
+    pub(super) deaths: u32,
+}
+
 /// The folder of a store's checkpoints.
 #[derive(Clone, Debug)]
 pub struct CheckpointFolder {
@@ -320,6 +336,8 @@ pub(super) struct Keeper<'a> {
     entry: Entry,
     alarm: &'a Alarm,
     every: Duration,
+    /// The time from the start or the latest checkpoint to the next one; `None` for the usual time.
+    soon: Cell<Option<Duration>>,
     report: &'a dyn Fn(CheckpointNote),
     before: Cell<Duration>,
     complained: Cell<bool>,
@@ -330,14 +348,16 @@ impl<'a> Keeper<'a> {
     /// their events.
     pub(super) fn new(
         folder: &'a CheckpointFolder,
-        (key, attempt): (JobKey, u32),
+        (key, attempt): (JobKey, Attempt),
         (alarm, every): (&'a Alarm, Duration),
         report: &'a dyn Fn(CheckpointNote),
     ) -> Self {
-        alarm.set(every);
-        let entry = Entry { key, attempt, form: Form::Whole };
+        let halvings = attempt.deaths.checked_sub(1).map(|halvings| halvings.min(MOST_HALVINGS));
+        let soon = halvings.map(|halvings| every.min(FIRST_AFTER_DEATH / 2_u32.pow(halvings)));
+        alarm.set(soon.unwrap_or(every));
+        let entry = Entry { key, attempt: attempt.number, form: Form::Whole };
         let (before, complained) = (Cell::new(Duration::ZERO), Cell::new(false));
-        Keeper { folder, entry, alarm, every, report, before, complained }
+        Keeper { folder, entry, alarm, every, soon: Cell::new(soon), report, before, complained }
     }
 
     /// The working time of the earlier runs that this run resumed from.
@@ -385,7 +405,9 @@ impl Checkpoints for Keeper<'_> {
                 }
             }
         }
-        self.alarm.set(self.every.max(MOST_BETWEEN.min(COSTS_BETWEEN * begun.elapsed())));
+        let usual = self.every.max(MOST_BETWEEN.min(COSTS_BETWEEN * begun.elapsed()));
+        self.soon.set(self.soon.get().map(|last| 2 * last).filter(|next| *next < usual));
+        self.alarm.set(self.soon.get().unwrap_or(usual));
     }
 }
 
@@ -409,6 +431,10 @@ mod tests {
 
     fn entry(key: u8, attempt: u32) -> Entry {
         Entry { key: JobKey([key; 16]), attempt, form: Form::Whole }
+    }
+
+    fn attempt(number: u32, deaths: u32) -> Attempt {
+        Attempt { number, deaths }
     }
 
     fn write(folder: &CheckpointFolder, entry: &Entry) {
@@ -495,7 +521,8 @@ mod tests {
                 matches!(note, CheckpointNote::Refused { reason: CheckpointError::Damaged, .. });
             notes.set(notes.get() + usize::from(refused));
         };
-        let keeper = Keeper::new(&folder, (JobKey([1; 16]), 2), (&alarm, Duration::ZERO), &tell);
+        let key = (JobKey([1; 16]), attempt(2, 0));
+        let keeper = Keeper::new(&folder, key, (&alarm, Duration::ZERO), &tell);
         keeper.resume(&mut |_| panic!("a pipe was read"));
         assert_eq!(notes.get(), 1);
     }
@@ -505,7 +532,7 @@ mod tests {
         let (_place, folder) = folder();
         let (alarm, notes) = (Alarm::default(), Cell::new(0));
         let tell = |_| notes.set(notes.get() + 1);
-        let key = (JobKey([1; 16]), 1);
+        let key = (JobKey([1; 16]), attempt(1, 0));
         let keeper = Keeper::new(&folder, key, (&alarm, Duration::ZERO), &tell);
         assert!(!keeper.are_due());
         for reported in [1, 1] {
@@ -524,11 +551,36 @@ mod tests {
     }
 
     #[test]
+    fn after_a_death_checkpoints_are_due_sooner_and_then_at_twice_the_time_up_to_the_usual() {
+        let (_place, folder) = folder();
+        let (alarm, tell) = (Alarm::default(), |_| {});
+        let left = || alarm.left.lock().unwrap().expect("the alarm is set").0.as_secs_f64();
+        let every = Duration::from_secs(20);
+        for (deaths, expected) in [
+            (0, [20.0, 20.0, 20.0, 20.0, 20.0, 20.0, 20.0]),
+            (1, [1.0, 2.0, 4.0, 8.0, 16.0, 20.0, 20.0]),
+            (2, [0.5, 1.0, 2.0, 4.0, 8.0, 16.0, 20.0]),
+            (9, [0.0625, 0.125, 0.25, 0.5, 1.0, 2.0, 4.0]),
+        ] {
+            let key = (JobKey([1; 16]), attempt(deaths + 1, deaths));
+            let keeper = Keeper::new(&folder, key, (&alarm, every), &tell);
+            for expected in expected {
+                assert_eq!(left(), expected, "{deaths} deaths");
+                keeper.keep(&mut |_| Ok(()));
+            }
+        }
+        let key = (JobKey([1; 16]), attempt(2, 1));
+        let _keeper = Keeper::new(&folder, key, (&alarm, Duration::from_millis(50)), &tell);
+        assert_eq!(left(), 0.05);
+    }
+
+    #[test]
     fn a_run_that_lost_its_claim_and_wakes_up_leaves_the_later_run_alone() {
         let (_place, folder) = folder();
         let (alarm, tell) = (Alarm::default(), |_| {});
-        let keeper = |attempt| {
-            Keeper::new(&folder, (JobKey([1; 16]), attempt), (&alarm, Duration::ZERO), &tell)
+        let keeper = |number| {
+            let key = (JobKey([1; 16]), attempt(number, 0));
+            Keeper::new(&folder, key, (&alarm, Duration::ZERO), &tell)
         };
         let (stopped, later) = (keeper(1), keeper(2));
         stopped.keep(&mut |out| out.write_all(b"early"));

@@ -9,7 +9,7 @@ use std::time::Duration;
 
 use crate::job::{CurvePoint, EstimateDeclaration, Failure, FailureKind, Job, Outcome};
 use crate::schedule::checkpoint::{
-    Alarm, CheckpointFolder, CheckpointNote, Entry, Form, Keeper, Stopwatch,
+    Alarm, Attempt, CheckpointFolder, CheckpointNote, Entry, Form, Keeper, Stopwatch,
 };
 use crate::schedule::curve::{self, CurveFile};
 use crate::schedule::panic;
@@ -85,8 +85,8 @@ pub(super) struct Shared<'a> {
 
 /// The coordinating thread's side of a worker.
 pub(super) struct Worker<'scope> {
-    /// Jobs to train, with the numbers of their attempts.
-    trainings: mpsc::Sender<(Queued, u32)>,
+    /// Jobs to train, with their attempts.
+    trainings: mpsc::Sender<(Queued, Attempt)>,
     slot: &'scope Arc<Slot>,
     holds: Option<(Queued, Claim)>,
 }
@@ -101,7 +101,7 @@ impl<'scope> Worker<'scope> {
         slot: &'scope Arc<Slot>,
         shared: Shared<'scope>,
     ) -> io::Result<Self> {
-        let (trainings, inbox) = mpsc::channel::<(Queued, u32)>();
+        let (trainings, inbox) = mpsc::channel::<(Queued, Attempt)>();
         let thread = thread::Builder::new().name(format!("worker {index}"));
         thread.spawn_scoped(scope, move || {
             // The loop ends when the sweep drops its end of the channel.
@@ -121,7 +121,8 @@ impl<'scope> Worker<'scope> {
 
     pub(super) fn start(&mut self, queued: Queued, claim: Claim) {
         self.slot.set(None);
-        let training = (queued.clone(), claim.attempt);
+        let attempt = Attempt { number: claim.attempt, deaths: claim.deaths };
+        let training = (queued.clone(), attempt);
         self.trainings.send(training).expect("a worker lives as long as its sweep");
         self.holds = Some((queued, claim));
     }
@@ -146,7 +147,7 @@ impl<'scope> Worker<'scope> {
 /// Trains a job.
 fn work(
     worker: usize,
-    (queued, attempt): (&Queued, u32),
+    (queued, attempt): (&Queued, Attempt),
     slot: &Arc<Slot>,
     shared: &Shared<'_>,
 ) -> Report {
@@ -164,7 +165,7 @@ fn work(
     let clock = (&slot.checkpoint, shared.checkpoint_every);
     let keeper = Keeper::new(shared.folder, (*key, attempt), clock, &report);
     slot.curve.set(curve::EVERY);
-    let entry = Entry { key: *key, attempt, form: Form::Curve };
+    let entry = Entry { key: *key, attempt: attempt.number, form: Form::Curve };
     let curve = CurveFile::new(shared.curves, entry);
     let control = SlotControl { slot, halt: shared.halt, keeper, estimates, curve, folder };
     let outcome = match caught(slot, || (shared.train)(job, &control)) {

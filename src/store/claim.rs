@@ -21,6 +21,9 @@ pub struct Claim {
     pub job_key: JobKey,
     /// The number of the attempt at the job, from 1.
     pub attempt: u32,
+    /// The number of attempts just before this one whose processes were killed, back to the latest that wrote a
+    /// checkpoint.
+    pub deaths: u32,
 }
 
 /// The answer to a claim.
@@ -143,6 +146,7 @@ fn begin_run(
     job: i64,
     key: &JobKey,
 ) -> Result<Claim, Fault> {
+    let deaths = crash::deaths(connection, job)?;
     let (run, attempt) = connection
         .prepare_cached(&format!(
             "INSERT INTO run (job, attempt, session, status, started_at)
@@ -151,5 +155,5 @@ fn begin_run(
              RETURNING id, attempt"
         ))?
         .query_row([job, session.0], |row| Ok((row.get(0)?, row.get(1)?)))?;
-    Ok(Claim { run, session, job_key: *key, attempt })
+    Ok(Claim { run, session, job_key: *key, attempt, deaths })
 }

@@ -197,6 +197,29 @@ pub(super) fn died(connection: &Connection) -> rusqlite::Result<Vec<([u8; 16], u
     Ok(deaths.collect())
 }
 
+/// The number of a job's last attempts in a row whose processes were killed, back to the latest that wrote a
+/// checkpoint.
+pub(super) fn deaths(connection: &Connection, job: i64) -> rusqlite::Result<u32> {
+    let mut statement = connection.prepare_cached(&format!(
+        "SELECT key, attempt, {WAS_KILLED} FROM run AS before JOIN job ON job.id = before.job
+         WHERE before.job = ?1 ORDER BY attempt DESC"
+    ))?;
+    let mut attempts = statement.query([job])?;
+    let mut deaths = 0;
+    while let Some(row) = attempts.next()? {
+        let (key, attempt, was_killed): (String, u32, bool) =
+            (row.get(0)?, row.get(1)?, row.get(2)?);
+        if !was_killed {
+            break;
+        }
+        deaths += 1;
+        if connection.path().is_some_and(|store| has_checkpoint(Path::new(store), &key, attempt)) {
+            break;
+        }
+    }
+    Ok(deaths)
+}
+
 /// The crash record of a job.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(super) enum Record {

@@ -73,9 +73,16 @@ fn killed_after_a_second(folder: &Folder, session: i64, more: &[&str]) {
     assert_eq!(run.wait().code, None);
 }
 
+/// A sweep that can write no checkpoint: a file lies in the place of their folder.
+fn without_checkpoints(manifest: &str) -> Folder {
+    let folder = Folder::with(manifest);
+    folder.write("jitai.sqlite.checkpoints", "");
+    folder
+}
+
 #[test]
 fn a_job_that_is_killed_three_times_without_getting_further_comes_last_and_has_failed() {
-    let folder = Folder::with(&endless_and_rules());
+    let folder = without_checkpoints(&endless_and_rules());
     const COMPLETED: &str = "SELECT count(*) FROM run WHERE status = 'completed'";
     killed_after_a_second(&folder, 1, &[]);
     assert_eq!(folder.number(COMPLETED), 0);
@@ -107,6 +114,33 @@ fn a_job_that_gets_further_between_kills_has_not_failed() {
     assert_eq!(folder.number("SELECT count(suspects) FROM run"), 0);
 }
 
+#[test]
+fn after_a_kill_a_job_writes_checkpoints_sooner_and_gets_further() {
+    let folder = Folder::with(&endless_and_rules());
+    // The first attempt is killed before the interval of 20 seconds is over.
+    killed_after_a_second(&folder, 1, &[]);
+    let checkpoint = |attempt: u32| {
+        let files = fs::read_dir(folder.path("jitai.sqlite.checkpoints"));
+        let mut names = files.into_iter().flatten().map(|file| file.unwrap().file_name());
+        names.any(|name| name.to_str().unwrap().ends_with(&format!(".{attempt}.checkpoint")))
+    };
+    assert!(!checkpoint(1));
+    for attempt in 2..=5 {
+        let run = folder.start(["run", "sweep.toml", "--workers", "1"]);
+        until("a checkpoint is written", || checkpoint(attempt));
+        if attempt > 2 {
+            assert!(run.stderr().contains("resumed from episode"), "{}", run.stderr());
+        }
+        run.signal("KILL");
+        assert_eq!(run.wait().code, None);
+    }
+    let run = folder.start(["run", "sweep.toml", "--workers", "1"]);
+    until("the job runs on", || run.stderr().contains("resumed from episode"));
+    run.signal("INT");
+    run.wait().ended(130);
+    assert_eq!(folder.number("SELECT count(suspects) FROM run"), 0);
+}
+
 /// SQL: the running jobs of a session that have outlived their start.
 fn outlived(session: i64) -> String {
     format!(
@@ -118,7 +152,7 @@ fn outlived(session: i64) -> String {
 
 #[test]
 fn jobs_that_run_side_by_side_are_suspects_after_the_second_kill() {
-    let folder = Folder::with(&manifest("sweep", "0.6", "1", Effort::Endless));
+    let folder = without_checkpoints(&manifest("sweep", "0.6", "1", Effort::Endless));
     let start = || folder.start(["run", "sweep.toml", "--workers", "2"]);
     for (session, suspects, side_by_side) in [(1, 0, 2), (4, 2, 1)] {
         let run = start();

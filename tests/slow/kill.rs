@@ -451,3 +451,58 @@ fn killed_sweeps_end_in_the_store_of_an_undisturbed_one() {
         assert_eq!(unused.map(Way::name).collect::<Vec<_>>(), [""; 0], "ways that killed nothing");
     }
 }
+
+/// Jobs of several seconds: training, test episodes, and a trial.
+const LONG: [(&str, &str, &str); 3] = [
+    (
+        "training",
+        "evaluation.test_episodes = 50",
+        "algorithm = \"dueling_dqn\"\nepisodes = 1500\nlayers = [64, 64]",
+    ),
+    ("test", "evaluation.test_episodes = 1000000", "algorithm = \"rule\"\nrule = \"tailored\""),
+    (
+        "trial",
+        "evaluation.on = \"trial\"\ntrial = { people = 1000, days = 60, decisions_per_day = 5, \
+         entry_every_days = 1, entry_people = 25, update_every_days = 1 }",
+        "algorithm = \"linear_thompson\"\nnoise_sd = 40",
+    ),
+];
+
+#[test]
+fn jobs_get_further_under_kills_at_any_spacing() {
+    for (name, evaluation, agent) in LONG {
+        let text = format!(
+            "format = 1\nname = \"sweep\"\nscenarios = [\"P-H-D\"]\nseeds = 2\nenvironment.sigma = 0.6\n\
+             {evaluation}\n[[agent]]\nname = \"{name}\"\n{agent}\n"
+        );
+        let undisturbed = Folder::with(&text);
+        let begun = Instant::now();
+        undisturbed.jitai(["run", "sweep.toml", "--workers", "1"]).succeeded();
+        let took = begun.elapsed();
+        let rows = undisturbed.dump();
+        for milliseconds in [1500, 2000, 3000] {
+            let folder = Folder::with(&text);
+            let mut kills = 0;
+            // A killed process has gained at least a tenth of a second.
+            let most = 10 + 10 * took.as_secs();
+            loop {
+                let mut run = folder.command_of(
+                    env!("CARGO_BIN_EXE_jitai"),
+                    ["run", "sweep.toml", "--workers", "1", "--quiet"],
+                );
+                run.stdout(Stdio::null()).stderr(Stdio::null());
+                let mut process = Process(run.spawn().unwrap());
+                if let Some(ended) = process.ends_within(Duration::from_millis(milliseconds)) {
+                    assert_eq!(ended.code(), Some(0), "{name} after {kills} kills");
+                    break;
+                }
+                process.0.kill().unwrap();
+                assert_eq!(process.end().signal(), Some(SIGKILL));
+                kills += 1;
+                assert!(kills <= most, "{name} got no further in {kills} kills");
+            }
+            println!("{name}, {took:?} undisturbed, killed every {milliseconds} ms: {kills} kills");
+            assert_eq!(folder.dump(), rows, "{name} killed every {milliseconds} ms");
+        }
+    }
+}
