@@ -301,7 +301,7 @@ pub(crate) fn plan<'py>(
                     "experiment": name, "jobs": counts.total(), "completed": counts.completed,
                     "running": counts.running, "failed": counts.failed,
                     "interrupted": counts.interrupted, "pending": counts.pending,
-                    "seconds_left": left.as_secs_f64(),
+                    "seconds_left": left.map(|left| left.as_secs_f64()),
                 })
             });
             let experiments: Vec<Json> = experiments.collect();
@@ -309,7 +309,7 @@ pub(crate) fn plan<'py>(
             notes.extend(preview.notes().iter().map(|note| in_python(note)));
             Ok(json!({
                 "experiments": experiments, "to_run": all.pending + all.interrupted,
-                "seconds_left": left.as_secs_f64(), "notes": notes,
+                "seconds_left": left.map(|left| left.as_secs_f64()), "notes": notes,
             }))
         },
     )??;

@@ -1,5 +1,7 @@
 //! Jobs of an experiment by state, as `plan` and `status` print them.
 
+use std::time::Duration;
+
 use crate::cli::output::Field;
 use crate::store::Counts;
 
@@ -15,11 +17,11 @@ pub(super) const COLUMNS: [&str; 8] = [
     "seconds_left",
 ];
 
-/// A row: an experiment, its jobs by state, and the estimated seconds left.
+/// A row: an experiment, its jobs by state, and the estimated time left, if it is known.
 pub(super) fn fields<'a>(
     experiment: &'a str,
     counts: &Counts,
-    seconds_left: f64,
+    left: Option<Duration>,
 ) -> Vec<Field<'a>> {
     let integer = |count: u64| Field::Integer(count as i64);
     vec![
@@ -31,6 +33,8 @@ pub(super) fn fields<'a>(
         integer(counts.interrupted),
         integer(counts.pending),
         // Estimates are rounded to a tenth of a second.
-        Field::Rounded((seconds_left * 10.0).round() / 10.0, 0),
+        left.map_or(Field::Empty, |left| {
+            Field::Rounded((left.as_secs_f64() * 10.0).round() / 10.0, 0)
+        }),
     ]
 }

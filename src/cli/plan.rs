@@ -82,7 +82,7 @@ fn list_experiments(preview: &Preview<'_>, format: Format) -> io::Result<()> {
     let columns = counts::COLUMNS.map(str::to_owned);
     let mut rows = Rows::new(format, &columns, io::stdout().lock())?;
     for (name, counts, left) in preview.experiments() {
-        rows.row(&counts::fields(name, counts, left.as_secs_f64()))?;
+        rows.row(&counts::fields(name, counts, left))?;
     }
     rows.finish()?;
     preview.notes().iter().try_for_each(|note| writeln!(io::stderr(), "{note}"))

@@ -130,7 +130,7 @@ fn show(reader: &Reader, format: Format) -> Result<Unfinished, Error> {
         for (job, count) in &jobs_left {
             left.add(job, *count);
         }
-        let seconds = speeds.time(&left, workers).as_secs_f64();
+        let seconds = speeds.time(&left, workers);
         let mut fields = counts::fields(&experiment, &counts, seconds);
         if format == Format::Json {
             fields.push(Field::Nested(failed.described(&experiment)));

@@ -1,5 +1,6 @@
 //! A job: the complete content of a training and its test.
 
+use std::path::Path;
 use std::time::Duration;
 
 use serde_json::{Map, Value as Json};
@@ -11,6 +12,7 @@ use super::{
     Trial, UpdateData, Versions,
 };
 use crate::agent::{Agent, Algorithm, Engine, External, Task, Work};
+use crate::env::outside::OutsideModel;
 use crate::env::{Environment, Family, Scenario};
 use crate::key::{CanonicalError, Key, Keyed, Parameter, Value, free_key, read_object};
 
@@ -119,6 +121,14 @@ impl Job {
     /// Whether the agent or the environment is an outside program.
     pub fn is_outside(&self) -> bool {
         self.agent.parameters::<External>().is_some() || self.environment.family().is_external()
+    }
+
+    /// The commands of the outside programs that take part; empty if there is none.
+    pub fn programs(&self) -> String {
+        let agent = self.agent.parameters::<External>().map(|external| external.command);
+        let model = self.environment.model::<OutsideModel>();
+        let environment = model.map(|model| model.launch(Path::new("")).command);
+        agent.into_iter().chain(environment).flatten().collect::<Vec<_>>().join(" ")
     }
 
     /// The names of the numbers in the recorded state of a decision, as far as they are known before the job runs.

@@ -7,11 +7,12 @@ use std::time::Duration;
 use crate::job::Job;
 use crate::store::{Reader, StoreError};
 
-/// An algorithm and the expected time of a job. Jobs that differ only in seeds and rates are of one kind.
-type Kind = (String, Duration);
+/// An algorithm, the outside programs that take part, and the expected time of a job. Jobs that differ only in seeds
+/// and rates are of one kind.
+type Kind = (String, String, Duration);
 
 fn kind(job: &Job) -> Kind {
-    (job.algorithm().to_owned(), job.expected_time())
+    (job.algorithm().to_owned(), job.programs(), job.expected_time())
 }
 
 /// Measured times of jobs, by kind.
@@ -77,12 +78,26 @@ impl Speeds {
         self.0.values().any(|timed| timed.ratio().is_some())
     }
 
-    /// The time until the last job ends, when `workers` workers run one job at a time, in the order of the jobs.
-    pub fn time(&self, left: &Left, workers: usize) -> Duration {
+    /// Whether the time of a kind is known: an outside program takes the time that it took before.
+    fn know(&self, (algorithm, programs, _): &Kind) -> bool {
+        let is_alike = |(kind, timed): (&Kind, &Timed)| {
+            (&kind.0, &kind.1) == (algorithm, programs) && timed.ratio().is_some()
+        };
+        programs.is_empty() || self.0.iter().any(is_alike)
+    }
+
+    /// The time until the last job ends, when `workers` workers run one job at a time, in the order of the jobs;
+    /// `None` if an outside program takes part that has not been timed.
+    pub fn time(&self, left: &Left, workers: usize) -> Option<Duration> {
+        let waiting = left.waiting.iter().filter(|(_, count)| *count > 0).map(|(kind, _)| kind);
+        let mut kinds = left.running.iter().map(|(kind, _)| kind).chain(waiting);
+        if !kinds.all(|kind| self.know(kind)) {
+            return None;
+        }
         let mut known: HashMap<&Kind, Duration> = HashMap::new();
         let kinds = left.running.iter().map(|(kind, _)| kind);
         for kind in kinds.chain(left.waiting.iter().map(|(kind, _)| kind)) {
-            known.entry(kind).or_insert_with(|| times(kind.1, self.ratio(kind)));
+            known.entry(kind).or_insert_with(|| times(kind.2, self.ratio(kind)));
         }
         let time = |kind: &Kind| known[kind];
         // The times at which the workers become idle.
@@ -107,7 +122,7 @@ impl Speeds {
                 idle.push(Reverse(at.saturating_add(time)));
             }
         }
-        idle.into_iter().map(|Reverse(at)| at).max().unwrap_or_default()
+        idle.into_iter().map(|Reverse(at)| at).max().or_else(|| Some(Duration::ZERO))
     }
 
     /// The time that one core needs for a job, in seconds.
@@ -118,11 +133,12 @@ impl Speeds {
     /// The ratio of the measured to the expected time of a kind: from its own measurements, completed by those of
     /// its algorithm, or of all algorithms if there is none.
     fn ratio(&self, kind: &Kind) -> f64 {
-        let of_algorithm = self.0.iter().filter(|((algorithm, _), _)| *algorithm == kind.0);
+        let of_algorithm = self.0.iter().filter(|(one, _)| (&one.0, &one.1) == (&kind.0, &kind.1));
         let of_algorithm = Timed::sum(of_algorithm.map(|(_, timed)| timed)).ratio();
-        let others = of_algorithm.or_else(|| Timed::sum(self.0.values()).ratio()).unwrap_or(1.0);
+        let ours = self.0.iter().filter(|(one, _)| one.1.is_empty()).map(|(_, timed)| timed);
+        let others = of_algorithm.or_else(|| Timed::sum(ours).ratio()).unwrap_or(1.0);
         let Timed { measured, expected } = self.0.get(kind).copied().unwrap_or_default();
-        let weight = OWN * kind.1.as_secs_f64();
+        let weight = OWN * kind.2.as_secs_f64();
         (measured + weight * others) / (expected + weight)
     }
 }
@@ -254,7 +270,7 @@ mod tests {
             left.add(&short, counts[0]);
             left.add(&long, counts[1]);
             running.iter().for_each(|part| left.add_running(&long, *part));
-            speeds.time(&left, workers).as_secs_f64()
+            speeds.time(&left, workers).unwrap().as_secs_f64()
         };
         let close = |found: f64, expected: f64| {
             assert!((found / expected - 1.0).abs() < 1e-6, "{found} {expected}");

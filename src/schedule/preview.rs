@@ -74,18 +74,18 @@ impl<'m> Preview<'m> {
         Ok(Preview { manifests, experiments, all, shared, speeds, workers })
     }
 
-    /// The name of each experiment, its jobs by state, and the estimated time that is left.
-    pub fn experiments(&self) -> impl Iterator<Item = (&str, &Counts, Duration)> {
+    /// The name of each experiment, its jobs by state, and the estimated time that is left; see [`Speeds::time`].
+    pub fn experiments(&self) -> impl Iterator<Item = (&str, &Counts, Option<Duration>)> {
         let named = self.manifests.iter().zip(&self.experiments);
         named.map(|(manifest, (sum, _))| (manifest.name.as_str(), &sum.counts, self.time(sum)))
     }
 
     /// The distinct jobs of all manifests by state, and the estimated time that is left.
-    pub fn all(&self) -> (&Counts, Duration) {
+    pub fn all(&self) -> (&Counts, Option<Duration>) {
         (&self.all.counts, self.time(&self.all))
     }
 
-    fn time(&self, sum: &Sum) -> Duration {
+    fn time(&self, sum: &Sum) -> Option<Duration> {
         self.speeds.time(&sum.left, self.workers.get())
     }
 
@@ -128,7 +128,12 @@ impl<'m> Preview<'m> {
             return "nothing to run".to_owned();
         }
         let jobs = counted(self.all.to_run(), "job");
-        let (time, workers) = (spoken(self.all().1), counted(self.workers.get(), "worker"));
+        let workers = counted(self.workers.get(), "worker");
+        let Some(time) = self.all().1.map(spoken) else {
+            return format!(
+                "{jobs} to run with {workers}; how long is not known: no job with the outside program has been timed yet"
+            );
+        };
         let basis = match self.speeds.are_measured() {
             true => "estimated from earlier runs",
             false => "estimated from built-in speeds; no run has been timed yet",

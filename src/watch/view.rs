@@ -29,7 +29,8 @@ pub struct View {
     pub experiments: Vec<String>,
     /// Its jobs by state.
     pub counts: Counts,
-    /// The estimated time until the last job ends; `None` if no job is left, or if no process runs one.
+    /// The estimated time until the last job ends; `None` if no job is left, no process runs one, or it
+    /// is not known.
     pub left: Option<Duration>,
     /// Its arms, in the order of the manifest.
     pub arms: Vec<ArmView>,

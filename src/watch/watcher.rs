@@ -315,7 +315,7 @@ impl Watcher {
             for (arm, shown) in jobs.arms.iter().zip(&view.arms) {
                 left.add(&arm.job, shown.counts.pending + shown.counts.interrupted);
             }
-            view.left = Some(speeds.time(&left, workers));
+            view.left = speeds.time(&left, workers);
         }
         view.failures = self.failures(jobs, states)?;
         if let Some(search) = &jobs.search {

@@ -272,6 +272,24 @@ fn plan_knows_what_is_done_of_many_jobs() {
 }
 
 #[test]
+fn the_time_of_an_outside_program_is_not_known_before_it_has_run() {
+    let agent = "[[agent]]\nname = \"program\"\nalgorithm = \"external\"\ncommand = [\"sh\", \"-c\", \
+                 \"exit 3\"]\nversion = \"1\"\nepisodes = 5\n";
+    let rule = "[[agent]]\nname = \"rule\"\nalgorithm = \"rule\"\nrule = \"never\"\n";
+    let head = "format = 1\nname = \"sweep\"\nscenarios = [\"P-H-D\"]\nseeds = 2\nenvironment.sigma = 0.6\n\
+                evaluation.test_episodes = 2\n";
+    let folder = Folder::with(&format!("{head}{rule}{agent}"));
+    let plan = || folder.jitai(["plan", "sweep.toml", "--format", "json", "--workers", "1"]);
+    // The times of other jobs say nothing about a program.
+    folder.jitai(["run", "sweep.toml", "--filter", "agent=rule"]).succeeded();
+    let plan = plan().succeeded();
+    let plan = plan.says("2 jobs to run with 1 worker; how long is not known");
+    assert_eq!(plan.json()[0]["seconds_left"], json!(null));
+    let rules = ["plan", "sweep.toml", "--filter", "agent=rule", "--format", "json"];
+    assert_eq!(folder.jitai(rules).succeeded().json()[0]["seconds_left"], json!(0.0));
+}
+
+#[test]
 fn one_thing_is_named_in_the_singular() {
     let folder = Folder::with(&manifest("sweep", "0.6", "1", Effort::Trivial));
     let one = ["--filter", "agent=dqn", "--workers", "1"];

@@ -80,7 +80,7 @@ class Plan:
     #: Number of jobs that :func:`run` would run.
     to_run: int
     #: The estimated time of these jobs.
-    seconds_left: float
+    seconds_left: float | None
     #: What ``jitai plan`` says about the jobs.
     notes: list[str] = field(repr=False)
     _arguments: dict[str, Any] = field(repr=False)
