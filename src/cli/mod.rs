@@ -31,6 +31,7 @@ mod plan;
 mod progress;
 mod query;
 mod races;
+mod reader;
 mod replacing;
 mod replay;
 mod report;

@@ -10,7 +10,7 @@ use std::time::{Duration, Instant};
 
 use serde_json::{Value, json};
 
-use crate::cli::{Error, Exit};
+use crate::cli::{Error, Exit, reader};
 use crate::job::{Failure, JobKey, Outcome};
 use crate::schedule::{Event, Found};
 use crate::watch::failures::without_numbers;
@@ -19,6 +19,9 @@ use crate::watch::failures::without_numbers;
 const FAILURES: usize = 10;
 /// Time between two checks whether the command has ended.
 const LOOK: Duration = Duration::from_millis(50);
+
+/// Longest time that the end of the program waits until the command has read its summary.
+const PATIENCE: Duration = Duration::from_millis(200);
 
 /// The command of `--on-end`, and what its summary will say.
 pub(super) struct OnEnd {
@@ -137,23 +140,24 @@ impl OnEnd {
             return None;
         }
         let summary = self.summary(event, exit, message);
-        let child = Command::new("sh")
-            .args(["-c", command])
-            .stdin(Stdio::piped())
-            // Standard output of this program is for data.
-            .stdout(io::stderr())
-            // A second Ctrl-C ends only this program.
-            .process_group(0)
-            .spawn();
-        let mut child = match child {
+        let mut started = Command::new("sh");
+        // Standard output of this program is for data.
+        started.args(["-c", command]).stdin(Stdio::piped()).stdout(io::stderr());
+        // After a signal, another Ctrl-C ends only this program. Otherwise the command may use the terminal, whose
+        // questions a group of its own could not answer: the system would stop it.
+        if exit == Exit::Interrupted {
+            started.process_group(0);
+        }
+        let mut child = match started.spawn() {
             Ok(child) => child,
             Err(error) => {
                 warn(&format!("failed to start: {error}"));
                 return None;
             }
         };
-        // A command may end without reading the summary.
-        let _ = child.stdin.take().map(|mut input| writeln!(input, "{summary}"));
+        // A command may end without reading the summary, or never read it.
+        let input = child.stdin.take();
+        reader::within(PATIENCE, move || drop(input.map(|mut input| writeln!(input, "{summary}"))));
         Some(child)
     }
 
@@ -178,5 +182,5 @@ impl OnEnd {
 }
 
 fn warn(what: &str) {
-    let _ = writeln!(io::stderr(), "the command of --on-end {what}");
+    reader::say(&format!("the command of --on-end {what}"));
 }

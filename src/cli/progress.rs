@@ -7,6 +7,7 @@ use std::time::{Duration, Instant};
 use indicatif::{MultiProgress, ProgressBar, ProgressDrawTarget, ProgressStyle};
 
 use crate::cli::output::counted;
+use crate::cli::reader::Writer;
 use crate::job::{Failure, Outcome};
 use crate::key::printable;
 use crate::plan::Swept;
@@ -52,6 +53,7 @@ pub(super) struct Shown {
     unbegun: Left,
     running: Vec<Option<(Queued, Instant, Option<TrainingProgress>)>>,
     bars: Option<Bars>,
+    writer: Writer,
     waiting_reported: bool,
     swept: Swept,
     log: EventLog,
@@ -89,13 +91,14 @@ impl Shown {
             unbegun,
             running: (0..workers).map(|_| None).collect(),
             bars,
+            writer: if style == Style::Json { Writer::of_data() } else { Writer::of_progress() },
             waiting_reported: false,
             log: EventLog::new(workers, swept.clone()),
             swept,
         }
     }
 
-    /// The estimated time until the last job ends, in words; `None` once no job is left.
+    /// The estimated time until the last job ends, in words; `None` once no job is left, or if it is not known.
     fn left(&self) -> Option<String> {
         let mut left = self.unbegun.clone();
         let mut speeds = self.speeds.clone();
@@ -106,7 +109,7 @@ impl Shown {
             left.add_running(&queued.job, 1.0 - part);
             speeds.add(&queued.job, part, started.elapsed());
         }
-        let time = speeds.time(&left, self.running.len());
+        let time = speeds.time(&left, self.running.len())?;
         (self.done < self.jobs).then(|| format!("about {}", schedule::spoken(time)))
     }
 
@@ -114,19 +117,24 @@ impl Shown {
     fn say(&self, line: &str) {
         match (&self.bars, self.style) {
             (Some(bars), _) => {
-                let _ = bars.all.println(line);
+                let (all, line) = (bars.all.clone(), line.to_owned());
+                self.writer.write(move || drop(all.println(line)));
             }
-            (None, Style::Bars | Style::Lines) => {
-                let _ = writeln!(io::stderr(), "{line}");
-            }
+            (None, Style::Bars | Style::Lines) => self.complain(line),
             (None, Style::Json | Style::Quiet) => {}
         }
+    }
+
+    /// Writes a line to standard error.
+    fn complain(&self, line: &str) {
+        let line = format!("{line}\n");
+        self.writer.write(move || drop(io::stderr().write_all(line.as_bytes())));
     }
 
     fn emit(&mut self, event: &Event<'_>) {
         if self.style == Style::Json {
             for line in self.log.of(event) {
-                let _ = writeln!(io::stdout(), "{line}");
+                self.writer.write(move || drop(writeln!(io::stdout(), "{line}")));
             }
         }
     }
@@ -219,9 +227,8 @@ impl Shown {
         let asked = self.running.len();
         self.running.truncate(started);
         if let Some(bars) = &mut self.bars {
-            for bar in bars.workers.drain(started..) {
-                bars.all.remove(&bar);
-            }
+            let (all, idle) = (bars.all.clone(), bars.workers.split_off(started));
+            self.writer.write(move || idle.iter().for_each(|bar| all.remove(bar)));
         }
         self.warn(&format!(
             "only {started} of {asked} workers started: the system refused more threads ({reason})"
@@ -231,9 +238,7 @@ impl Shown {
     /// Writes a warning to standard error, also in JSON and quiet runs.
     fn warn(&self, line: &str) {
         match self.style {
-            Style::Json | Style::Quiet => {
-                let _ = writeln!(io::stderr(), "{line}");
-            }
+            Style::Json | Style::Quiet => self.complain(line),
             Style::Bars | Style::Lines => self.say(line),
         }
     }
@@ -252,19 +257,23 @@ impl Shown {
     }
 
     fn draw(&self) {
-        let Some(bars) = &self.bars else { return };
-        bars.sweep.set_position(self.done as u64);
+        // The bars stand still while nobody reads them.
+        let Some(bars) = self.bars.as_ref().filter(|_| self.writer.is_idle()) else { return };
         let left = self.left().map_or_else(String::new, |time| format!(", {time} left"));
-        bars.sweep.set_message(format!("{} failed{left}", self.failed));
-        for (bar, running) in bars.workers.iter().zip(&self.running) {
-            let text = match running {
-                Some((queued, _, progress)) => {
-                    worker_line(*progress, &self.swept.name(&queued.agent, &queued.job))
-                }
-                None => "idle".to_owned(),
-            };
-            bar.set_message(text);
-        }
+        let (done, message) = (self.done as u64, format!("{} failed{left}", self.failed));
+        let text = |running: &Option<(Queued, Instant, Option<TrainingProgress>)>| match running {
+            Some((queued, _, progress)) => {
+                worker_line(*progress, &self.swept.name(&queued.agent, &queued.job))
+            }
+            None => "idle".to_owned(),
+        };
+        let texts: Vec<String> = self.running.iter().map(text).collect();
+        let (sweep, workers) = (bars.sweep.clone(), bars.workers.clone());
+        self.writer.write(move || {
+            sweep.set_position(done);
+            sweep.set_message(message);
+            workers.iter().zip(texts).for_each(|(bar, text)| bar.set_message(text));
+        });
     }
 
     /// The short name of a job: `dqn P-H-D sigma=0.4 seed=1 (1a2b3c4d)`.
@@ -315,7 +324,8 @@ impl EventSink for Shown {
 impl Drop for Shown {
     fn drop(&mut self) {
         if let Some(bars) = &self.bars {
-            let _ = bars.all.clear();
+            let all = bars.all.clone();
+            self.writer.write(move || drop(all.clear()));
         }
     }
 }

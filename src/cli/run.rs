@@ -13,6 +13,7 @@ use crate::cli::check::ManifestArguments;
 use crate::cli::on_end::{Jobs, OnEnd};
 use crate::cli::output::{counted, shell_word};
 use crate::cli::progress::{Shown, Style};
+use crate::cli::reader::say;
 use crate::cli::replacing::Replacing;
 use crate::cli::signals::RESUME;
 use crate::cli::workers::workers;
@@ -73,7 +74,8 @@ pub(super) struct Arguments {
     /// Write a checkpoint of every running job at this interval, in seconds
     ///
     /// A job that is killed loses its work since the last checkpoint; a job that is stopped loses
-    /// nothing. If writing a checkpoint takes long, the interval grows to at most 25 seconds.
+    /// nothing. If writing a checkpoint takes long, the interval grows to at most 25 seconds. After a
+    /// kill, the first checkpoints come sooner: after a second, then at twice the time.
     #[arg(long, value_name = "SECONDS", default_value = "20", value_parser = seconds)]
     checkpoint_every: Duration,
     /// Show warnings and errors only, and no summary
@@ -118,7 +120,10 @@ enum Format {
 pub(super) fn run(arguments: &Arguments) -> Result<Exit, Error> {
     let on_end = Arc::new(OnEnd::new(arguments.on_end.as_ref(), "run", &arguments.store.store));
     let last = Arc::clone(&on_end);
-    let last = move || drop(last.call("stopped", Exit::Interrupted, None));
+    let last = move || {
+        signals::say_stopped();
+        drop(last.call("stopped", Exit::Interrupted, None));
+    };
     let stop = signals::stop_flag()
         .and_then(|stop| signals::end_in_time(stop.clone(), last).map(|()| stop))
         .map_err(|source| Error::Io { what: "listen for signals".to_owned(), source })?;
@@ -148,7 +153,7 @@ fn run_jobs(
     loop {
         let selection = arguments.selection(&staged)?;
         let Some(end) = run_stage(arguments, on_end, stop, (&mut store, &selection, retry))? else {
-            let _ = writeln!(io::stderr(), "stopped before the first job; {RESUME}");
+            say(&format!("stopped before the first job; {RESUME}"));
             return Ok(Exit::Interrupted);
         };
         let mut end = end.after(ran);
@@ -224,7 +229,7 @@ impl Arguments {
     fn say_stage(&self, manifests: &[Manifest], reader: &Reader) -> Result<(), Error> {
         if self.format == Format::Text && !self.quiet {
             for note in schedule::race_notes(manifests, Some(reader))? {
-                let _ = writeln!(io::stderr(), "{note}");
+                say(&note);
             }
         }
         Ok(())
@@ -255,9 +260,7 @@ impl Arguments {
         let says = self.format == Format::Text && !self.quiet;
         if says && again > 0 {
             let jobs = counted(again, "completed job");
-            let mut err = io::stderr();
-            let _ =
-                writeln!(err, "training {jobs} again for estimates, without recorded decisions");
+            say(&format!("training {jobs} again for estimates, without recorded decisions"));
         }
         let workers = self.options().workers.get();
         // Programs read one event of all estimates; jobs whose decisions are read take no time to show.
@@ -279,7 +282,6 @@ impl Arguments {
     /// Says how estimates came about, and which jobs have none.
     fn say_estimated(&self, estimated: &Estimated) -> Result<(), Error> {
         let says = self.format == Format::Text && !self.quiet;
-        let mut err = io::stderr();
         let Estimated { read, trained, differing, failures } = estimated;
         if self.format == Format::Json {
             let event = serde_json::json!({
@@ -290,28 +292,21 @@ impl Arguments {
         }
         if says && *read > 0 {
             let jobs = counted(*read, "completed job");
-            let _ = writeln!(
-                err,
-                "estimates of {jobs} computed from recorded decisions, without training"
-            );
+            say(&format!("estimates of {jobs} computed from recorded decisions, without training"));
         }
         if says && *trained > 0 {
             let jobs = counted(*trained, "completed job");
-            let _ = writeln!(
-                err,
-                "estimates of {jobs} computed by training again, with the same results"
-            );
+            say(&format!("estimates of {jobs} computed by training again, with the same results"));
         }
         if *differing > 0 {
             let jobs = counted(*differing, "completed job");
-            let _ = writeln!(
-                err,
+            say(&format!(
                 "no estimates of {jobs}: training again gave other results than the store has; \
                  record_decisions = \"test\" makes jobs that keep their decisions"
-            );
+            ));
         }
         for failure in failures.iter().take(FAILURES_SHOWN) {
-            let _ = writeln!(err, "no estimates of {}", printable(failure));
+            say(&format!("no estimates of {}", printable(failure)));
         }
         Ok(())
     }
@@ -347,7 +342,7 @@ pub(super) fn register_experiment(
         return Ok(ControlFlow::Break(()));
     };
     if let Some(note) = schedule::dropped_note(manifest, &registered) {
-        let _ = writeln!(io::stderr(), "{note}");
+        say(&note);
     }
     Ok(ControlFlow::Continue(()))
 }
@@ -380,10 +375,9 @@ fn show(
         && selection.is_filtered()
         && !schedule::races_ended(all, reader)?
     {
-        let _ = writeln!(
-            io::stderr(),
+        say(
             "other jobs of this stage are not part of this command; when they have run and their stores are merged, run \
-             it again"
+             it again",
         );
     }
     // After a signal, there is no time to summarise a large experiment.
@@ -412,7 +406,7 @@ fn report(end: &End, arguments: &Arguments) -> Result<(), Error> {
     }
     if !arguments.quiet {
         // The work is done, so a closed standard error is not a failure.
-        let _ = writeln!(io::stderr(), "{}", end.line(RESUME));
+        say(&end.line(RESUME));
     }
     Ok(())
 }

@@ -1,18 +1,19 @@
 //! The full-screen view of `jitai watch`.
 
 use std::io::{self, IsTerminal};
+use std::mem;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{self, RecvTimeoutError};
 use std::thread;
 use std::time::Duration;
 
-use ratatui::Frame;
 use ratatui::crossterm::event::{self, Event, KeyCode, KeyEventKind, KeyModifiers};
 use ratatui::layout::{Constraint, Layout, Rect};
 use ratatui::style::{Color, Modifier, Style};
 use ratatui::symbols::Marker;
 use ratatui::text::{Line, Span};
 use ratatui::widgets::{Axis, Block, Chart, Dataset, GraphType, Paragraph, Wrap};
+use ratatui::{DefaultTerminal, Frame};
 
 use crate::cli::{Error, Exit};
 use crate::key::printable;
@@ -38,12 +39,18 @@ struct Shown {
     error: Option<String>,
 }
 
-/// Restores the terminal when it is dropped, also by a panic.
-struct Restored;
+/// The terminal, which is restored when it is dropped, also by a panic.
+struct Screen(Option<DefaultTerminal>);
 
-impl Drop for Restored {
+impl Drop for Screen {
     fn drop(&mut self) {
-        ratatui::restore();
+        let _ = ratatui::try_restore();
+        // A terminal that is gone reports its errors where they would end the process.
+        if let Some(mut terminal) = self.0.take()
+            && terminal.show_cursor().is_err()
+        {
+            mem::forget(terminal);
+        }
     }
 }
 
@@ -56,16 +63,17 @@ pub(super) fn show(
 ) -> Result<Exit, Error> {
     let failed = |source| Error::Io { what: "use the terminal".to_owned(), source };
     let (choices, views) = look_on(watcher, choice.clone()).map_err(failed)?;
-    let mut terminal = ratatui::try_init().map_err(failed)?;
-    let _restored = Restored;
+    let mut screen = Screen(Some(ratatui::try_init().map_err(failed)?));
     let keys = listen().map_err(failed)?;
     let mut shown = Shown { view, choice, failures: false, error: None };
     loop {
-        terminal.draw(|frame| draw(&shown, frame)).map_err(failed)?;
+        let drawn =
+            screen.0.as_mut().map(|terminal| terminal.draw(|frame| draw(&shown, frame)).map(drop));
         // A closed terminal, whose signal may be ignored, has no more keys.
         if stop.load(Ordering::Relaxed) || !io::stdin().is_terminal() {
             return Ok(Exit::Interrupted);
         }
+        drawn.unwrap_or(Ok(())).map_err(failed)?;
         let event = match keys.recv_timeout(LOOK) {
             Err(RecvTimeoutError::Disconnected) => return Ok(Exit::Interrupted),
             event => event,

@@ -12,6 +12,7 @@ use signal_hook::flag;
 use signal_hook::iterator::Signals;
 use signal_hook::low_level::{self, pipe};
 
+use crate::cli::reader;
 use crate::store::STOPPED;
 
 /// How to resume after a stop, for messages.
@@ -103,7 +104,8 @@ pub(super) fn survive_file_limits() -> io::Result<()> {
 /// Ends the process 1.5 seconds after the flag is set, if the process still runs then. An update of a
 /// very large network, the registration of a very large manifest, or a store locked by another program
 /// may take longer. Transactions and checkpoints are atomic, so the next run takes over the jobs: a job
-/// without a final checkpoint resumes from its previous checkpoint. `last` is called before the end.
+/// without a final checkpoint resumes from its previous checkpoint. `last` is called before the end and must not wait
+/// for a reader: the thread that should end may wait for one.
 pub(super) fn end_in_time(
     stop: Arc<AtomicBool>,
     last: impl FnOnce() + Send + 'static,
@@ -113,12 +115,15 @@ pub(super) fn end_in_time(
             thread::sleep(LOOK);
         }
         thread::sleep(GRACE);
-        // The process ends even if standard error is closed.
-        let _ = writeln!(io::stderr(), "stopped in the middle of a step; {RESUME}");
         last();
         end_now()
     })?;
     Ok(())
+}
+
+/// Says that the process ends before its threads do, unless nobody reads it.
+pub(super) fn say_stopped() {
+    reader::say_within(LOOK, &format!("stopped in the middle of a step; {RESUME}"));
 }
 
 /// Writes a byte to the mark when the process aborts: after a failed allocation, a stack overflow,

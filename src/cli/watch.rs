@@ -31,6 +31,8 @@ pub(super) struct Arguments {
 
 pub(super) fn run(arguments: &Arguments) -> Result<Exit, Error> {
     let stop = signals::lasting_stop_flag()
+        // A terminal that nobody reads must not keep the program from ending.
+        .and_then(|stop| signals::end_in_time(stop.clone(), || ()).map(|()| stop))
         .map_err(|source| Error::Io { what: "listen for signals".to_owned(), source })?;
     let path = &arguments.store.store;
     let mut watcher = Watcher::open(path)?;

@@ -24,6 +24,9 @@ const GRACE: Duration = Duration::from_secs(2);
 const SHORT_GRACE: Duration = Duration::from_millis(500);
 const KILLED: &str = "was ended by signal 9 (SIGKILL, as systems send it when memory is short)";
 
+const TERMINAL: &str = "used the terminal, which only jitai may use (let it read what it needs from a file or the \
+    environment),";
+
 /// Time in which a stop may follow the end of a program. A batch system signals all processes of a job at
 /// once, and a program may end before jitai has noticed the signal.
 const STOP_FOLLOWS: Duration = Duration::from_millis(200);
@@ -137,6 +140,15 @@ impl Program {
             if stop() {
                 return Err(ProgramError::Stopped);
             }
+            if self.waits_for_terminal() {
+                self.end(Duration::ZERO, stop);
+                return Err(ProgramError::Ended {
+                    command: self.command.clone(),
+                    end: TERMINAL.to_owned(),
+                    when: format!("{when}, where {expected} was expected"),
+                    said: self.tail.said(),
+                });
+            }
             let line = match self.from.next(LOOK) {
                 Next::Line(line) => line,
                 // A process that the program left behind can keep its output open.
@@ -197,6 +209,17 @@ impl Program {
         let Some(group) = self.group else { return true };
         let options = WaitIdOptions::EXITED | WaitIdOptions::NOHANG | WaitIdOptions::NOWAIT;
         !matches!(waitid(WaitId::Pid(group), options), Ok(None))
+    }
+
+    /// Whether the system has stopped the program because it used the terminal, which belongs to jitai.
+    fn waits_for_terminal(&self) -> bool {
+        let Some(group) = self.group else { return false };
+        let options = WaitIdOptions::STOPPED | WaitIdOptions::NOHANG | WaitIdOptions::NOWAIT;
+        let status = waitid(WaitId::Pid(group), options).ok().flatten();
+        let signal = status.and_then(|status| status.stopping_signal());
+        signal.is_some_and(|signal| {
+            [Signal::TTIN, Signal::TTOU].map(Signal::as_raw).contains(&signal)
+        })
     }
 
     /// Closes the program's input, waits for its exit, and kills the rest of its group. Returns whether the

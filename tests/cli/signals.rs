@@ -1,5 +1,6 @@
 //! A sweep stops on request, and resumes when it is run again.
 
+use std::process::{Child, ChildStderr, Command, Stdio};
 use std::thread;
 use std::time::{Duration, Instant};
 
@@ -43,6 +44,49 @@ fn a_hang_up_and_the_warnings_of_batch_systems_stop_long_jobs_within_two_seconds
     for signal in ["HUP", "USR1", "USR2", "XCPU"] {
         a_signal_stops_long_jobs_at_once(signal);
     }
+}
+
+/// Many short jobs, whose lines are more than a pipe holds.
+fn talkative() -> String {
+    let name = "n".repeat(120);
+    format!(
+        "format = 1\nname = \"sweep\"\nscenarios = [\"P-H-D\"]\nseeds = 600\nenvironment.sigma = 0.6\n\
+         evaluation.test_episodes = 2\n\
+         [[agent]]\nname = \"{name}\"\nalgorithm = \"rule\"\nrule = \"never\"\n"
+    )
+}
+
+/// Starts a run that nobody reads: its standard error is a pipe that nobody empties.
+fn start_unread(folder: &Folder, more: &[&str]) -> (Child, ChildStderr) {
+    let arguments = [&["run", "sweep.toml", "--workers", "2", "--on-end", "cat > called"], more];
+    let mut command = folder.command_of(env!("CARGO_BIN_EXE_jitai"), arguments.concat());
+    let mut run = command.stdout(Stdio::null()).stderr(Stdio::piped()).spawn().unwrap();
+    let unread = run.stderr.take().unwrap();
+    (run, unread)
+}
+
+#[test]
+fn a_reader_that_stalls_stops_neither_the_jobs_nor_the_end() {
+    let completed = "SELECT count(*) FROM run WHERE status = 'completed'";
+    let folder = Folder::with(&talkative());
+    let (mut run, _unread) = start_unread(&folder, &[]);
+    assert_eq!(run.wait().unwrap().code(), Some(0));
+    assert_eq!(folder.number(completed), 600);
+    assert!(folder.read("called").contains("\"done\""));
+
+    let folder = Folder::with(&talkative());
+    let endless = manifest("endless", "0.4", "1", Effort::Endless);
+    folder.write("endless.toml", endless);
+    let (mut run, _unread) = start_unread(&folder, &["endless.toml"]);
+    until("all others are completed", || folder.count_if_there(completed) == Some(600));
+    let asked = Instant::now();
+    let kill = format!("kill -TERM {}", run.id());
+    assert!(Command::new("sh").args(["-c", &kill]).status().unwrap().success());
+    assert_eq!(run.wait().unwrap().code(), Some(130));
+    assert_prompt(asked);
+    until("the command was called", || folder.path("called").exists());
+    until("it has read", || folder.read("called").contains("\"stopped\""));
+    assert_eq!(folder.number("SELECT count(*) FROM session WHERE ended_at IS NULL"), 0);
 }
 
 /// Starts the program with these signals ignored, as `nohup` and shells do.

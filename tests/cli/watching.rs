@@ -78,7 +78,11 @@ struct Terminal {
 impl Terminal {
     fn start(folder: &Folder, arguments: &str) -> Terminal {
         let program = env!("CARGO_BIN_EXE_jitai");
-        let inner = format!("stty rows 24 cols 80; echo $$ > pid; exec {program} {arguments}");
+        Terminal::start_script(folder, &format!("echo $$ > pid; exec {program} {arguments}"))
+    }
+
+    fn start_script(folder: &Folder, script: &str) -> Terminal {
+        let inner = format!("stty rows 24 cols 80; {script}");
         let fifo = folder.path("keys");
         let made = std::process::Command::new("mkfifo").arg(&fifo).status().unwrap();
         assert!(made.success());
@@ -170,6 +174,56 @@ fn a_closed_terminal_ends_the_screen() {
 
 /// The summary that the command of `--on-end` got; the command is called once.
 #[track_caller]
+#[test]
+#[cfg(target_os = "linux")]
+fn a_terminal_that_is_gone_is_no_crash() {
+    if !has_terminals() {
+        return;
+    }
+    let folder = Folder::completed(&manifest("sweep", "0.6", "1", Effort::Trivial));
+    let program = env!("CARGO_BIN_EXE_jitai");
+    let script = format!("trap : HUP; {program} watch; echo $? > code");
+    let screen = Terminal::start_script(&folder, &script);
+    until("the screen is drawn", || screen.run.stdout().contains("quit"));
+    screen.run.kill();
+    until("it ends", || {
+        fs::read_to_string(folder.path("code")).is_ok_and(|text| text.ends_with('\n'))
+    });
+    assert_eq!(folder.read("code").trim(), "130");
+}
+
+const ASK: &str = "cat > /dev/null\nread -r answer < /dev/tty\necho \"$answer\" > answer\n";
+
+#[test]
+fn a_command_at_the_end_may_ask_on_the_terminal() {
+    if !has_terminals() {
+        return;
+    }
+    let folder = Folder::with(&manifest("sweep", "0.6", "1", Effort::Trivial));
+    folder.write("ask.sh", ASK);
+    let mut terminal = Terminal::start(&folder, "run sweep.toml -q --on-end 'sh ask.sh'");
+    terminal.press("yes\n");
+    terminal.run.wait().ended(0);
+    assert_eq!(folder.read("answer"), "yes\n");
+}
+
+#[test]
+fn an_agent_that_uses_the_terminal_fails_at_once() {
+    if !has_terminals() {
+        return;
+    }
+    let sweep = "format = 1\nname = \"sweep\"\nscenarios = [\"P-H-D\"]\nseeds = 1\nenvironment.sigma = 0.6\n\
+                 evaluation.test_episodes = 2\n[[agent]]\nname = \"asks\"\nalgorithm = \"external\"\n\
+                 command = [\"sh\", \"ask.sh\"]\nversion = \"1\"\nepisodes = 1\n";
+    let folder = Folder::with(sweep);
+    folder.write("ask.sh", "read -r answer < /dev/tty\n");
+    let terminal = Terminal::start(&folder, "run sweep.toml -q");
+    terminal.run.wait().ended(1);
+    let used =
+        "SELECT count(*) FROM run WHERE failure_message LIKE '%`sh ask.sh` used the terminal%'";
+    assert_eq!(folder.number(used), 1);
+}
+
 fn summary(folder: &Folder) -> Value {
     until("the command was called", || {
         fs::read_to_string(folder.path("end")).is_ok_and(|text| text.ends_with('\n'))
