@@ -323,9 +323,12 @@ impl EventSink for Shown {
 
 impl Drop for Shown {
     fn drop(&mut self) {
-        if let Some(bars) = &self.bars {
-            let all = bars.all.clone();
-            self.writer.write(move || drop(all.clear()));
+        // Bars that are dropped may be drawn once more.
+        if let Some(bars) = self.bars.take() {
+            self.writer.write(move || {
+                let _ = bars.all.clear();
+                drop(bars);
+            });
         }
     }
 }
