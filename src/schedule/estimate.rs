@@ -213,7 +213,7 @@ mod tests {
     }
 
     fn seconds(speeds: &Speeds, left: &Left) -> f64 {
-        speeds.time(left, 1).as_secs_f64()
+        speeds.time(left, 1).unwrap().as_secs_f64()
     }
 
     #[test]
@@ -233,7 +233,7 @@ mod tests {
         left.remove(&job);
         left.remove(&job);
         let left = Left { running: Vec::new(), ..left };
-        assert_eq!(speeds.time(&left, 1), Duration::ZERO);
+        assert_eq!(speeds.time(&left, 1), Some(Duration::ZERO));
     }
 
     #[test]
