@@ -138,7 +138,8 @@ fn after_a_kill_a_job_writes_checkpoints_sooner_and_gets_further() {
     until("the job runs on", || run.stderr().contains("resumed from episode"));
     run.signal("INT");
     run.wait().ended(130);
-    assert_eq!(folder.number("SELECT count(suspects) FROM run"), 0);
+    // Only the first attempt got nowhere.
+    assert_eq!(folder.number("SELECT count(suspects) FROM run"), 1);
 }
 
 /// SQL: the running jobs of a session that have outlived their start.

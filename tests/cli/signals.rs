@@ -48,9 +48,9 @@ fn a_hang_up_and_the_warnings_of_batch_systems_stop_long_jobs_within_two_seconds
 
 /// Many short jobs, whose lines are more than a pipe holds.
 fn talkative() -> String {
-    let name = "n".repeat(120);
+    let name = "n".repeat(60);
     format!(
-        "format = 1\nname = \"sweep\"\nscenarios = [\"P-H-D\"]\nseeds = 600\nenvironment.sigma = 0.6\n\
+        "format = 1\nname = \"sweep\"\nscenarios = [\"P-H-D\"]\nseeds = 900\nenvironment.sigma = 0.6\n\
          evaluation.test_episodes = 2\n\
          [[agent]]\nname = \"{name}\"\nalgorithm = \"rule\"\nrule = \"never\"\n"
     )
@@ -71,14 +71,14 @@ fn a_reader_that_stalls_stops_neither_the_jobs_nor_the_end() {
     let folder = Folder::with(&talkative());
     let (mut run, _unread) = start_unread(&folder, &[]);
     assert_eq!(run.wait().unwrap().code(), Some(0));
-    assert_eq!(folder.number(completed), 600);
+    assert_eq!(folder.number(completed), 900);
     assert!(folder.read("called").contains("\"done\""));
 
     let folder = Folder::with(&talkative());
     let endless = manifest("endless", "0.4", "1", Effort::Endless);
     folder.write("endless.toml", endless);
     let (mut run, _unread) = start_unread(&folder, &["endless.toml"]);
-    until("all others are completed", || folder.count_if_there(completed) == Some(600));
+    until("all others are completed", || folder.count_if_there(completed) == Some(900));
     let asked = Instant::now();
     let kill = format!("kill -TERM {}", run.id());
     assert!(Command::new("sh").args(["-c", &kill]).status().unwrap().success());
