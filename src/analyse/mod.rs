@@ -6,6 +6,7 @@
 //! statistics with their sources.
 
 mod agreement;
+mod beyond_chance;
 mod bootstrap;
 mod contrast;
 pub mod declared;
@@ -33,6 +34,7 @@ mod invariance_tests;
 mod reference_tests;
 
 pub use agreement::{Agreement, Estimate, Likeness, Verdict, agreement};
+pub use beyond_chance::{ALPHA as CHANCE, BeyondChance, beyond_chance};
 pub use bootstrap::{Aggregate, RESAMPLES, interquartile_mean};
 pub use contrast::{Contrast, Design, t_test};
 pub use effect_size::{HedgesG, hedges_g, paired_hedges_g};

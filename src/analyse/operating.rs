@@ -111,7 +111,11 @@ fn wilson(count: usize, trials: usize) -> Interval {
     let centre = (p + square / (2.0 * n)) / (1.0 + square / n);
     let half = NORMAL_CRITICAL * (p * (1.0 - p) / n + square / (4.0 * n * n)).sqrt();
     let half = half / (1.0 + square / n);
-    Interval { low: (centre - half).max(0.0), high: (centre + half).min(1.0) }
+    // Rounding would move the ends of none and of all, which are exactly 0 and 1.
+    Interval {
+        low: if count == 0 { 0.0 } else { centre - half },
+        high: if count == trials { 1.0 } else { centre + half },
+    }
 }
 
 /// The number of people with which a trial has a certain power.

@@ -14,6 +14,14 @@ pub enum Undefined {
         /// Number of seeds that the statistic needs.
         need: usize,
     },
+    /// A p-value of the level needs more simulated trials without the effect.
+    #[error("too few other trials without the effect for p ≤ 0.05: {have} of at least {need}")]
+    TooFewReferences {
+        /// The smallest number of such trials beside a trial's own twin.
+        have: usize,
+        /// The number that a p-value of the level needs.
+        need: usize,
+    },
     /// No seed completed in both arms.
     #[error("no seed in common")]
     NoMatchedSeeds,

@@ -321,7 +321,10 @@ impl Submitting<'_> {
             if let Some(submission) = submitted {
                 let (name, jobs) = (submission.name(), counted(draft.jobs(), "job"));
                 let chunks = counted(draft.chunks.len(), "chunk");
-                writeln!(io::stderr(), "submitted again as {name}: {jobs} in {chunks}")?;
+                // The jobs of a race's next rung are new.
+                let is_race = self.manifests.iter().any(|manifest| manifest.search.is_some());
+                let again = if is_race { "submitted as" } else { "submitted again as" };
+                writeln!(io::stderr(), "{again} {name}: {jobs} in {chunks}")?;
                 self.say_races()?;
             }
             pause = LOOK.0;

@@ -285,8 +285,10 @@ fn has_gru(_: &Manifest, agent: &DeclaredAgent) -> bool {
 }
 
 fn updates(_: &Manifest, agent: &DeclaredAgent) -> bool {
-    any(agent, "update", |value| *value != Value::Choice("once"))
-        && any(agent, "posterior", |value| *value != Value::Choice("reset"))
+    // The key of the same name of other algorithms does not depend on `update`.
+    agent.parameters.get("update").is_none()
+        || any(agent, "update", |value| *value != Value::Choice("once"))
+            && any(agent, "posterior", |value| *value != Value::Choice("reset"))
 }
 
 /// The order of whole numbers.
@@ -423,6 +425,8 @@ mod tests {
         ] {
             assert!(bandit(keys).is_empty(), "{keys}: {:?}", bandit(keys));
         }
+        let other = hints_of("sigma = 0.4", "algorithm = \"dueling_dqn\"\nupdate_interval = 4");
+        assert!(other.is_empty(), "{other:?}");
         let dqn = "algorithm = \"dueling_dqn\"\nrecurrent = \"gru\"\nsequence =";
         let long = hints_of("sigma = 0.4\nhorizon = 20", &format!("{dqn} 20"));
         assert_eq!(long, ["`sequence` of agent a has no effect if no episode is longer"]);

@@ -594,11 +594,7 @@ impl Reader<'_> {
     /// The name of an agent in figures and tables.
     fn label(&mut self, table: &DeTable) -> Option<Located<String>> {
         let node = table.get("label")?;
-        let value = self.text("label", node)?;
-        if value.trim().is_empty() || value.chars().any(char::is_control) {
-            self.expected("label", "a text on one line", node);
-        }
-        Some(Located { value, span: node.span().into() })
+        Some(self.name("label", node))
     }
 
     /// The algorithm of an agent, from its table or from the preset's agent of the same name.

@@ -176,10 +176,21 @@ fn equal_arms_keep_the_order_of_their_draws() {
     let table = Table::new(&manifest, values(&[&[1.0, 1.0], &[2.0, 2.0], &[2.0, 2.0]]));
     let races = table.races(&manifest);
     assert_eq!(fates(&races, 0), [(1, Fate::Won), (2, Fate::Behind), (0, Fate::Behind)]);
-    // Differences without variance have no interval.
+    // Equal arms have no interval, and equal differences one without width.
     let leads = races.races[0].rungs[0].entrants.iter().map(|one| one.lead);
-    let no_interval = |mean| Some(Lead { mean, interval: None });
-    assert!(leads.eq([None, no_interval(0.0), no_interval(1.0)]));
+    let lead = |mean, interval| Some(Lead { mean, interval });
+    assert!(leads.eq([None, lead(0.0, None), lead(1.0, Some((1.0, 1.0)))]));
+}
+
+#[test]
+fn an_arm_that_loses_every_seed_by_the_same_amount_leaves_and_an_equal_one_does_not() {
+    let manifest = manifest(4, "rungs = [2, 4]\nlevel = 0.05\nfresh = 1", ONE, "");
+    // 0.1 + 0.2 exceeds 0.3 by rounding alone, for both seeds.
+    let rows: [&[f64]; 4] =
+        [&[0.3, 0.3], &[0.1 + 0.2, 0.1 + 0.2], &[-0.7, -0.7], &[0.3 - 1e-9, 0.3 - 1e-9]];
+    let races = Table::new(&manifest, values(&rows)).races(&manifest);
+    let found = [(1, Fate::GoesOn), (0, Fate::GoesOn), (3, Fate::Worse), (2, Fate::Worse)];
+    assert_eq!(fates(&races, 0), found);
 }
 
 #[test]

@@ -35,7 +35,8 @@ pub struct Entrant {
 pub struct Lead {
     /// The mean difference, at least 0.
     pub mean: f64,
-    /// The ends of the interval; `None` with fewer than two seeds or equal differences.
+    /// The ends of the interval; `None` with fewer than two seeds, or if both arms are equal for every seed. Equal
+    /// differences other than 0 are the limit of differences that hardly vary: both ends are the mean.
     pub interval: Option<(f64, f64)>,
 }
 
@@ -165,6 +166,9 @@ impl Entrant {
     }
 }
 
+/// The largest rounding error of a mean difference, relative to the values: ten times the machine epsilon, as in tests.
+const ROUNDING: f64 = 10.0 * f64::EPSILON;
+
 /// Two-sided level of the intervals that a race by shares shows and does not use.
 const SHOWN_ALPHA: f64 = 0.05;
 
@@ -178,10 +182,18 @@ impl Lead {
         let n = differences.len() as f64;
         let centre = mean(&differences);
         let squares: f64 = differences.iter().map(|one| (one - centre) * (one - centre)).sum();
-        let interval = (differences.len() > 1 && squares > 0.0).then(|| {
-            let half = t_of_p(alpha, n - 1.0) * (squares / (n - 1.0) / n).sqrt();
-            (centre - half, centre + half)
-        });
+        let error = (squares / (n - 1.0) / n).sqrt();
+        // What is smaller is rounding, of values of this size.
+        let size = best.iter().chain(other).fold(0.0, |size: f64, one| size.max(one.abs()));
+        let rounding = ROUNDING * size;
+        let interval = match differences.len() {
+            0 | 1 => None,
+            _ if error > rounding => {
+                let half = t_of_p(alpha, n - 1.0) * error;
+                Some((centre - half, centre + half))
+            }
+            _ => (centre > rounding).then_some((centre, centre)),
+        };
         Lead { mean: centre, interval }
     }
 }

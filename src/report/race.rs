@@ -113,7 +113,7 @@ impl RaceContext<'_> {
                 self.race.settings.len(),
                 self.settings(arm)
             ),
-            format!("On the seeds of the race: {}.", self.mean(&raced)),
+            format!("{}.", self.on_race_seeds(&raced)),
         ];
         sentences.extend(self.on_fresh_seeds(&raced, &fresh).into_iter().map(|line| line + "."));
         sentences.push(format!("{cost}."));
@@ -131,7 +131,7 @@ impl RaceContext<'_> {
                 counted(self.race.settings.len(), "setting"),
                 self.metric.title()
             ),
-            format!("On the seeds of the race: {}", self.mean(&raced)),
+            self.on_race_seeds(&raced),
         ];
         lines.extend(self.on_fresh_seeds(&raced, &fresh));
         lines.push(cost);
@@ -147,6 +147,12 @@ impl RaceContext<'_> {
         Some(out + &declared.chosen(value))
     }
 
+    /// The winner's mean in the race, which is the best of several and therefore too high.
+    fn on_race_seeds(&self, raced: &[f64]) -> String {
+        let arms = self.race.settings.len();
+        format!("On the seeds of the race, the best of {arms}: {}", self.mean(raced))
+    }
+
     /// What the winner reached on fresh seeds, its shrinkage, and its difference to agents without draws.
     fn on_fresh_seeds(&self, raced: &[f64], fresh: &[(usize, f64)]) -> Vec<String> {
         let of = self.search.fresh.len();
@@ -157,9 +163,8 @@ impl RaceContext<'_> {
         let missing = if values.len() < of { format!(" of {of}") } else { String::new() };
         let mut lines = vec![format!("On fresh seeds: {}{missing}", self.mean(&values))];
         let interval = mean_interval(&values);
-        let shrinkage = shrinkage(mean_of(raced), mean_of(&values), interval, self.metric);
-        let line = |words| format!("Expected shrinkage on new seeds, by the fresh mean: {words}");
-        lines.extend(shrinkage.map(line));
+        let new = (mean_of(&values), interval);
+        lines.extend(shrinkage(mean_of(raced), new, "fresh", self.metric));
         lines.extend(self.references.iter().map(|one| self.against(one, fresh)));
         lines
     }

@@ -69,17 +69,16 @@ fn path_of(reader: &Reader, text: &str) -> Option<PathBuf> {
 
 /// The warning that a registration dropped jobs of the experiment; `None` if it dropped no job.
 pub fn dropped_note(manifest: &Manifest, registered: &Registered) -> Option<String> {
-    // A race that goes back to an earlier rung, because it has more arms, is no new experiment.
-    let advice = match manifest.search {
-        Some(_) => "",
-        None => "; if this manifest is a new experiment, give it another name",
-    };
-    (registered.dropped > 0).then(|| {
-        format!(
-            "{name} no longer has {} that it had before; their results stay in the store{advice}",
-            counted(registered.dropped, "job"),
-            name = printable(&manifest.name),
-        )
+    let (name, jobs) = (printable(&manifest.name), counted(registered.dropped, "job"));
+    (registered.dropped > 0).then(|| match manifest.search {
+        // A race that goes back to an earlier rung, because it has more arms, is no new experiment.
+        Some(_) => format!(
+            "the race of {name} does not need {jobs} at its present rung; their results stay in the store"
+        ),
+        None => format!(
+            "{name} no longer has {jobs} that it had before; their results stay in the store; if this manifest is a \
+             new experiment, give it another name"
+        ),
     })
 }
 

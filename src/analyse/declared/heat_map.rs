@@ -6,7 +6,7 @@ use super::arm::{arms, by_value, decided_by, implied};
 use super::pairs::{Pair, pairs};
 use super::published;
 use super::{Arm, ArmId};
-use crate::analyse::{Contrast, Design, Interval, Sample, TTest, Undefined, t_test};
+use crate::analyse::{Contrast, Design, Interval, Sample, Undefined};
 use crate::job::{Condition, MetricName, short_name};
 use crate::manifest::{HeatMap, Published, PublishedRow, Sides};
 use crate::record::JobRecord;
@@ -37,11 +37,13 @@ pub struct HeatFigure {
 pub struct Lead {
     /// The place of the tile and of its closest neighbour, that with the smallest difference, among the tiles.
     pub tiles: [usize; 2],
-    /// The test of their difference, and whether it is paired by seed.
-    pub test: TTest,
+    /// Their difference, its interval, and whether that is paired by seed.
+    pub difference: f64,
+    pub interval: Result<Interval, Undefined>,
     pub is_paired: bool,
-    /// The number of neighbours with a mean, and of those whose interval is above 0.
+    /// The number of neighbours with a mean, of those with an interval, and of those whose interval is above 0.
     pub neighbours: usize,
+    pub tested: usize,
     pub behind: usize,
 }
 
@@ -199,21 +201,27 @@ fn lead(tiles: &[HeatTile], samples: &[Sample]) -> Option<Lead> {
             && away(|place, width| place / width) < 2
             && away(|place, width| place % width) < 2
     };
-    let design = |place: usize| Design::of(&samples[best], &samples[place]);
-    let test = |place: usize| {
-        let test = t_test(&samples[best], &samples[place], design(place));
-        test.ok().map(|test| (place, test))
-    };
-    let near = || (0..samples.len()).filter(is_near).filter(|place| value(place).is_some());
-    let tests: Vec<(usize, TTest)> = near().filter_map(test).collect();
-    let (closest, nearest) =
-        tests.iter().min_by(|(_, one), (_, other)| one.difference.total_cmp(&other.difference))?;
+    let near: Vec<(usize, Contrast)> = (0..samples.len())
+        .filter(is_near)
+        .filter(|place| value(place).is_some())
+        .map(|place| {
+            let design = Design::of(&samples[best], &samples[place]);
+            (place, Contrast::new(&samples[best], &samples[place], design))
+        })
+        .collect();
+    let by_difference =
+        near.iter().filter_map(|(place, of)| Some((*place, of, of.difference.ok()?)));
+    let (closest, contrast, difference) =
+        by_difference.min_by(|(.., one), (.., other)| one.total_cmp(other))?;
+    let tests = near.iter().filter_map(|(_, contrast)| contrast.test.ok());
     Some(Lead {
-        tiles: [best, *closest],
-        test: *nearest,
-        is_paired: design(*closest) == Design::Matched,
-        neighbours: near().count(),
-        behind: tests.iter().filter(|(_, test)| test.interval.low > 0.0).count(),
+        tiles: [best, closest],
+        difference,
+        interval: contrast.test.map(|test| test.interval),
+        is_paired: contrast.design == Design::Matched,
+        neighbours: near.len(),
+        tested: tests.clone().count(),
+        behind: tests.filter(|test| test.interval.low > 0.0).count(),
     })
 }
 
@@ -257,19 +265,29 @@ mod tests {
             .collect();
         // The seeds shift all tiles, those around the largest by other amounts.
         let factors = [1.2, 1.3, 1.0, 1.0, 1.01, 0.5, 1.0, 1.0];
-        let sample = |place: usize| {
-            let of = |(seed, shift): (u64, f64)| (seed, means[place] + factors[place] * shift);
+        let sample = |place: usize, more: f64| {
+            let of =
+                |(seed, shift): (u64, f64)| (seed, means[place] + more + factors[place] * shift);
             Sample::new([(1, -9.0), (2, 0.0), (3, 9.0)].map(of), 0, 0).unwrap()
         };
-        let samples: Vec<Sample> = (0..8).map(sample).collect();
-        let Lead { tiles: places, test, is_paired, neighbours, behind } =
-            lead(&tiles, &samples).unwrap();
-        assert_eq!((places, is_paired, neighbours), ([4, 5], true, 3));
+        let samples: Vec<Sample> = (0..8).map(|place| sample(place, 0.0)).collect();
+        let found = lead(&tiles, &samples).unwrap();
+        assert_eq!((found.tiles, found.is_paired, found.neighbours), ([4, 5], true, 3));
         // Differences of 10 and -4.59, 0, 4.59, with two degrees of freedom: 4.3027 standard errors of 2.65.
-        assert!((test.difference - 10.0).abs() < 1e-12);
+        assert!((found.difference - 10.0).abs() < 1e-12);
         let half = 4.302_652_73 * 4.59 / 3_f64.sqrt();
-        assert!((test.interval.low - (10.0 - half)).abs() < 1e-6, "{test:?}");
-        assert_eq!(behind, 2);
+        let interval = found.interval.unwrap();
+        assert!((interval.low - (10.0 - half)).abs() < 1e-6, "{interval:?}");
+        assert_eq!((found.tested, found.behind), (3, 2));
         assert_eq!(lead(&tiles, &[]), None);
+        // A neighbour that is behind by the same amount for every seed is the closest, without an interval.
+        let of = |place: usize| match place {
+            5 => sample(4, -10.0),
+            _ => sample(place, 0.0),
+        };
+        let found = lead(&tiles, &(0..8).map(of).collect::<Vec<_>>()).unwrap();
+        assert_eq!((found.tiles[1], found.interval), (5, Err(Undefined::NoVariance)));
+        assert_eq!((found.neighbours, found.tested, found.behind), (3, 2, 2));
+        assert!(!found.is_clear());
     }
 }

@@ -3,8 +3,7 @@
 use std::collections::HashSet;
 
 use super::arm::{ArmId, arms, decided_by};
-use crate::analyse::operating::share;
-use crate::analyse::{Simulated, Undefined, monte_carlo_p, quantile};
+use crate::analyse::{BeyondChance, Undefined, beyond_chance, quantile};
 use crate::job::{Condition, Scalar};
 use crate::key::{Parameter, Value};
 use crate::manifest::DidItLearn;
@@ -12,9 +11,6 @@ use crate::record::JobRecord;
 
 /// The key that removes the effect of messages in a state.
 const NO_EFFECT_AT: &str = "environment.no_effect_at";
-
-/// Trials whose p-value is at most this show more than chance.
-const ALPHA: f64 = 0.05;
 
 /// What trials learned about some states.
 #[derive(Clone, Debug, PartialEq)]
@@ -37,8 +33,8 @@ pub struct LearnedPanel {
     pub trials: [usize; 2],
     /// The statistic after every update.
     pub points: Vec<LearnedPoint>,
-    /// The p-values of the trials after their last update.
-    pub p_values: Vec<f64>,
+    /// The trials after their last update, judged by those without the effect.
+    pub judged: BeyondChance,
 }
 
 /// The statistic after an update.
@@ -71,14 +67,9 @@ impl OverTrials {
 }
 
 impl LearnedPanel {
-    /// The share of trials whose p-value is at most 5 %, with Wilson's interval.
-    pub fn rejected(&self) -> Result<Simulated, Undefined> {
-        share(&self.p_values, |p| *p <= ALPHA)
-    }
-
     /// The median p-value of the trials.
     pub fn median_p(&self) -> Result<f64, Undefined> {
-        quantile(&self.p_values, 0.5)
+        quantile(&self.judged.p_values, 0.5)
     }
 }
 
@@ -174,16 +165,11 @@ fn panel(name: ArmId, state: &[f64], sides: &[Vec<Trial>; 2]) -> LearnedPanel {
         trials.iter().filter_map(|(seed, updates)| Some((*seed, updates.last()?.2))).collect()
     };
     let [with, without] = sides.each_ref().map(last);
-    // A trial and its twin of the same seed have the same people and random numbers, so the twin is no chance result.
-    let p_value = |(seed, statistic): &(u64, f64)| {
-        let others = without.iter().filter(|(other, _)| other != seed);
-        monte_carlo_p(*statistic, &others.map(|(_, other)| *other).collect::<Vec<_>>()).ok()
-    };
     LearnedPanel {
         name,
         state: state.to_vec(),
         trials: sides.each_ref().map(Vec::len),
         points: (0..updates).filter_map(point).collect(),
-        p_values: with.iter().filter_map(p_value).collect(),
+        judged: beyond_chance(&with, &without),
     }
 }

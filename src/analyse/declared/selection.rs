@@ -125,7 +125,12 @@ impl Candidate {
     fn rank(&self, rule: SelectionRule) -> Option<f64> {
         match rule {
             SelectionRule::HighestMean => self.mean.ok(),
-            SelectionRule::HighestLowerBound => self.interval.ok().map(|interval| interval.low),
+            SelectionRule::HighestLowerBound => match self.interval {
+                Ok(interval) => Some(interval.low),
+                // Equal seeds are the limit of seeds that hardly vary.
+                Err(Undefined::NoVariance) => self.mean.ok(),
+                Err(_) => None,
+            },
             SelectionRule::LowestMean => self.mean.ok().map(|mean| -mean),
         }
     }

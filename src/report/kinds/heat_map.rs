@@ -103,15 +103,17 @@ impl Drawn for Vec<HeatFigure> {
             });
         }
         let beyond = tiles().filter(|(_, tile, _)| tile.is_beyond_zero()).count();
+        let tested = tiles().filter(|(_, tile, _)| tile.interval.is_ok()).count();
         let beyond = match beyond {
-            0 => format!("none of {all} intervals excludes 0"),
-            1 => format!("1 of {all} intervals excludes 0"),
-            beyond => format!("{beyond} of {all} intervals exclude 0"),
+            0 => format!("none of {tested} intervals excludes 0"),
+            1 => format!("1 of {tested} intervals excludes 0"),
+            beyond => format!("{beyond} of {tested} intervals exclude 0"),
         };
-        let which = match (tied, tile.is_beyond_zero()) {
-            (1, true) => ", and its interval excludes 0",
-            (1, false) => ", and its interval includes 0",
-            _ => "",
+        let which = match (tied, tile.interval) {
+            (1, Ok(_)) if tile.is_beyond_zero() => ", and its interval excludes 0".to_owned(),
+            (1, Ok(_)) => ", and its interval includes 0".to_owned(),
+            (1, Err(reason)) => format!(", without an interval ({reason})"),
+            _ => String::new(),
         };
         Some(format!(
             "{range}{which}; {beyond} (t tests, paired by seed where both sides share their seeds, not \
@@ -122,15 +124,18 @@ impl Drawn for Vec<HeatFigure> {
 
 /// The lead of the largest mean, as a clause.
 fn ahead(map: &HeatFigure, lead: &Lead, metric: Measure) -> String {
-    let Lead { tiles: [_, closest], test, is_paired, neighbours, behind } = lead;
+    let Lead { tiles: [_, closest], difference, interval, is_paired, neighbours, tested, behind } =
+        lead;
     let tile = &map.tiles[*closest];
+    let test = if *is_paired { "t interval paired by seed" } else { "t interval" };
+    let interval = match interval {
+        Ok(interval) => format!("{}, {test}", gap_ends(*interval, metric)),
+        Err(reason) => format!("no interval: {reason}"),
+    };
     format!(
-        ". It is {} ({}{}) ahead of the closest of its {neighbours} neighbours, at {} = {} and {} = {}, and {behind} \
-         of the {neighbours} intervals exclude 0; the same seeds chose the tile, which makes its lead too large on \
-         average",
-        gap(test.difference, metric),
-        gap_ends(test.interval, metric),
-        if *is_paired { ", t interval paired by seed" } else { ", t interval" },
+        ". It is {} ({interval}) ahead of the closest of its {neighbours} neighbours, at {} = {} and {} = {}, and {behind} \
+         of the {tested} intervals exclude 0; the same seeds chose the tile, which makes its lead too large on average",
+        gap(*difference, metric),
         symbols::short(&map.x.0),
         parameter(tile.x),
         symbols::short(&map.y.0),
@@ -594,7 +599,16 @@ mod tests {
     #[test]
     fn the_largest_mean_is_beside_its_closest_neighbour() {
         let t = crate::analyse::paired_t_test(&[(3.0, 2.0), (5.0, 3.0), (7.0, 3.5)]).unwrap();
-        let lead = Lead { tiles: [1, 0], test: t, is_paired: true, neighbours: 2, behind: 1 };
+        let (difference, interval) = (t.difference, Ok(t.interval));
+        let lead = Lead {
+            tiles: [1, 0],
+            difference,
+            interval,
+            is_paired: true,
+            neighbours: 2,
+            tested: 2,
+            behind: 1,
+        };
         let map = HeatFigure { lead: Some(lead), ..map(&[100.0, 300.0, 200.0], 1.0) };
         let found = vec![map].finds(RETURN, &Names::default()).unwrap();
         let expected = "the largest is at σ = 2 and δ_d = 1 of a P. It is 2 (−1 to 5, t interval paired by seed) \

@@ -2,7 +2,7 @@
 
 use super::{Drawn, Sheet, parameter, related};
 use crate::analyse::declared::{ArmId, LearnedFigure, LearnedPanel, LearnedPoint, OverTrials};
-use crate::analyse::{Interval, Simulated, Undefined};
+use crate::analyse::{CHANCE, Interval, Simulated, Undefined};
 use crate::job::{Measure, MetricUnit, counted, distinct};
 use crate::report::data_table::{DataTable, Entry, shown};
 use crate::report::figure::{
@@ -78,17 +78,31 @@ impl Drawn for LearnedFigure {
     }
 
     fn finds(&self, _: Measure, names: &Names) -> Option<String> {
-        let known: Vec<(&LearnedPanel, Simulated)> =
-            self.panels.iter().filter_map(|panel| Some((panel, panel.rejected().ok()?))).collect();
+        let known: Vec<(&LearnedPanel, Simulated)> = self
+            .panels
+            .iter()
+            .filter_map(|panel| Some((panel, panel.judged.share.ok()?)))
+            .collect();
         let by_share = |one: &&(&LearnedPanel, Simulated), other: &&(&LearnedPanel, Simulated)| {
             one.1.value.total_cmp(&other.1.value)
         };
-        let (most, least) = (known.iter().max_by(by_share)?, known.iter().min_by(by_share)?);
+        let few = || {
+            let reason = self.panels.iter().find_map(|panel| panel.judged.share.err())?;
+            let few = matches!(reason, Undefined::TooFewReferences { .. });
+            few.then(|| format!("More than chance cannot be shown: {reason}"))
+        };
+        let Some(most) = known.iter().max_by(by_share) else { return few() };
+        let least = known.iter().min_by(by_share)?;
         let of = |(panel, share): &(&LearnedPanel, Simulated)| self.sentence(panel, *share, names);
+        let is_clear = |(_, share): &&(&LearnedPanel, Simulated)| {
+            share.interval.is_ok_and(|interval| interval.low > CHANCE)
+        };
+        let clear = known.iter().filter(is_clear).count();
         Some(match known.len() {
-            1 => format!("More than chance (p ≤ 0.05): {}", of(most)),
+            1 if clear == 1 => format!("More than chance (p ≤ 0.05): {}", of(most)),
+            1 => format!("Not shown to be more than the 5 % of chance: p ≤ 0.05 {}", of(most)),
             count => format!(
-                "More than chance (p ≤ 0.05) most often {}, and least often {}, of {}",
+                "p ≤ 0.05 most often {}, and least often {}, of {}; shown to be more than the 5 % of chance in {clear}",
                 of(most),
                 of(least),
                 counted(count, "state")
@@ -156,7 +170,7 @@ impl LearnedFigure {
     /// In how many trials of a panel more was learned than by chance.
     fn sentence(&self, panel: &LearnedPanel, share: Simulated, names: &Names) -> String {
         let heading = self.heading(panel, names);
-        if let [p] = panel.p_values[..] {
+        if let [p] = panel.judged.p_values[..] {
             return format!("in {heading} (p {})", related(p));
         }
         let ends = share.interval.map_or_else(
@@ -179,7 +193,7 @@ fn cells(panel: &LearnedPanel, names: &Names) -> Vec<Entry> {
     let over = |side: usize, of: fn(&OverTrials) -> f64| {
         Entry::of(last.map(|last| of(&last.over[side])), DECIMALS)
     };
-    let rejected = panel.rejected();
+    let rejected = panel.judged.share;
     let interval = rejected.and_then(|share| share.interval);
     let without = last.map(|last| Interval { low: last.over[1].low, high: last.over[1].high });
     vec![
