@@ -380,6 +380,13 @@ fn show(
              it again",
         );
     }
+    // Estimates are no part of a job, so their failures do not change the exit code.
+    for manifest in manifests.iter().filter(|_| end.cause() != Cause::Stopped) {
+        if let Some(failed) = reader.failed_estimates(&manifest.name)? {
+            let name = printable(&manifest.name);
+            let _ = writeln!(io::stderr(), "{name}: {}", printable(&failed.described()));
+        }
+    }
     // After a signal, there is no time to summarise a large experiment.
     if arguments.format == Format::Json || end.cause() == Cause::Stopped {
         return Ok(());

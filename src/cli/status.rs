@@ -13,10 +13,10 @@ use crate::cli::output::{Field, Format, Rows, counted};
 use crate::cli::races::SearchRaces;
 use crate::cli::{Error, Exit, StoreArgument, counts, submissions, summary};
 use crate::cluster::{self, Cluster, Look};
-use crate::key::Parameter;
+use crate::key::{Parameter, printable};
 use crate::plan::Swept;
 use crate::schedule::{self, Left, Speeds};
-use crate::store::{ExperimentCounts, FailedJob, Reader};
+use crate::store::{ExperimentCounts, FailedEstimates, FailedJob, Reader};
 use crate::watch::failures::{self, SameFailure};
 
 /// Show the experiments of a store: jobs by state, races of searches, and failures with their reasons
@@ -114,12 +114,19 @@ fn show(reader: &Reader, format: Format) -> Result<Unfinished, Error> {
     let changes = (!is_csv).then(|| Changes::read(reader)).transpose()?;
     let races = (!is_csv).then(|| SearchRaces::read(reader)).transpose()?;
     let experiments = reader.experiment_counts()?;
+    let mut estimates: Vec<(String, FailedEstimates)> = Vec::new();
+    for ExperimentCounts { experiment, .. } in &experiments {
+        let failed = reader.failed_estimates(experiment)?;
+        estimates.extend(failed.map(|failed| (experiment.clone(), failed)));
+    }
     // A running job of several experiments takes one worker.
     let workers = usize::try_from(reader.running()?).ok().filter(|running| *running > 0);
     let workers = workers.unwrap_or_else(|| schedule::one_per_core().get());
     let mut columns = counts::COLUMNS.map(str::to_owned).to_vec();
     if format == Format::Json {
-        columns.extend(["failures", "manifest_changes", "races"].map(str::to_owned));
+        columns.extend(
+            ["failures", "manifest_changes", "races", "failed_estimates"].map(str::to_owned),
+        );
     }
     let mut rows = Rows::new(format, &columns, io::stdout().lock())?;
     let mut unfinished = Unfinished::default();
@@ -138,6 +145,10 @@ fn show(reader: &Reader, format: Format) -> Result<Unfinished, Error> {
             fields.push(Field::Nested(described.unwrap_or_default()));
             let described = races.as_ref().map(|races| races.described(&experiment));
             fields.push(Field::Nested(described.unwrap_or_default()));
+            let described = estimates.iter().find(|(name, _)| *name == experiment).map(|(_, failed)| {
+                json!({ "jobs": failed.jobs, "name": failed.name, "reason": failed.reason })
+            });
+            fields.push(Field::Nested(described.unwrap_or_default()));
         }
         rows.row(&fields)?;
     }
@@ -146,6 +157,10 @@ fn show(reader: &Reader, format: Format) -> Result<Unfinished, Error> {
         Format::Table => {
             races.iter().try_for_each(SearchRaces::list)?;
             failed.list()?;
+            for (experiment, failed) in &estimates {
+                let name = printable(experiment);
+                writeln!(io::stdout(), "\n{name}: {}", printable(&failed.described()))?;
+            }
             changes.iter().try_for_each(Changes::list)?;
         }
         Format::Json => {}

@@ -10,6 +10,7 @@ use crate::key::printable;
 use crate::manifest::{FigureKeys, nearest};
 use crate::record::JobRecord;
 use crate::report::environment_words::Words;
+use crate::store::FailedEstimates;
 
 /// An experiment with its findings.
 #[derive(Clone, Debug)]
@@ -58,6 +59,7 @@ impl ReportedExperiment {
                 if missing == 1 { "has" } else { "have" }
             ));
         }
+        notes.extend(self.failed_estimates().map(|said| format!("{}: {said}", self.name)));
         let is_drawn = self.race.as_ref().is_some_and(|race| !race.figures.is_empty());
         if self.findings.is_empty() && !is_drawn {
             notes.push(format!(
@@ -70,6 +72,19 @@ impl ReportedExperiment {
             notes.push(no_experiment(store, &self.name, in_store));
         }
         notes
+    }
+
+    /// The number of completed jobs with an estimate that failed, and the first reason; `None` if none failed.
+    pub fn failed_estimates(&self) -> Option<String> {
+        let failure = |job: &JobRecord| {
+            let estimates = job.completed()?.estimates.iter();
+            let mut terms = estimates
+                .flat_map(|one| one.terms.iter().map(|term| (&one.declaration.name, term)));
+            terms.find_map(|(name, term)| Some((name.clone(), term.effect.clone().err()?)))
+        };
+        let failed: Vec<(String, String)> = self.jobs.iter().filter_map(failure).collect();
+        let (name, reason) = failed.first()?.clone();
+        Some(FailedEstimates { jobs: failed.len() as u64, name, reason }.described())
     }
 }
 

@@ -38,7 +38,12 @@ pub fn register_experiment(
         manifest: &manifest.source,
     };
     let jobs = plan::jobs(manifest).map(|planned| (planned.agent, planned.form));
-    store.register_until(stop, &experiment, jobs, part)
+    let registered = store.register_until(stop, &experiment, jobs, part)?;
+    let declared = manifest.agents.iter().flat_map(|agent| {
+        manifest.estimates_of(&agent.name).into_iter().map(|one| (agent.name.as_str(), one))
+    });
+    store.declare_estimates(&manifest.name, declared)?;
+    Ok(registered)
 }
 
 /// The manifest of an experiment in a store, from its text; `None` if this release cannot read it. The files that it

@@ -75,7 +75,9 @@ impl DataQuery {
                 "estimate.name, estimate.term, estimate.estimate, estimate.standard_error, estimate.low,\n  \
                  estimate.high, estimate.truth, estimate.failure"
                     .to_owned(),
-                "JOIN estimate ON estimate.job_key = run.job_key".to_owned(),
+                "JOIN estimate ON estimate.job_key = run.job_key AND estimate.experiment = run.experiment\n  \
+                 AND estimate.agent = run.agent"
+                    .to_owned(),
             ),
             DataPart::Posteriors => (
                 "posterior.number, posterior.step, posterior.action, posterior.mean, posterior.covariance"

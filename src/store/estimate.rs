@@ -9,7 +9,7 @@ use std::sync::Arc;
 use rusqlite::types::Value;
 use rusqlite::{Connection, OptionalExtension};
 
-use crate::job::{Effect, Estimate, EstimateDeclaration, Estimates, JobKey};
+use crate::job::{Effect, Estimate, EstimateDeclaration, Estimates, JobKey, counted};
 
 use super::digest::ResultsDigest;
 use super::read::completed_run;
@@ -228,7 +228,54 @@ pub(super) fn of_run(
     Ok(all.into_iter().map(|(_, estimates)| estimates).collect())
 }
 
+/// Estimates of an experiment that could not be computed.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct FailedEstimates {
+    /// The number of jobs with such an estimate.
+    pub jobs: u64,
+    /// The name of the first one.
+    pub name: String,
+    /// Why it could not be computed.
+    pub reason: String,
+}
+
+impl FailedEstimates {
+    /// The number of jobs and the first reason, in words.
+    pub fn described(&self) -> String {
+        let FailedEstimates { jobs, name, reason } = self;
+        format!(
+            "estimates of {} failed, the first, `{name}`, because {reason}",
+            counted(*jobs, "completed job")
+        )
+    }
+}
+
 impl Reader {
+    /// The failed estimates of an experiment that its manifest declares; `None` if none failed.
+    pub fn failed_estimates(
+        &self,
+        experiment: &str,
+    ) -> Result<Option<FailedEstimates>, StoreError> {
+        // The views of earlier versions do not know which estimates a manifest declares.
+        if !self.has_column("estimate", "experiment")? {
+            return Ok(None);
+        }
+        self.read("read estimates", |connection| {
+            let mut statement = connection.prepare_cached(
+                "SELECT count(DISTINCT job_key), name, failure FROM estimate
+                 WHERE experiment = ?1 AND failure IS NOT NULL",
+            )?;
+            let row = statement.query_row([experiment], |row| {
+                let jobs = row.get(0)?;
+                if jobs == 0 {
+                    return Ok(None);
+                }
+                Ok(Some(FailedEstimates { jobs, name: row.get(1)?, reason: row.get(2)? }))
+            })?;
+            Ok(row)
+        })
+    }
+
     /// The declarations of which the completed run of a job has no estimate. A job without a completed run lacks all.
     pub fn lacking_estimates(
         &self,

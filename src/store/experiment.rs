@@ -1,11 +1,13 @@
 //! Experiments and the jobs they hold.
 
 use std::collections::{HashMap, HashSet};
+use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use rusqlite::{CachedStatement, Connection, OptionalExtension, params};
+use serde_json::{Value as Json, json};
 
-use crate::job::{CanonicalForm, JobKey, Versions};
+use crate::job::{CanonicalForm, EstimateDeclaration, JobKey, Versions};
 
 use super::earlier_manifest;
 use super::error::{Fault, StoreError};
@@ -108,6 +110,25 @@ impl Store {
             Ok(held.drop_others(transaction, id)?)
         })?;
         Ok(Some(Registered { jobs: held.held, added: held.added, dropped }))
+    }
+}
+
+impl Store {
+    /// Notes the estimates that the manifest of an experiment declares, each with the name of an agent whose jobs have
+    /// it: the view `estimate` shows these alone.
+    pub fn declare_estimates<'a>(
+        &mut self,
+        experiment: &str,
+        declared: impl IntoIterator<Item = (&'a str, Arc<EstimateDeclaration>)>,
+    ) -> Result<(), StoreError> {
+        let pair = |(agent, one): (&str, Arc<EstimateDeclaration>)| json!([agent, one.canonical()]);
+        let pairs = Json::Array(declared.into_iter().map(pair).collect()).to_string();
+        self.write("register an experiment", |transaction| {
+            let update = "UPDATE experiment SET estimates = ?2
+                WHERE name = ?1 AND estimates IS NOT ?2";
+            transaction.execute(update, [experiment, &pairs])?;
+            Ok(())
+        })
     }
 }
 

@@ -4,7 +4,7 @@ use super::error::StoreError;
 use super::read::Reader;
 
 /// The public views, with the order of their rows.
-const ORDERS: [(&str, &str); 13] = [
+const ORDERS: [(&str, &str); 14] = [
     ("run_summary", "experiment, job_key, agent, attempt"),
     ("parameter", "job_key, name"),
     ("metric", "job_key, name"),
@@ -16,7 +16,8 @@ const ORDERS: [(&str, &str); 13] = [
     ("participant", "job_key, phase, episode, name"),
     ("manifest", "experiment, number"),
     ("conflict", "job_key, results_sha256"),
-    ("estimate", "job_key, declaration, number"),
+    ("estimate", "experiment, job_key, agent, declaration, number"),
+    ("every_estimate", "job_key, declaration, number"),
     ("posterior", "job_key, number, action"),
 ];
 
@@ -34,16 +35,23 @@ pub const VIEWS: [&str; ORDERS.len()] = {
 /// The documentation of the views, which defines their columns.
 const REFERENCE: &str = include_str!("../../docs/store.md");
 
+/// The order of the view `estimate` in stores of versions whose view has every estimate, without the column `experiment`.
+const EVERY_ESTIMATE: &str = "job_key, declaration, number";
+
 /// The order of the view `manifest` in stores of versions that have the view without the column `number`.
 const EARLIER_ORDER: &str = "experiment, used_from";
 
 /// The public views, each with the query for all its rows in a fixed order. If `experiments` is not empty,
 /// only the rows of these experiments and their jobs.
-fn exports(experiments: &[String]) -> impl Iterator<Item = (&'static str, String)> {
+fn exports(
+    experiments: &[String],
+    estimate_order: &'static str,
+) -> impl Iterator<Item = (&'static str, String)> {
     let quoted: Vec<String> =
         experiments.iter().map(|name| format!("'{}'", name.replace('\'', "''"))).collect();
     let quoted = quoted.join(", ");
     ORDERS.into_iter().map(move |(view, order)| {
+        let order = if view == "estimate" { estimate_order } else { order };
         let of_experiment = order.starts_with("experiment");
         let only = match of_experiment {
             _ if quoted.is_empty() => String::new(),
@@ -97,6 +105,8 @@ impl Reader {
         experiments: &[String],
     ) -> Result<Vec<(&'static str, Option<String>)>, StoreError> {
         let is_numbered = self.has_column("manifest", "number")?;
+        let known = ORDERS.iter().find(|(view, _)| *view == "estimate").map(|(_, order)| *order);
+        let declared = known.filter(|_| self.has_column("estimate", "experiment").unwrap_or(false));
         let query = |(view, sql): (&'static str, String)| {
             let sql = match view {
                 "manifest" if !is_numbered => sql.replace("experiment, number", EARLIER_ORDER),
@@ -104,7 +114,7 @@ impl Reader {
             };
             Ok((view, self.has_view(view)?.then_some(sql)))
         };
-        exports(experiments).map(query).collect()
+        exports(experiments, declared.unwrap_or(EVERY_ESTIMATE)).map(query).collect()
     }
 
     /// The experiments, each with the text of its manifest, in the order of their first run.

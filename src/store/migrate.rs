@@ -89,6 +89,10 @@ pub(super) const MIGRATIONS: &[Migration] = &[
         name: "0016_record_posteriors",
         sql: include_str!("../../migrations/0016_record_posteriors.sql"),
     },
+    Migration {
+        name: "0017_declare_estimates",
+        sql: include_str!("../../migrations/0017_declare_estimates.sql"),
+    },
 ];
 
 /// The version of the schema that this program writes.

@@ -87,7 +87,7 @@ pub use declared::ColumnType;
 pub use doctor::{Diagnosis, Finding, examine};
 pub use earlier_manifest::UsedManifest;
 pub use error::StoreError;
-pub use estimate::Added;
+pub use estimate::{Added, FailedEstimates};
 pub use experiment::{Experiment, Registered};
 pub use export::{Column, VIEWS, columns};
 pub use folder::{Contender, FolderFault, contend, try_folder};

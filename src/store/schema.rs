@@ -33,6 +33,7 @@ const DIGESTS: [&str; MIGRATIONS.len()] = [
     "7cadc21ca82dd3860dc327ad64d282a1c84b275a0b0f5dac3f373d3210588f18",
     "4b77d6c286b0431f5a81f5c4e1164f51aacc610abf21f8e58644fb2656bd38c3",
     "63eb0a651d46e36d5a7e9610cd807a6c9dc4a7008975f7ccd5e109fb84976ee3",
+    "7c9482157bd23b86710a785ae69e4f506aeefafe3e36f7f0dadf95b0543bc7c9",
 ];
 
 /// The parts of the schema of every version, from 1, in the order of their names.

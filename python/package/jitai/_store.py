@@ -99,9 +99,13 @@ class Store:
         """Results that merges found of jobs with other results: the view ``conflict``."""
         return self._view("conflict", experiment)
 
-    def estimates(self, experiment: str | None = None) -> Any:
-        """Estimates of causal effects, one row for each term: the view ``estimate``."""
-        return self._view("estimate", experiment)
+    def estimates(self, experiment: str | None = None, *, earlier: bool = False) -> Any:
+        """Estimates of causal effects, one row for each term: the view ``estimate``.
+
+        These are the estimates that the manifests declare as they were last run. With ``earlier``, also the
+        rows of earlier declarations and of other manifests: the view ``every_estimate``.
+        """
+        return self._view("every_estimate" if earlier else "estimate", experiment)
 
     def parameters(self, experiment: str | None = None, *, wide: bool = False) -> Any:
         """Parameters of jobs: the view ``parameter``, or one row for each job if ``wide``.

@@ -192,6 +192,7 @@ fn section(section: &Section<'_>) -> Markup {
                 (counts.completed) " of " (counts.total()) " jobs completed, "
                 (counts.failed) " failed, " (counts.open) " unfinished."
             }
+            @if let Some(said) = experiment.failed_estimates() { p.state { (said) "." } }
             @if shown.is_empty() && race.is_none() {
                 p {
                     "There are no figures, because the manifest declares no " code { "[[analysis]]" }

@@ -44,8 +44,8 @@ pub(in crate::store) struct NamedRow<const COLUMNS: usize> {
     pub(super) columns: [Value; COLUMNS],
 }
 
-/// `name`, `question`, `hypothesis`, `manifest`, `created_at`, `updated_at`.
-pub(in crate::store) type ExperimentRow = NamedRow<6>;
+/// `name`, `question`, `hypothesis`, `manifest`, `created_at`, `updated_at`, `estimates`.
+pub(in crate::store) type ExperimentRow = NamedRow<7>;
 
 /// The intact earlier manifests of an experiment of the source.
 pub(in crate::store) struct EarlierManifests {

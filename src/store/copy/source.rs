@@ -120,10 +120,17 @@ impl<'a> Source<'a> {
     }
 
     fn experiments(&self) -> Vec<ExperimentRow> {
-        let select = "SELECT name, question, hypothesis, manifest, created_at, updated_at
-             FROM experiment NOT INDEXED WHERE id = ?1";
+        // Stores of earlier versions do not have the column.
+        let known = "SELECT EXISTS (SELECT 1 FROM pragma_table_info('experiment') WHERE name = 'estimates')";
+        let is_known: bool =
+            self.connection.query_row(known, [], |row| row.get(0)).unwrap_or(false);
+        let estimates = if is_known { "estimates" } else { "NULL" };
+        let select = format!(
+            "SELECT name, question, hypothesis, manifest, created_at, updated_at, {estimates}
+             FROM experiment NOT INDEXED WHERE id = ?1"
+        );
         let row =
-            |id| read_row(self.connection, select, id).map(|columns| NamedRow { id, columns });
+            |id| read_row(self.connection, &select, id).map(|columns| NamedRow { id, columns });
         row_ids(self.connection, "experiment").0.into_iter().filter_map(row).collect()
     }
 

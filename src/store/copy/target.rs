@@ -89,8 +89,8 @@ struct NamedTable {
 const EXPERIMENT: NamedTable = NamedTable {
     find: "SELECT id FROM experiment WHERE name = ?1",
     insert: "INSERT INTO experiment
-            (name, question, hypothesis, manifest, created_at, updated_at)
-         VALUES (?1, ?2, ?3, ?4, ?5, ?6)",
+            (name, question, hypothesis, manifest, created_at, updated_at, estimates)
+         VALUES (?1, ?2, ?3, ?4, ?5, ?6, ?7)",
 };
 
 const JOB: NamedTable = NamedTable {
