@@ -87,11 +87,26 @@ def wcls(trial, moderators=()):
 
 
 def t_quantile(df):
-    """The 97.5 % quantile of Student's t, by the expansion of Cornish and Fisher."""
-    z = 1.959963984540054
-    terms = [z, (z**3 + z) / 4, (5 * z**5 + 16 * z**3 + 3 * z) / 96]
-    terms.append((3 * z**7 + 19 * z**5 + 17 * z**3 - 15 * z) / 384)
-    return sum(term / df**power for power, term in enumerate(terms))
+    """The 97.5 % quantile of Student's t, from the distribution of whole degrees of freedom.
+
+    Source: Abramowitz and Stegun, 1964, 26.7.3 and 26.7.4.
+    """
+    odd = df % 2
+    steps = np.arange(1 + odd, df - 1, 2)
+    # The factors of successive powers of the squared cosine.
+    factors = np.cumprod(np.concatenate([[1.0], steps / (steps + 1)]))[: (df - odd) // 2]
+
+    def between(angle):
+        cosine = np.cos(angle)
+        powers = cosine ** (2 * np.arange(len(factors)) + odd)
+        tail = np.sin(angle) * np.sum(factors * powers)
+        return 2 / np.pi * (angle + tail) if odd else tail
+
+    low, high = 0.0, np.pi / 2
+    for _ in range(60):
+        middle = (low + high) / 2
+        low, high = (middle, high) if between(middle) < 0.95 else (low, middle)
+    return np.sqrt(df) * np.tan(low)
 
 
 def exact_effect(trial, parameters):

@@ -8,9 +8,10 @@ use serde_json::{Value as Json, json};
 use crate::analyse::grouped;
 use crate::cli::output::counted;
 use crate::env::outside::{OutsideModel, Trial, try_program};
+use crate::estimate::Layout;
 use crate::job::{distinct, environment_text};
 use crate::key::printable;
-use crate::manifest::Manifest;
+use crate::manifest::{DeclaredEstimate, Manifest};
 use crate::plan;
 use crate::train::misfit;
 
@@ -35,8 +36,16 @@ pub(super) fn of_manifest(manifest: &Manifest) -> Vec<Tried> {
             launch.parameters.iter().map(|(name, value)| format!("{name} = {value}")).collect();
         let result = try_program(&launch, Arc::new(|| false)).map_err(|error| error.to_string());
         let suited = result.and_then(|trial| {
-            let misfits = jobs.iter().filter_map(|job| misfit(job, &trial.description));
-            let faults = distinct(misfits);
+            let Trial { description, .. } = &trial;
+            let misfits = jobs.iter().filter_map(|job| misfit(job, description));
+            let mut names = description.state.clone();
+            names.extend(jobs[0].trial.iter().flat_map(|trial| trial.state_names()));
+            let estimates =
+                manifest.estimates.iter().filter_map(|DeclaredEstimate { declaration, .. }| {
+                    let fault = Layout::of(declaration, description.actions.len(), &names).err()?;
+                    Some(format!("the estimate `{}`: {fault}", declaration.name))
+                });
+            let faults = distinct(misfits.chain(estimates));
             if faults.is_empty() { Ok(trial) } else { Err(faults.join("; ")) }
         });
         all.push(Tried { parameters: parameters.join(", "), result: suited });

@@ -11,7 +11,9 @@ use crate::agent::recorded_decisions;
 use crate::env::Environment;
 use crate::env::outside::{Description, EnvironmentProgram, OutsideModel};
 use crate::external::ProgramError;
-use crate::job::{CurvePoint, EstimateDeclaration, Failure, FailureKind, Job, Outcome, Trial};
+use crate::job::{
+    CurvePoint, EstimateDeclaration, Failure, FailureKind, Job, Outcome, STEP, Trial,
+};
 use crate::key::Size;
 use crate::train::control::{StopHandle, TrainingControl};
 use crate::train::progress::TrainingProgress;
@@ -54,6 +56,11 @@ pub fn misfit(job: &Job, description: &Description) -> Option<String> {
     if let Err(fault) = description.shown(&job.scenario) {
         return Some(fault);
     }
+    if let Some(name) = colliding(job, &description.state) {
+        return Some(format!(
+            "the program's state has the name `{name}`, which jitai gives to a number of its own; rename it in the program"
+        ));
+    }
     let environment = Environment::of(model.with(description.clone()));
     let job = Job { environment, ..job.clone() };
     if let Some(unsuited) = job.agent.unsuited(&job.task()) {
@@ -85,6 +92,13 @@ pub fn misfit(job: &Job, description: &Description) -> Option<String> {
     let episodes = recorded.map(|(_, episodes)| u64::from(episodes)).sum();
     let size = recorded_decisions(episodes, longest);
     size.is_too_large().then(|| too_large(&size))
+}
+
+/// The first name of a program's state that a trial, or the number of the step, has as well.
+fn colliding<'s>(job: &Job, state: &'s [String]) -> Option<&'s String> {
+    let trial = job.trial.as_ref()?;
+    let own: Vec<String> = trial.state_names().chain([STEP.to_owned()]).collect();
+    state.iter().find(|name| own.contains(name))
 }
 
 fn too_large(Size { what, unit, size, most }: &Size) -> String {

@@ -53,7 +53,7 @@ fn estimates(folder: &Folder) -> Vec<String> {
     texts(
         folder,
         "SELECT concat_ws(' ', job_key, name, number, term, printf('%!.17g %!.17g %!.17g %!.17g %!.17g %!.17g', estimate,
-            standard_error, degrees_of_freedom, low, high, p_value), failure) FROM estimate ORDER BY job_key, name, number",
+            standard_error, degrees_of_freedom, low, high, p_value), failure) FROM every_estimate ORDER BY job_key, name, number",
     )
 }
 
@@ -260,4 +260,43 @@ fn faulty_estimates_are_reported_where_they_stand() {
         assert!(said.contains(expected), "{estimate}: {said}");
     }
     assert_eq!(check("control = [\"step\"]\nagents = [\"random\"]").lines().count(), 0);
+}
+
+#[test]
+fn the_view_has_the_declarations_of_the_manifest_as_it_is() {
+    let folder = Folder::completed(&recorded());
+    let declared = |text: &str| {
+        folder.write(
+            "sweep.toml",
+            format!("{}\n[[estimate]]\nname = \"effect\"\n{text}", recorded()),
+        );
+        folder.jitai(["run", "sweep.toml"]).succeeded();
+        let of_name =
+            "SELECT DISTINCT CAST(json_extract(declaration, '$.treatment') AS TEXT) FROM estimate";
+        assert_eq!(folder.number("SELECT count(*) FROM estimate"), 4);
+        texts(&folder, of_name)
+    };
+    assert_eq!(declared(""), ["any message"]);
+    assert_eq!(declared("treatment = 2\n"), ["2"]);
+    assert_eq!(folder.number("SELECT count(*) FROM every_estimate"), 8);
+    // The rows of an earlier declaration are there when the manifest has it again.
+    assert_eq!(declared(""), ["any message"]);
+    // Another experiment with the same jobs declares nothing of its own.
+    let other = recorded().replace("\"trial\"", "\"other\"");
+    folder.write("other.toml", other);
+    folder.jitai(["run", "other.toml"]).succeeded();
+    assert_eq!(folder.number("SELECT count(*) FROM estimate WHERE experiment = 'other'"), 0);
+}
+
+#[test]
+fn estimates_that_fail_are_counted_with_their_reason() {
+    // One person is too few.
+    let one = recorded().replace("test_episodes = 40", "test_episodes = 1");
+    let estimate = "[[estimate]]\nname = \"mood\"\nmoderators = [\"context\"]\n";
+    let folder = Folder::completed(&format!("{one}\n{estimate}"));
+    let said = "estimates of 4 completed jobs failed, the first, `mood`, because it needs at least";
+    folder.jitai(["run", "sweep.toml"]).succeeded().says(said);
+    folder.jitai(["status"]).succeeded().prints(said);
+    folder.jitai(["report", "sweep.toml", "--out", "report"]).succeeded();
+    assert!(folder.read("report/index.html").contains("estimates of 4 completed jobs failed"));
 }
