@@ -186,7 +186,7 @@ mod tests {
 
     /// How often the interval holds the true share, of trials and references with this correlation of twins, in %.
     fn coverage([n, m]: [u64; 2], twins: Option<f64>, shift: f64) -> f64 {
-        const ROUNDS: u32 = 600;
+        const ROUNDS: u32 = 4000;
         let mut rng = ChaCha8Rng::seed_from_u64(7);
         let mut draw = || {
             let (radius, angle): (f64, f64) = (1.0 - rng.random::<f64>(), rng.random());

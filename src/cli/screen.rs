@@ -552,8 +552,8 @@ mod tests {
     fn a_panic_leaves_the_screen_before_its_message() {
         const PANICS: &str = "JITAI_TEST_PANICS";
         if env::var_os(PANICS).is_some() {
-            let mut terminal = ratatui::try_init().unwrap();
-            let _restored = Restored;
+            let mut screen = Screen(Some(ratatui::try_init().unwrap()));
+            let terminal = screen.0.as_mut().unwrap();
             terminal.draw(|frame| frame.render_widget("shown", frame.area())).unwrap();
             panic!("while shown");
         }

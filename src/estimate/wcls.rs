@@ -26,7 +26,7 @@ pub(crate) struct Fit {
 }
 
 /// The part of the outcome's root mean square up to which a residual is taken for rounding.
-const ROUNDING: f64 = 1e-10;
+const ROUNDING: f64 = 1e-12;
 
 /// Why a regression has no fit.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

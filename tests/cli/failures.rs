@@ -385,7 +385,8 @@ rule = "random"
     folder.write("large.py", LARGE);
     folder.jitai(["run", "sweep.toml", "--workers", "1", "--quiet"]).ended(1);
     let statuses = "SELECT group_concat(status) FROM (SELECT status FROM run_summary ORDER BY 1)";
-    assert_eq!(crate::support::rows(&folder.store(), statuses), ["completed,failed"]);
+    let statuses: String = folder.store().query_row(statuses, [], |row| row.get(0)).unwrap();
+    assert_eq!(statuses, "completed,failed");
     let failure = "SELECT count(*) FROM run_summary WHERE failure_kind = 'diverged'
         AND failure_message LIKE 'sd_return is %'";
     assert_eq!(folder.number(failure), 1);

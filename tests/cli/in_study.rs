@@ -103,7 +103,7 @@ fn assert_recomputed(trial: &str, environment: &str, (per_day, lag): (i64, i64))
         let rows = rows(&folder, seed);
         assert!(!rows.is_empty());
         let mut last: BTreeMap<i64, i64> = BTreeMap::new();
-        rows.iter().for_each(|row| drop(last.insert(row.person, row.day)));
+        last.extend(rows.iter().map(|row| (row.person, row.day)));
         let sql = format!(
             "SELECT step, action, mean FROM posterior JOIN run_summary USING (job_key) WHERE seed = {seed} ORDER BY 1, 2"
         );

@@ -527,7 +527,9 @@ fn a_job_of_every_shape_is_merged_and_salvaged_with_all_of_its_rows() {
             let sql = format!("SELECT '{table}: ' || count(*) FROM {table}");
             store.query_row(&sql, [], |row| row.get::<_, String>(0)).unwrap()
         };
-        rows(&store, names).into_iter().map(count).collect()
+        let mut statement = store.prepare(names).unwrap();
+        let names = statement.query_map([], |row| row.get(0)).unwrap();
+        names.map(|name| count(name.unwrap())).collect()
     };
     let ours = tables("jitai.sqlite");
     let empty: Vec<&String> = ours.iter().filter(|count| count.ends_with(": 0")).collect();

@@ -195,7 +195,7 @@ fn export_writes_every_view_with_its_columns_and_rows() {
     folder.jitai(["export", "--out", "results/json", "--format", "json"]).succeeded();
     let store = folder.store();
     let views = views(&store);
-    assert_eq!(views.len(), 13);
+    assert_eq!(views.len(), 14);
     for view in &views {
         let columns = columns(&store, view);
         let count = folder.number(&format!("SELECT count(*) FROM {view}"));

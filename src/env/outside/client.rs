@@ -188,7 +188,7 @@ impl OutsideEnvironment {
             for ((entry, number), feature) in each {
                 *entry = row[*number] as f32;
                 let is_rounded = row[*number].fract() == 0.0 && f64::from(*entry) != row[*number];
-                if is_rounded && row[*number].abs() > LARGEST_WHOLE {
+                if is_rounded && entry.is_finite() && row[*number].abs() > LARGEST_WHOLE {
                     let (name, found) = (&feature.name, row[*number]);
                     return Err(format!(
                         "expected `{name}` in lane {lane} as a number that 32 bits hold, found {found}: whole numbers \
