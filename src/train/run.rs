@@ -1,7 +1,5 @@
 //! A job from its start, or from a checkpoint, to its outcome.
 
-use std::cell::Cell;
-
 use crate::agent::{External, StartError};
 use crate::env::outside::OutsideModel;
 use crate::job::{Job, Outcome};
@@ -37,11 +35,8 @@ fn train(job: &Job, control: &dyn TrainingControl) -> Outcome {
         // Other manifests with such an agent are rejected, so the algorithm is at fault.
         Err(error) => panic!("the agent cannot start: {error}"),
     };
-    let is_due = || control.stop_requested() || checkpoints.are_due() || control.report_is_due();
+    let pause = || control.stop_requested() || checkpoints.are_due() || control.report_is_due();
     loop {
-        // Every span takes a step, so that no checkpoint repeats the one from which the job resumed.
-        let has_moved = Cell::new(false);
-        let pause = || has_moved.replace(true) && is_due();
         if let Err(failure) = training.advance(&pause) {
             return Outcome::Failed(failure);
         }

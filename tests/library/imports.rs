@@ -65,6 +65,7 @@ const TABLE: &[(&str, &[&str])] = &[
             "optimum",
             "agent",
             "job",
+            "estimate",
             "record",
             "train",
             "manifest",
