@@ -147,7 +147,7 @@ impl Job {
         }
     }
 
-    /// Whether the simulation of its trial has changed: people who have disengaged no longer count as people in the
+    /// Whether the simulation of its trial has changed: people who have left no longer count as people in the
     /// study, and recorded decisions have whether their outcome reached the agent.
     fn differs_in_trial(&self) -> bool {
         let Some(trial) = &self.trial else { return false };

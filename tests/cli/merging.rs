@@ -14,7 +14,7 @@ use jitai::train::{self, TrainingControl};
 use rusqlite::Connection;
 
 use crate::failures::{OPTIONS, queued};
-use crate::support::{Effort, Folder, assert_same_rows, manifest, rows, until};
+use crate::support::{Effort, Folder, assert_same_rows, manifest, until};
 
 /// A manifest with two agents, one of which fails with every seed.
 fn failing() -> String {
