@@ -223,7 +223,7 @@ fn an_outcome_that_does_not_vary_has_no_effect_and_no_standard_error() {
     }
     // Noise that is small beside the outcome, and larger than its rounding, is noise.
     let noisy: fn(u32, u32) -> f64 =
-        |person, step| 1e6 + f64::from(person * 31 % 17 + step % 2) * 1e-3;
+        |person, step| 1e6 + f64::from((person * 31 + person * step * 7 + step * step) % 17) * 1e-3;
     let found = estimates(declared(&[], &[], ANY), &rows(noisy));
     assert!(found[0].effect.is_ok(), "{:?}", found[0].effect);
 }
