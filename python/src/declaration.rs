@@ -9,7 +9,7 @@ use jitai::experiment::{self, Filter, Job, Manifest, PlannedJob};
 use jitai::key::{Content, Kind, Value, json_object};
 use pyo3::exceptions::{PyFileNotFoundError, PyTypeError, PyValueError};
 use pyo3::prelude::*;
-use pyo3::types::{PyBool, PyDict, PyFloat, PyInt, PyList, PyString, PyTuple};
+use pyo3::types::{PyBool, PyBytes, PyDict, PyFloat, PyInt, PyMapping, PySequence, PyString};
 use toml::Value as Toml;
 
 use crate::info::outcome;
@@ -300,8 +300,9 @@ pub(crate) fn toml_of(name: &str, value: &Bound<'_, PyAny>, depth: usize) -> PyR
         return Ok(Toml::Boolean(flag.is_true()));
     }
     if value.is_instance_of::<PyInt>() {
-        // The integer exceeds every range; infinity gives the message for numbers that are too large.
-        return Ok(value.extract().map_or(Toml::Float(f64::INFINITY), Toml::Integer));
+        let too_large =
+            |_| PyValueError::new_err(format!("`{name}`: expected a number of 64 bits, found {value}"));
+        return value.extract().map(Toml::Integer).map_err(too_large);
     }
     if let Ok(number) = value.cast::<PyFloat>() {
         return Ok(Toml::Float(number.value()));
@@ -309,13 +310,18 @@ pub(crate) fn toml_of(name: &str, value: &Bound<'_, PyAny>, depth: usize) -> PyR
     if value.is_instance_of::<PyString>() {
         return Ok(Toml::String(value.extract()?));
     }
-    if value.is_instance_of::<PyList>() || value.is_instance_of::<PyTuple>() {
+    if value.is_instance_of::<PyBytes>() {
+        return Err(of_type("bytes".to_owned()));
+    }
+    // Lists, tuples and ranges.
+    if value.cast::<PySequence>().is_ok() {
         let items = value.try_iter()?;
         let items = items.map(|item| toml_of(name, &item?, depth + 1));
         return Ok(Toml::Array(items.collect::<PyResult<_>>()?));
     }
-    if let Ok(table) = value.cast::<PyDict>() {
-        let entries = table.iter().map(|(key, value)| {
+    if let Ok(table) = value.cast::<PyMapping>() {
+        let entries = table.items()?.into_iter().map(|entry| {
+            let (key, value): (Bound<'_, PyAny>, Bound<'_, PyAny>) = entry.extract()?;
             let key: String =
                 key.extract().map_err(|_| of_type("a key that is not a word".into()))?;
             let value = toml_of(&format!("{name}.{key}"), &value, depth + 1)?;

@@ -10,6 +10,7 @@ import subprocess
 import sys
 import threading
 import time
+from types import MappingProxyType
 
 import jitai
 import pytest
@@ -291,6 +292,9 @@ def test_figures_are_those_of_the_report(tmp_path):
         assert {figure.analysis for figure in learning} == {"learning"}
         learning[0].save(tmp_path / "saved.svg")
         assert (tmp_path / "saved.svg").read_text() == learning[0].svg
+        with pytest.raises(ValueError, match="a figure is an SVG image, found the ending '.png'"):
+            learning[0].save(tmp_path / "saved.png")
+        assert not (tmp_path / "saved.png").exists()
         other = results.plot(manifest={**manifest, "analysis": [{**curve, "name": "other"}]})
         assert [figure.caption for figure in other] == [figure.caption for figure in learning]
         for error, message, arguments in [
@@ -302,3 +306,15 @@ def test_figures_are_those_of_the_report(tmp_path):
     with pytest.raises(ValueError, match="declares no ..analysis"):
         bare = {key: value for key, value in SMALL.items() if key != "analysis"}
         jitai.open(path).plot(manifest=bare)
+
+
+def test_sequences_and_mappings_of_all_kinds_are_values(tmp_path, monkeypatch):
+    manifest = MappingProxyType({**SMALL, "seeds": range(1, 3)})
+    expected = jitai.check({**SMALL, "seeds": [1, 2]})
+    assert jitai.check(manifest) == expected
+    with pytest.raises(TypeError, match="found bytes"):
+        jitai.check({**SMALL, "name": b"dict"})
+    with pytest.raises(ValueError, match="`seeds`: expected a number of 64 bits, found 9223372036854775808"):
+        jitai.check({**SMALL, "seeds": 2**63})
+    monkeypatch.chdir(tmp_path)
+    assert jitai.run(manifest, store="here.sqlite", progress=False).store == str(tmp_path / "here.sqlite")

@@ -67,6 +67,8 @@ def _observations(states: list[str], names: Sequence[str] | None) -> npt.NDArray
     """Entries of states, which are JSON objects with the same names."""
     rows = json.loads(f"[{','.join(states)}]")
     known = list(rows[0])
+    if not known:
+        raise ValueError("observations: the environment declares no `state`, so that its decisions record none")
     chosen = known if names is None else [names] if isinstance(names, str) else list(names)
     unknown = [name for name in chosen if name not in known]
     if unknown:

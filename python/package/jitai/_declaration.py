@@ -29,7 +29,7 @@ def declare(
     if manifest is None:
         if environment is not None:
             raise TypeError("environment=… chooses from a manifest; add manifest=…")
-        if scenario is not None and not isinstance(scenario, (str, list, tuple)):
+        if scenario is not None and not isinstance(scenario, Sequence):
             raise TypeError(f"`scenario`: expected a word or a list of words, found {scenario!r}")
         if extends is not None and not isinstance(extends, str):
             raise TypeError(f"`extends`: expected a word, found {extends!r}")

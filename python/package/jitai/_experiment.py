@@ -30,7 +30,7 @@ BETWEEN_LINES = 5.0
 def _arguments(manifest: Manifest | Sequence[Manifest], **others: Any) -> dict[str, Any]:
     """The arguments of a call of the native module."""
     manifests: list[Any] = [manifest]
-    if isinstance(manifest, Sequence) and not isinstance(manifest, str):
+    if isinstance(manifest, Sequence) and not isinstance(manifest, (str, bytes)):
         manifests = list(manifest)
     if not manifests:
         raise ValueError("manifest: expected at least one manifest, found none")
@@ -124,7 +124,7 @@ def plan(
 class Run:
     """The result of :func:`run`."""
 
-    #: The path of the store.
+    #: The absolute path of the store.
     store: str
     #: Number of jobs that ran to their end.
     ran: int
@@ -187,7 +187,7 @@ def run(
     for note in ended.pop("notes"):
         warnings.warn(note, stacklevel=2)
     del ended["event"]
-    result = Run(store=os.fspath(store), **ended)
+    result = Run(store=os.path.abspath(os.fspath(store)), **ended)
     if result.failed:
         reasons = "the columns failure_kind and failure_message of runs() have the reasons"
         warnings.warn(f"{result.line}; {reasons}", RuntimeWarning, stacklevel=2)
@@ -196,7 +196,7 @@ def run(
 
 def _named(manifest: Any) -> str:
     """A manifest in the list of commands that changed a store."""
-    if isinstance(manifest, dict):
+    if isinstance(manifest, Mapping):
         return f"{{'name': {manifest.get('name')!r}, …}}"
     return repr(os.fspath(manifest))
 

@@ -27,7 +27,15 @@ class Figure:
     caption: str = field(repr=False)
 
     def save(self, path: str | os.PathLike[str]) -> None:
-        """Writes the image to an SVG file."""
+        """Writes the image to an SVG file.
+
+        Raises :class:`ValueError` if the name ends like the name of a file of another kind.
+        """
+        ending = Path(path).suffix
+        if ending.lower() not in ("", ".svg"):
+            raise ValueError(
+                f"a figure is an SVG image, found the ending {ending!r}; jitai.report() writes PNG and PDF files"
+            )
         Path(path).write_text(self.svg, encoding="utf-8")
 
     def _repr_svg_(self) -> str:
