@@ -201,7 +201,7 @@ fn an_outcome_that_does_not_vary_has_no_effect_and_no_standard_error() {
     let rows = |reward: fn(u32, u32) -> f64| -> Vec<Decision> {
         let of_person = |person: u32| {
             (0..6).map(move |step| {
-                let action = u8::from((person * 7 + step * 5) % 3 == 0);
+                let action = u8::from((person * 7 + step * 5).is_multiple_of(3));
                 let mood = f64::from((person * step + step) % 5) / 7.0;
                 let one = decision(person, step, action, 0.4, reward(person, step));
                 Decision { state: [mood].into(), ..one }

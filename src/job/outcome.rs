@@ -384,7 +384,8 @@ mod tests {
     #[test]
     fn a_number_that_is_not_finite_fails_the_job_and_is_named() {
         assert_eq!(results().unusable_number(), None);
-        let cases: [(fn(&mut Results), &str); 9] = [
+        type Change = fn(&mut Results);
+        let cases: [(Change, &str); 9] = [
             (|all| all.metrics[0].value = f64::INFINITY, "mean_return is inf"),
             (
                 |all| all.curve[0].value = f64::NAN,

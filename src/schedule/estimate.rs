@@ -122,7 +122,7 @@ impl Speeds {
                 idle.push(Reverse(at.saturating_add(time)));
             }
         }
-        idle.into_iter().map(|Reverse(at)| at).max().or_else(|| Some(Duration::ZERO))
+        idle.into_iter().map(|Reverse(at)| at).max().or(Some(Duration::ZERO))
     }
 
     /// The time that one core needs for a job, in seconds.
