@@ -64,9 +64,11 @@ fn solved(mut matrix: [[f64; 4]; 4], mut right: [f64; 4]) -> [f64; 4] {
     for pivot in 0..4 {
         for row in (0..4).filter(|row| *row != pivot) {
             let factor = matrix[row][pivot] / matrix[pivot][pivot];
-            for column in 0..4 {
-                matrix[row][column] -= factor * matrix[pivot][column];
-            }
+            let own = matrix[pivot];
+            matrix[row]
+                .iter_mut()
+                .zip(own)
+                .for_each(|(entry, of_pivot)| *entry -= factor * of_pivot);
             right[row] -= factor * right[pivot];
         }
     }
