@@ -301,7 +301,9 @@ pub(crate) fn toml_of(name: &str, value: &Bound<'_, PyAny>, depth: usize) -> PyR
     }
     if value.is_instance_of::<PyInt>() {
         let too_large = |_| {
-            PyValueError::new_err(format!("`{name}`: expected a number of 64 bits, found {value}"))
+            PyValueError::new_err(format!(
+                "`{name}`: expected a whole number of 64 bits, found {value}"
+            ))
         };
         return value.extract().map(Toml::Integer).map_err(too_large);
     }

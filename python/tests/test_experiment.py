@@ -314,7 +314,7 @@ def test_sequences_and_mappings_of_all_kinds_are_values(tmp_path, monkeypatch):
     assert jitai.check(manifest) == expected
     with pytest.raises(TypeError, match="found bytes"):
         jitai.check({**SMALL, "name": b"dict"})
-    with pytest.raises(ValueError, match="`seeds`: expected a number of 64 bits, found 9223372036854775808"):
+    with pytest.raises(ValueError, match="seeds`: expected a whole number of 64 bits, found 9223372036854775808"):
         jitai.check({**SMALL, "seeds": 2**63})
     monkeypatch.chdir(tmp_path)
     assert jitai.run(manifest, store="here.sqlite", progress=False).store == str(tmp_path / "here.sqlite")
