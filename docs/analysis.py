@@ -1,11 +1,12 @@
 """The questions of analysis.md, answered with pandas.
 
-    python docs/analysis.py [STORE [FOLDER]]
+    python docs/analysis.py [STORE [FOLDER [EXPERIMENT]]]
 
 prints the answers about a store (jitai.sqlite by default), or writes them into FOLDER as 1.csv,
-2.csv and so on. Every cell stands on the first one alone, to be copied into a notebook. The
-quickstart has to be in the store and complete; questions about other experiments that it lacks stay
-without an answer.
+2.csv and so on; - as FOLDER prints them. Every cell stands on the first one alone, to be copied into
+a notebook. The questions are about EXPERIMENT, or else about the experiments of the documents,
+of which the quickstart has to be complete. Questions that do not concern an experiment, such as the
+gain of scenarios that it lacks, stay without an answer.
 """
 
 # %% The views of the store, and the completed runs of an experiment
@@ -16,6 +17,8 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
+# The experiment that all questions are about, if it is not that of the documents.
+named = sys.argv[3] if len(sys.argv) > 3 else None
 path = Path(sys.argv[1] if len(sys.argv) > 1 else "jitai.sqlite").resolve()
 # Read-only: a misspelt path is an error, and not a new file.
 store = sqlite3.connect(f"{path.as_uri()}?mode=ro", uri=True)
@@ -31,7 +34,9 @@ decisions = pd.read_sql("SELECT * FROM decision", store)
 ARM = ["agent", "scenario", "label"]
 completed = runs[runs["status"] == "completed"]
 with_results = jobs[jobs["mean_return"].notna()]
-quickstart = with_results[with_results["experiment"] == "quickstart"]
+quickstart = with_results[with_results["experiment"] == (named or "quickstart")]
+if quickstart.empty:
+    raise SystemExit(f"{path} has no results of the experiment {named or 'quickstart'!r}")
 # Every environment parameter of a job, as one text.
 environment = parameters[parameters["name"].str.startswith("environment.")].sort_values("name")
 environment = environment.assign(text=environment["name"] + "=" + environment["value"].astype(str))
@@ -45,25 +50,29 @@ answers[1] = quickstart.groupby(ARM)["mean_return"].agg(
 
 # %% 2. How much do probabilities gain over the most likely context (P-H-D minus L-H-D)?
 means = quickstart.pivot_table("mean_return", ["agent", "label"], "scenario")
-answers[2] = (means["P-H-D"] - means["L-H-D"]).rename("gain")
+has_both = {"P-H-D", "L-H-D"} <= set(means)
+if has_both:
+    answers[2] = (means["P-H-D"] - means["L-H-D"]).rename("gain")
 
 # %% 3. Does every seed show the gain?
 by_seed = quickstart.pivot(
     index=["agent", "label", "seed"], columns="scenario", values="mean_return"
 )
-answers[3] = (by_seed["P-H-D"] - by_seed["L-H-D"]).rename("gain")
+if has_both:
+    answers[3] = (by_seed["P-H-D"] - by_seed["L-H-D"]).rename("gain")
 
 # %% 4. Is the gain more than chance?
 # scipy.stats.ttest_rel is the same test, and has the p value.
-gains = answers[3].dropna().groupby(["agent", "label"])
-answers[4] = pd.DataFrame(
-    {
-        "gain": gains.mean(),
-        "standard_error": gains.sem(),
-        "t": gains.mean() / gains.sem(),
-        "degrees_of_freedom": gains.count() - 1,
-    }
-)
+if has_both:
+    gains = answers[3].dropna().groupby(["agent", "label"])
+    answers[4] = pd.DataFrame(
+        {
+            "gain": gains.mean(),
+            "standard_error": gains.sem(),
+            "t": gains.mean() / gains.sem(),
+            "degrees_of_freedom": gains.count() - 1,
+        }
+    )
 
 # %% 5. What share of the best arm's return does each arm reach?
 arm = quickstart.join(environment, on="job_key").groupby(["environment", *ARM])
@@ -148,18 +157,22 @@ swept = (
     .rename(columns=lambda name: name.removeprefix("environment."))
     .astype(float)
 )
-dynamics = with_results[with_results["experiment"] == "disengagement"].join(swept, on="job_key")
-means = dynamics.pivot_table("mean_return", ["agent", "label", "delta_d", "epsilon_d"], "scenario")
-if {"P-H-D", "L-H-D"} <= set(means):
+dynamics = with_results[with_results["experiment"] == (named or "disengagement")].join(swept, on="job_key")
+axes = ["delta_d", "epsilon_d"]
+if set(axes) <= set(dynamics):
+    means = dynamics.pivot_table("mean_return", ["agent", "label", *axes], "scenario")
+if set(axes) <= set(dynamics) and {"P-H-D", "L-H-D"} <= set(means):
     answers[14] = (means["P-H-D"] - means["L-H-D"]).rename("gain")
 
 # %% 15. What were the parameters of a job?
 job = quickstart.query("agent == 'dqn' and scenario == 'P-H-D' and seed == 1").sort_values("label")
+if job.empty:
+    job = quickstart.sort_values("job_key")
 job_key = job["job_key"].iloc[0]
 answers[15] = parameters[parameters["job_key"] == job_key].set_index("name")[["value"]]
 
 # %% 16. Which parameters does an experiment vary, and over which values?
-held = runs[runs["experiment"] == "disengagement"].merge(parameters, on="job_key")
+held = runs[runs["experiment"] == (named or "disengagement")].merge(parameters, on="job_key")
 varied = held.groupby(["agent", "name"])["value"]
 # Values of one parameter are of one type, but the column is not.
 varied = varied.agg(different="nunique", lowest=lambda v: min(v), highest=lambda v: max(v))
@@ -207,7 +220,7 @@ difference = completed["mean_return"] - completed["job_key"].map(again)
 answers[23] = difference.abs().agg(["max"]).rename("largest_difference")
 
 # %% 24. What share of the optimum does each agent reach?
-both = with_results[with_results["experiment"].isin(["quickstart", "reference"])]
+both = with_results[with_results["experiment"].isin([named] if named else ["quickstart", "reference"])]
 mean = both.join(environment, on="job_key").groupby(["environment", *ARM])["mean_return"].mean()
 mean = mean.reset_index()
 best = mean[mean["agent"] == "optimal"]
@@ -218,7 +231,7 @@ if not best.empty:
     answers[24] = shares.set_index(ARM)["share"]
 
 # The trial of decisions.md: what was recorded of every step, and the arm that it belongs to.
-trial = jobs.loc[jobs["experiment"] == "trial", ["job_key", *ARM, "seed"]]
+trial = jobs.loc[jobs["experiment"] == (named or "trial"), ["job_key", *ARM, "seed"]]
 trial = trial.merge(decisions[decisions["phase"] == "test"], on="job_key")
 
 # %% 25. How many messages are sent at each level of habituation and disengagement risk?
@@ -266,7 +279,7 @@ if not randomised.empty:
 # %% Printed, or written as files
 if __name__ == "__main__":
     for question, answer in answers.items():
-        if len(sys.argv) > 2:
+        if len(sys.argv) > 2 and sys.argv[2] != "-":
             folder = Path(sys.argv[2])
             folder.mkdir(parents=True, exist_ok=True)
             answer.to_csv(folder / f"{question}.csv")

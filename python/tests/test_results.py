@@ -11,7 +11,7 @@ import numpy as np
 import pandas
 import polars
 import pytest
-from conftest import MANIFEST, PROGRAM
+from conftest import MANIFEST, PEOPLE, PROGRAM
 
 VIEWS = {
     "runs": "run_summary",
@@ -147,6 +147,58 @@ def test_a_dataset_of_a_training_has_a_timeout_where_the_training_ended(tmp_path
     assert dataset["terminals"].sum() == training.terminated.sum()
     ended = dataset["terminals"] + dataset["timeouts"]
     assert ended.sum() == training.episode.nunique() and ended[-1] == 1
+
+
+def costly(tmp_path, scenario="P-H-D", **sections):
+    """The store of a job that records its test."""
+    declared = {
+        "format": 1,
+        "name": "costly",
+        "scenarios": [scenario],
+        "seeds": 1,
+        "evaluation": {"record_decisions": "test", "test_episodes": 20},
+        "agent": [{"name": "random", "algorithm": "rule", "rule": "random"}],
+        **sections,
+    }
+    path = tmp_path / "costly.sqlite"
+    jitai.run(declared, store=path, progress=False)
+    return jitai.open(path)
+
+
+def test_rewards_of_a_dataset_are_less_the_cost_of_messages(tmp_path):
+    paid = {"sigma": 0.4, "message_cost": 30, "epsilon_d": 0, "mu": [0, 0], "rho_1": 0, "rho_2": 0}
+    with costly(tmp_path, environment=paid) as results:
+        dataset, decisions = results.dataset(""), results.decisions()
+    env = jitai.make(**paid)
+    env.reset(seed=1)
+    assert env.step(1)[1] == -30
+    untailored = dataset["actions"] == 1
+    assert set(dataset["rewards"][untailored].tolist()) == {-30.0}
+    assert set(decisions.reward[untailored]) == {0.0}
+    assert set(dataset["rewards"][dataset["actions"] == 0].tolist()) == {0.0}
+
+
+def test_people_of_a_dataset_have_costs_of_their_own(tmp_path):
+    people = {"message_cost": {"uniform": [0, 30]}}
+    with costly(tmp_path, environment={"sigma": 0.4}, population=people) as results:
+        dataset, decisions = results.dataset(""), results.decisions()
+        cost = results.query("SELECT episode, value FROM participant WHERE name = 'message_cost'")
+    cost = cost.set_index("episode").value
+    assert cost.nunique() == 20
+    paid = decisions.reward - decisions.episode.map(cost) * (decisions.action > 0)
+    assert (dataset["rewards"] == paid.to_numpy().astype(np.float32)).all()
+
+
+@pytest.mark.parametrize("scale", ["raw", "normalised"])
+def test_prompts_of_oralytics_cost_what_the_net_return_says(tmp_path, scale):
+    people = str(PEOPLE / "synthetic_v2.csv")
+    environment = {"family": "oralytics", "people": people, "cost_scale": scale}
+    environment |= {"cost_of_good_brushing": 30.0, "cost_of_frequent_prompts": 7.0}
+    with costly(tmp_path, ["dosage"], environment=environment) as results:
+        dataset, decisions = results.dataset(""), results.decisions()
+        net = results.query("SELECT value FROM metric WHERE name = 'mean_net_return'").value[0]
+    assert dataset["rewards"].sum(dtype=float) / 20 == pytest.approx(net)
+    assert decisions.reward.sum() / 20 > net or scale == "normalised"
 
 
 def test_a_dataset_says_what_is_missing(store, plain):

@@ -17,6 +17,16 @@ _DECISIONS = """
     WHERE job_key = ? AND phase = ? ORDER BY episode, step
 """
 
+_COSTS = """
+    SELECT name, CASE value WHEN 'raw' THEN 0 WHEN 'normalised' THEN 1 ELSE CAST(value AS REAL) END FROM parameter
+    WHERE job_key = ? AND name IN ('environment.message_cost', 'environment.cost_scale',
+        'environment.cost_of_good_brushing', 'environment.cost_of_frequent_prompts')
+"""
+
+_COSTS_OF_PEOPLE = """
+    SELECT episode, CAST(value AS REAL) FROM participant WHERE job_key = ? AND phase = ? AND name = 'message_cost'
+"""
+
 
 def of_decisions(
     reader: StoreReader, key: str, phase: str, observations: Sequence[str] | None
@@ -37,15 +47,40 @@ def of_decisions(
         raise ValueError(
             f"job {job}: an earlier version recorded the decisions of the training, without the endings of episodes"
         )
+    costs = _costs(reader, job, phase, episode.values, state.values)
     # A training may end within an episode.
     ends = np.append(np.diff(episode.values) != 0, True)
     return {
         "observations": _observations(state.values, observations),
         "actions": action.values,
-        "rewards": reward.values.astype(np.float32),
+        "rewards": (reward.values - costs * (action.values > 0)).astype(np.float32),
         "terminals": terminated.values.astype(np.float32),
         "timeouts": (ends & (terminated.values == 0)).astype(np.float32),
     }
+
+
+def _costs(
+    reader: StoreReader, job: str, phase: str, episodes: npt.NDArray[Any], states: list[str]
+) -> npt.NDArray[np.float64]:
+    """The cost of a message at each decision, which the recorded reward does not count."""
+    names, values = (Column(*column).values for column in reader.columns(_COSTS, [(None, job)]))
+    declared = {name.removeprefix("environment."): value for name, value in zip(names, values, strict=True)}
+    if "cost_of_good_brushing" in declared:
+        # Step 3 of docs/oralytics.md.
+        rows = json.loads(f"[{','.join(states)}]")
+        brushing = np.array([row["average_brushing"] for row in rows])
+        prompts = np.array([row["average_prompts"] for row in rows])
+        if declared["cost_scale"] == 1:
+            brushing, prompts = (brushing - 90.5) / 89.5, 2 * (prompts - 0.5)
+        good = (brushing > 111) & (prompts > 0.5)
+        return declared["cost_of_good_brushing"] * good + declared["cost_of_frequent_prompts"] * (prompts > 0.8)
+    costs = np.full(len(episodes), declared.get("message_cost", 0.0))
+    parameters = [(None, job), (None, phase)]
+    of_people = [Column(*column).values for column in reader.columns(_COSTS_OF_PEOPLE, parameters)]
+    if len(of_people[0]):
+        by_episode = dict(zip(*of_people, strict=True))
+        costs = np.array([by_episode[episode] for episode in episodes])
+    return costs
 
 
 def _job(reader: StoreReader, key: str) -> str:
