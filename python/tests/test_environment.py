@@ -176,6 +176,33 @@ def test_spaces_are_flattened_and_infos_become_the_state(tmp_path):
     assert served.end().splitlines()[:2] == ["reset 7", "reset 8"]
 
 
+@pytest.mark.parametrize("kind", ["serve", "serve_lanes"])
+def test_seeds_are_hashed_to_the_size_that_an_environment_takes(tmp_path, kind):
+    single = 'environment.serve(Study, horizon=3, seed_bits=32)'
+    lanes = """
+class Lanes:
+    def __init__(self, lanes):
+        pass
+
+    def reset(self, lanes, seeds):
+        for seed in seeds:
+            print("reset", seed)
+        return np.zeros((len(lanes), 1)), {}
+
+
+environment.serve_lanes(Lanes, features=["x"], actions=["a", "b"], horizon=3, seed_bits=32)
+"""
+    served = program(tmp_path, SPACES + (single if kind == "serve" else lanes))
+    served.begin(1, 4)
+    # Seeds that have their last 32 bits in common remain different.
+    served.reset(1, [0, 1, 2, 3], [7, 7 + 2**32, 2**53 - 1, 7])
+    seeds = [int(line.removeprefix("reset ")) for line in served.end().splitlines()]
+    assert len(seeds) == 4 and max(seeds) < 2**32
+    assert seeds[0] == seeds[3] and len(set(seeds)) == 3
+    # Results of stored jobs depend on these numbers.
+    assert seeds[0] == 3231705258
+
+
 @pytest.mark.parametrize(
     ("serve", "parameters", "expected"),
     [
@@ -191,6 +218,7 @@ def test_spaces_are_flattened_and_infos_become_the_state(tmp_path):
         ('environment.serve(Study, horizon=3, actions=["x"])', {}, "expected 3 names of actions, found 1"),
         ('environment.serve("Pendulum-v1")', {}, "expected a Discrete action space"),
         ('environment.serve("NoSuch-v1")', {}, "NoSuch"),
+        ("environment.serve(Study, horizon=3, seed_bits=0)", {}, "expected seed_bits from 1 to 64, found 0"),
     ],
 )
 def test_what_cannot_be_served_is_named(tmp_path, serve, parameters, expected):

@@ -8,6 +8,7 @@ standard output belongs to the protocol.
 from __future__ import annotations
 
 import binascii
+import hashlib
 import json
 import re
 import sys
@@ -26,6 +27,8 @@ __all__ = ["PROTOCOL", "Lanes", "serve", "serve_lanes"]
 
 #: The version of the protocol.
 PROTOCOL = 1
+#: The size of jitai's seeds.
+_SEED_BITS = 53
 
 Rows = npt.NDArray[Any]
 #: A name, or a dict with ``name`` and optionally ``low``, ``high``, ``unit`` and ``meaning``.
@@ -54,6 +57,7 @@ def serve(
     features: Sequence[Feature] | None = None,
     actions: Sequence[str] | None = None,
     horizon: int | None = None,
+    seed_bits: int = _SEED_BITS,
     **description: Any,
 ) -> None:
     """Serves a Gymnasium environment to jitai, until the end of the job.
@@ -63,7 +67,8 @@ def serve(
     :func:`gymnasium.spaces.flatten` does it, which gives a ``Discrete`` one entry per value; entries of a
     ``Dict`` are matched by name where ``features`` has their names; actions must be ``Discrete``.
     ``features`` and ``actions`` name their entries. ``horizon`` is the maximum number of steps, if the
-    environment has no limit of its own.
+    environment has no limit of its own. ``seed_bits`` is the size of the seeds that the environment takes, such
+    as 32 where it calls ``numpy.random.seed``: jitai's seeds, below 2^53, are hashed to it.
     ``description`` are ``nothing``, ``reward``, ``unit``, ``state`` and ``availability``, as in the
     protocol; names of the state, and ``available``, are those of infos.
     """
@@ -84,7 +89,7 @@ def serve(
 
         return declared, singles
 
-    _serve(probed, description)
+    _serve(probed, description, seed_bits)
 
 
 def serve_lanes(
@@ -93,13 +98,14 @@ def serve_lanes(
     features: Sequence[Feature],
     actions: Sequence[str],
     horizon: int | Callable[..., int],
+    seed_bits: int = _SEED_BITS,
     **description: Any,
 ) -> None:
     """Serves a class that steps many lanes at once, until the end of the job.
 
     ``make`` takes the number of lanes and the parameters of the manifest as keywords, and returns
     :class:`Lanes`. ``features``, ``actions``, ``horizon`` and ``description`` are those of the protocol;
-    ``horizon`` may be a function of the parameters.
+    ``horizon`` may be a function of the parameters. ``seed_bits`` is that of :func:`serve`.
     """
 
     def probed(parameters: dict[str, Any]) -> tuple[dict[str, Any], Callable[[int], Any]]:
@@ -107,7 +113,7 @@ def serve_lanes(
         declared = {"features": _declared(features), "actions": list(actions), "horizon": limit}
         return declared, lambda lanes: _Arrays(make(lanes, **parameters))
 
-    _serve(probed, description)
+    _serve(probed, description, seed_bits)
 
 
 class _Arrays:
@@ -285,6 +291,12 @@ class _Set:
         return more
 
 
+def _hashed(seed: int, bits: int) -> int:
+    """A seed of so many bits that depends on all bits of this one."""
+    digest = hashlib.sha256(seed.to_bytes(8, "little")).digest()
+    return int.from_bytes(digest[:8], "little") % (1 << bits)
+
+
 def _packed(values: Any) -> str:
     """Numbers as the base64 of little-endian 64-bit floating-point numbers."""
     data = np.asarray(values, "<f8").tobytes()
@@ -294,8 +306,11 @@ def _packed(values: Any) -> str:
 def _serve(
     probed: Callable[[dict[str, Any]], tuple[dict[str, Any], Callable[[int], Any]]],
     more: dict[str, Any],
+    seed_bits: int,
 ) -> None:
     """Answers jitai until the job is done."""
+    if not 1 <= seed_bits <= 64:
+        raise ValueError(f"expected seed_bits from 1 to 64, found {seed_bits}")
     if sys.stdin is None or sys.stdin.isatty():
         raise ProtocolError("this program is an environment: name it as `command` in a manifest")
     read, write = _own_pipes()
@@ -319,5 +334,7 @@ def _serve(
         elif kind == "close":
             sets.pop(instance).close()
         else:
+            if kind == "reset" and seed_bits < _SEED_BITS:
+                message["seeds"] = [_hashed(seed, seed_bits) for seed in message["seeds"]]
             write.write(sets[instance].reset(message) if kind == "reset" else sets[instance].step(message))
             write.flush()
