@@ -32,7 +32,7 @@ const SIGKILL: i32 = 9;
 
 /// A trial of 500 people with what does not go as planned.
 const TRIAL: &str = "evaluation = { on = \"trial\", record_decisions = \"test\" }\n\
-    trial = { people = 500, days = 10, decisions_per_day = 5, entry_every_days = 1, entry_people = 25, \
+    trial = { people = 500, days = 10, decisions_per_day = 5, entry_every_days = 1, entry_people = 125, \
     pooling = [\"full\", \"none\"], update_every_days = 3, dropout = 0.02, missing_outcomes = 0.1, unreported = 0.2 }";
 
 /// The kind of jobs in a sweep.
@@ -462,8 +462,8 @@ const LONG: [(&str, &str, &str); 3] = [
     ("test", "evaluation.test_episodes = 1000000", "algorithm = \"rule\"\nrule = \"tailored\""),
     (
         "trial",
-        "evaluation.on = \"trial\"\ntrial = { people = 1000, days = 60, decisions_per_day = 5, \
-         entry_every_days = 1, entry_people = 25, update_every_days = 1 }",
+        "environment.horizon = 300\nevaluation.on = \"trial\"\ntrial = { people = 5000, days = 60, decisions_per_day = 5, \
+         entry_every_days = 1, entry_people = 125, update_every_days = 1 }",
         "algorithm = \"linear_thompson\"\nnoise_sd = 40",
     ),
 ];
