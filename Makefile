@@ -142,7 +142,7 @@ test-analysis: ## the questions of docs/analysis.md: SQL, and pandas, R, Dataset
 	$(CARGO) test --release --quiet --test slow -- analysis:: --nocapture
 
 analysis: ## install what test-analysis uses, on Debian: R, LaTeX, pandas, Datasette and DuckDB in target/analysis, lifejacket in target/lifejacket
-	.ci/install r-base-core r-cran-dbi r-cran-rsqlite texlive-latex-recommended poppler-utils python3-venv
+	.ci/install r-base-core r-cran-dbi r-cran-rsqlite texlive-latex-recommended texlive-lang-cyrillic texlive-lang-other poppler-utils python3-venv
 	[ -x target/analysis/bin/pip ] || python3 -m venv target/analysis
 	target/analysis/bin/pip install --quiet --disable-pip-version-check pandas pyarrow datasette duckdb
 	[ -x target/lifejacket/bin/pip ] || python3 -m venv target/lifejacket

@@ -9,7 +9,7 @@ use crate::cli::output::shell_word;
 use crate::cli::{Error, Exit, StoreArgument, trial};
 use crate::manifest::{self, Faults, Manifest, Overridden, Override, Published, Runs};
 use crate::plan::{self, Factors};
-use crate::report::splits;
+use crate::report::{splits, undrawn};
 
 /// Validate manifests and report every fault at once, each with line, column and remedy
 #[derive(clap::Args)]
@@ -109,9 +109,29 @@ fn show(path: &Path, read: &Overridden) -> io::Result<()> {
     .into_iter();
     writeln!(out, "{}: ok, {}", path.display(), lines.next().unwrap_or_default())?;
     lines.try_for_each(|line| writeln!(out, "  {line}"))?;
-    let hints: Vec<String> =
-        manifest::hints(manifest).into_iter().chain(splits(manifest)).collect();
+    let hints: Vec<String> = manifest::hints(manifest)
+        .into_iter()
+        .chain(splits(manifest))
+        .chain(boxes(manifest))
+        .collect();
     hint(path, &hints)
+}
+
+/// A hint on the letters that figures show as boxes.
+fn boxes(manifest: &Manifest) -> Option<String> {
+    let agents = manifest.agents.iter().map(|agent| agent.label.as_ref().unwrap_or(&agent.name));
+    let analyses = manifest.analyses.iter().flat_map(|one| one.title.iter().chain([&one.name]));
+    let texts = agents.chain(analyses).chain([&manifest.name]);
+    let letters = undrawn(texts.map(String::as_str));
+    let shown: Vec<String> =
+        letters.iter().map(|letter| format!("{} (U+{:04X})", letter, u32::from(*letter))).collect();
+    (!shown.is_empty()).then(|| {
+        format!(
+            "figures as PDF and PNG show a box for {}; their font has Latin, Greek and Cyrillic letters; give the \
+             agent a `label`, or the analysis a `title`, of these",
+            shown.join(", ")
+        )
+    })
 }
 
 /// Writes hints on a manifest to standard error.

@@ -5,6 +5,7 @@ use std::io::{self, IsTerminal, Write};
 use std::time::{Duration, Instant};
 
 use indicatif::{MultiProgress, ProgressBar, ProgressDrawTarget, ProgressStyle};
+use unicode_width::UnicodeWidthStr;
 
 use crate::cli::output::counted;
 use crate::cli::reader::Writer;
@@ -295,7 +296,7 @@ fn worker_line(progress: Option<TrainingProgress>, name: &str) -> String {
     let mut words = name.split(' ').peekable();
     while let Some(word) = words.next() {
         let room = if words.peek().is_some() { WORKER_WIDTH - 2 } else { WORKER_WIDTH };
-        if line.chars().count() + 1 + word.chars().count() > room {
+        if line.width() + 1 + word.width() > room {
             return line + " …";
         }
         line = format!("{line} {word}");
@@ -382,7 +383,7 @@ mod tests {
         assert_eq!(worker_line(None, short), format!("starting: {short}"));
         for digits in 1..40 {
             let name = format!("dqn P-H-D sigma=0.{} seed=1", "6".repeat(digits));
-            assert!(line(&name).chars().count() <= WORKER_WIDTH, "{}", line(&name));
+            assert!(line(&name).width() <= WORKER_WIDTH, "{}", line(&name));
         }
     }
 }

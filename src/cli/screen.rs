@@ -14,6 +14,7 @@ use ratatui::symbols::Marker;
 use ratatui::text::{Line, Span};
 use ratatui::widgets::{Axis, Block, Chart, Dataset, GraphType, Paragraph, Wrap};
 use ratatui::{DefaultTerminal, Frame};
+use unicode_width::{UnicodeWidthChar, UnicodeWidthStr};
 
 use crate::cli::{Error, Exit};
 use crate::key::printable;
@@ -198,7 +199,7 @@ fn draw(shown: &Shown, frame: &mut Frame<'_>) {
     if *failures {
         frame.render_widget(all_failures(view), main);
     } else {
-        let longest = view.arms.iter().map(|arm| arm.name.chars().count()).max().unwrap_or(0);
+        let longest = view.arms.iter().map(|arm| arm.name.width()).max().unwrap_or(0);
         let width = (longest as u16 + 19).min(main.width / 2);
         let [left, right] =
             Layout::horizontal([Constraint::Length(width), Constraint::Min(10)]).areas(main);
@@ -244,13 +245,16 @@ fn arms(view: &View, choice: &Choice, area: Rect) -> Paragraph<'static> {
     let first = choice.arm.saturating_sub(height - 1);
     let room = usize::from(area.width).saturating_sub(18);
     let heading = format!("  {:room$} {:>6} {:>8}", "arm", "jobs", "return");
+    let all: Vec<&str> = view.arms.iter().map(|arm| arm.name.as_str()).collect();
     let line = |(place, arm): (usize, &ArmView)| {
         let ArmView { name, counts, mean_return } = arm;
+        let name = shortened(name, &all, room);
+        let gap = " ".repeat(room.saturating_sub(name.width()));
         let value = mean_return.map_or_else(String::new, |mean| rounded(mean, 1));
         let done = counts.completed + counts.failed;
         let jobs = format!("{done}/{}", counts.total());
         let sign = if counts.running > 0 { "▸" } else { " " };
-        let text = format!("{sign} {:room$} {jobs:>6} {value:>8}", shortened(name, room));
+        let text = format!("{sign} {name}{gap} {jobs:>6} {value:>8}");
         match colour(view, place) {
             _ if place == choice.arm => Line::styled(text, Modifier::REVERSED),
             Some(colour) => Line::styled(text, colour),
@@ -383,22 +387,64 @@ fn all_failures(view: &View) -> Paragraph<'static> {
     Paragraph::new(lines).wrap(Wrap { trim: false })
 }
 
-/// A text of at most `room` characters. It is cut in the middle: names of arms often differ at their ends.
-fn shortened(text: &str, room: usize) -> String {
-    let count = text.chars().count();
-    if count <= room {
-        return text.to_owned();
+/// A name of at most `room` columns. What it shares with all names is cut first.
+fn shortened(name: &str, all: &[&str], room: usize) -> String {
+    let mut letters: Vec<(char, bool)> = Vec::new();
+    for word in name.split_inclusive(' ') {
+        let shared = match word.split_once('=') {
+            _ if all.iter().all(|one| {
+                one.split_inclusive(' ').any(|other| other.trim_end() == word.trim_end())
+            }) =>
+            {
+                word.chars().count()
+            }
+            Some((key, _)) if all.iter().all(|one| one.contains(&format!("{key}="))) => {
+                key.chars().count() + 1
+            }
+            _ => 0,
+        };
+        let is_shared = |(place, c): (usize, char)| (c, place < shared || c == ' ');
+        letters.extend(word.chars().enumerate().map(is_shared));
     }
-    let (head, tail) = (room.saturating_sub(1) / 2, room / 2);
-    text.chars().take(head).chain(['…']).chain(text.chars().skip(count - tail)).collect()
+    let columns = |letters: &[(char, bool)]| {
+        letters.iter().map(|(letter, _)| letter.width().unwrap_or(0)).sum::<usize>()
+    };
+    while columns(&letters) > room && room > 0 {
+        // One more column for the sign of the cut.
+        let excess = columns(&letters) - room + 1;
+        let mut places: Vec<usize> = (0..letters.len()).collect();
+        let longest = places
+            .chunk_by(|one, next| letters[*one].1 && letters[*next].1)
+            .filter(|run| run.len() > 1)
+            .max_by_key(|run| run.len())
+            .map(<[usize]>::to_vec);
+        places = longest.unwrap_or(places);
+        let (first, last) = (places[0], places[places.len() - 1]);
+        let mut start = ((room - 1) / 2).clamp(first, (last + 1).saturating_sub(excess).max(first));
+        let mut end = start;
+        while end <= last && columns(&letters[start..end]) < excess {
+            end += 1;
+        }
+        while start > first && columns(&letters[start..end]) < excess {
+            start -= 1;
+        }
+        // The sign is not cut again as part of a shared run.
+        letters.splice(start..end, [('…', false)]);
+    }
+    letters.into_iter().map(|(letter, _)| letter).collect()
 }
 
-/// A text of at most `room` characters; a cut ends in `…`.
+/// A text of at most `room` columns; a cut ends in `…`.
 fn cut(text: &str, room: usize) -> String {
-    match text.char_indices().nth(room) {
-        None => text.to_owned(),
-        Some(_) => text.chars().take(room.saturating_sub(1)).chain(['…']).collect(),
+    if text.width() <= room {
+        return text.to_owned();
     }
+    let mut columns = 0;
+    let fits = |letter: &char| {
+        columns += letter.width().unwrap_or(0);
+        columns < room
+    };
+    text.chars().take_while(fits).chain(['…']).collect()
 }
 
 #[cfg(test)]
@@ -509,6 +555,28 @@ mod tests {
         let race = "drawn: rung 2 of 3: 1 of 4 arms open; next, the best 2 go on to 8 seeds";
         assert_eq!(lines[22].trim_end(), race);
         assert!(lines[23].contains("q quit"));
+    }
+
+    #[test]
+    fn a_wide_name_moves_no_number_and_a_narrow_screen_keeps_what_differs() {
+        let mut shown = shown();
+        shown.view.arms[0].name = "日本語 P-H-D".to_owned();
+        shown.view.arms[0].mean_return = Some(387.5);
+        for width in [60, 80, 120] {
+            assert!(screen(&shown, width, 24)[3].contains(" 387.5"));
+        }
+        let all = [
+            "ppo P-H-D learning_rate=0.001 sigma=0.4 horizon",
+            "ppo P-H-D learning_rate=0.01 sigma=0.4 horizon",
+        ];
+        for room in [14, 20, 30] {
+            let [one, two] = all.map(|name| shortened(name, &all, room));
+            assert!(one.contains("0.001") && two.contains("0.01"), "{one} {two}");
+            assert!(one.width() <= room && two.width() <= room, "{one} {two}");
+        }
+        let wide = ["日本語のとても長い名前", "別の名前"];
+        assert!((1..25).all(|room| shortened(wide[0], &wide, room).width() <= room));
+        assert_eq!(cut("日本語", 4), "日…");
     }
 
     #[test]

@@ -3,6 +3,7 @@
 
 use std::borrow::Cow;
 
+use super::letters::{Tex, greek_name, tex};
 use super::scene::{Level, runs};
 
 /// An entry of CSV (RFC 4180), [`defused`].
@@ -31,52 +32,43 @@ pub fn latex(text: &str) -> String {
             Level::Base => latex_letters(run.text, &mut out),
             // Joins the subscript to the symbol before it, so that `$\delta$` becomes
             // `$\delta_{\mathrm{d}}$`.
-            Level::Subscript => match out.pop() {
-                Some('$') => out.push_str(&format!("_{{\\mathrm{{{}}}}}$", run.text)),
-                other => out.extend(other.into_iter().chain(run.text.chars())),
-            },
+            Level::Subscript => {
+                let is_math = out.ends_with('$');
+                if is_math {
+                    out.pop();
+                }
+                let below = match run.text.is_ascii() {
+                    true => format!("\\mathrm{{{}}}", run.text),
+                    false => format!("\\mbox{{\\scriptsize {}}}", latex(run.text)),
+                };
+                let opening = if is_math { "" } else { "$" };
+                out.push_str(&format!("{opening}_{{{below}}}$"));
+            }
         }
     }
     out
 }
 
 fn latex_letters(text: &str, out: &mut String) {
+    let mut encoding = "";
     for character in text.chars() {
-        match character {
-            '\\' => out.push_str("\\textbackslash{}"),
-            '{' | '}' | '$' | '&' | '#' | '_' | '%' => {
-                out.push('\\');
-                out.push(character);
+        let tex = tex(character);
+        let next = if let Tex::Encoded(next) = tex { next } else { "" };
+        if next != encoding {
+            out.push_str(if encoding.is_empty() { "" } else { "}" });
+            if !next.is_empty() {
+                out.push_str(&format!("{{\\fontencoding{{{next}}}\\selectfont "));
             }
-            '~' => out.push_str("\\textasciitilde{}"),
-            '^' => out.push_str("\\textasciicircum{}"),
-            '−' => out.push_str("$-$"),
-            '±' => out.push_str("$\\pm$"),
-            '×' => out.push_str("$\\times$"),
-            '≥' => out.push_str("$\\geq$"),
-            '≤' => out.push_str("$\\leq$"),
-            '<' => out.push_str("$<$"),
-            '>' => out.push_str("$>$"),
-            other if other.is_control() => out.push(' '),
-            other => match greek(other) {
-                Some(name) => out.push_str(&format!("$\\{name}$")),
-                None => out.push(other),
-            },
+            encoding = next;
+        }
+        match tex {
+            Tex::Text(text) => out.push_str(text),
+            Tex::Math(math) => out.push_str(&format!("${math}$")),
+            Tex::Same if character.is_control() => out.push(' '),
+            Tex::Same | Tex::Encoded(_) => out.push(character),
         }
     }
-}
-
-/// The name of a Greek letter of symbols.
-fn greek(letter: char) -> Option<&'static str> {
-    match letter {
-        'σ' => Some("sigma"),
-        'δ' => Some("delta"),
-        'ε' => Some("epsilon"),
-        'μ' => Some("mu"),
-        'γ' => Some("gamma"),
-        'ρ' => Some("rho"),
-        _ => None,
-    }
+    out.push_str(if encoding.is_empty() { "" } else { "}" });
 }
 
 /// An entry of a Markdown table.
@@ -102,7 +94,7 @@ pub fn markdown(text: &str) -> String {
 pub fn file_stem(name: &str) -> String {
     const LONGEST: usize = 60;
     let mut out = String::new();
-    let spelt = |letter: char| greek(letter).map_or_else(|| letter.to_string(), str::to_owned);
+    let spelt = |letter: char| greek_name(letter).map_or_else(|| letter.to_string(), str::to_owned);
     for character in name.chars().map(spelt).collect::<String>().chars() {
         match character {
             'a'..='z' | '0'..='9' => out.push(character),
@@ -140,6 +132,15 @@ mod tests {
         assert_eq!(csv("@SUM(A1)"), "'@SUM(A1)");
         assert_eq!(csv("-12.5"), "-12.5");
         assert_eq!(latex("\\input{/etc} 50% a_b"), "\\textbackslash{}input\\{/etc\\} 50\\% a\\_b");
+        assert_eq!(
+            latex("κ_h ≈ δ_h → 0"),
+            "$\\kappa_{\\mathrm{h}}$ $\\approx$ $\\delta_{\\mathrm{h}}$ $\\rightarrow$ 0"
+        );
+        assert_eq!(latex("σ_β"), "$\\sigma_{\\mbox{\\scriptsize $\\beta$}}$");
+        assert_eq!(
+            latex("règle да ą"),
+            "règle {\\fontencoding{T2A}\\selectfont да} {\\fontencoding{T1}\\selectfont ą}"
+        );
         assert_eq!(markdown("a|b<i>"), "a\\|b&lt;i&gt;");
         assert_eq!(file_stem("../../etc/passwd"), "etc-passwd");
         assert_eq!(file_stem("Figure 2 (a)"), "figure-2-a");

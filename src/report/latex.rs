@@ -1,7 +1,10 @@
 //! Tables as LaTeX that fit the page of an article.
 
+use unicode_width::UnicodeWidthStr;
+
 use super::data_table::{DataTable, Entry};
 use super::escape;
+use super::letters::{Tex, tex, undrawn};
 
 /// Maximum number of rows of a table on a single page; longer tables break across pages.
 const ROWS_OF_A_PAGE: usize = 40;
@@ -39,11 +42,12 @@ fn on_a_page(table: &DataTable) -> String {
         .map(|reasons| escape::latex(&reasons))
         .map_or_else(String::new, |reasons| format!("  \\par\\footnotesize --: {reasons}\n"));
     format!(
-        "% Needs \\usepackage{{booktabs,graphicx}}.\n\\begin{{table}}\n  \\centering\n  \
+        "{needs}\\begin{{table}}\n  \\centering\n  \
          \\caption{{{caption}}}\n  \\footnotesize\n  \
          \\resizebox{{\\ifdim\\width>\\linewidth\\linewidth\\else\\width\\fi}}{{!}}{{%\n  \
          \\begin{{tabular}}{{{sides}}}\n    \\toprule\n    {headings} \\\\\n    \\midrule\n{rows}\
          \x20   \\bottomrule\n  \\end{{tabular}}}}\n{notes}\\end{{table}}\n",
+        needs = needs(table, "booktabs,graphicx"),
         caption = escape::latex(&table.caption),
         sides = sides(table),
         headings = headings(table),
@@ -65,12 +69,13 @@ fn over_pages(table: &DataTable) -> String {
         .map(|reasons| escape::latex(&reasons))
         .map_or_else(String::new, |reasons| format!("\\par\\noindent --: {reasons}\n"));
     format!(
-        "% Needs \\usepackage{{booktabs,longtable{package}}}.\n{begin}\\begingroup\n\\{size}\n\
+        "{needs}{begin}\\begingroup\n\\{size}\n\
          \\setlength{{\\tabcolsep}}{{2pt}}\n\\begin{{longtable}}{{{sides}}}\n  \
          \\caption{{{caption}}} \\\\\n  \\toprule\n  {headings} \\\\\n  \\midrule\n  \
          \\endfirsthead\n  \\toprule\n  {headings} \\\\\n  \\midrule\n  \\endhead\n  \\midrule\n  \
          \\multicolumn{{{columns}}}{{r}}{{continued}} \\\\\n  \\endfoot\n  \\bottomrule\n  \
          \\endlastfoot\n{rows}\\end{{longtable}}\n{notes}\\endgroup\n{end}",
+        needs = needs(table, &format!("booktabs,longtable{package}")),
         sides = sides(table),
         caption = escape::latex(&table.caption),
         headings = headings(table),
@@ -78,13 +83,41 @@ fn over_pages(table: &DataTable) -> String {
     )
 }
 
+/// Comments on what a document needs for the table: packages, encodings, and another program for letters that pdflatex
+/// refuses.
+fn needs(table: &DataTable, packages: &str) -> String {
+    let reasons = table.reasons().unwrap_or_default();
+    let shown = table.shown_columns().flat_map(|place| {
+        let entries = table.rows.iter().map(move |row| row[place].shown());
+        entries.chain([table.columns[place].heading.as_str()])
+    });
+    let texts: Vec<&str> = shown.chain([table.caption.as_str(), reasons.as_str()]).collect();
+    let letters = || texts.iter().flat_map(|text| text.chars());
+    // The last encoding is that of the document's text.
+    let encodings: [&'static str; 3] = ["T5", "T2A", "T1"];
+    let has =
+        |encoding: &&'static str| letters().any(|letter| tex(letter) == Tex::Encoded(encoding));
+    let used: Vec<&str> = encodings.into_iter().filter(has).collect();
+    let fonts = match used.as_slice() {
+        [] => String::new(),
+        [.., "T1"] => format!(" and \\usepackage[{}]{{fontenc}}", used.join(",")),
+        _ => format!(" and \\usepackage[{},T1]{{fontenc}}", used.join(",")),
+    };
+    let undrawn: String = undrawn(texts.iter().copied()).into_iter().collect();
+    let programs = match undrawn.as_str() {
+        "" => String::new(),
+        undrawn => format!("% Needs LuaLaTeX or XeLaTeX, and a font with {undrawn}\n"),
+    };
+    format!("% Needs \\usepackage{{{packages}}}{fonts}.\n{programs}")
+}
+
 /// The font size of a long table, and whether it is set in landscape.
 fn setting(table: &DataTable) -> (&'static str, bool) {
     let letters: f64 = table
         .shown_columns()
         .map(|place| {
-            let entries = table.rows.iter().map(|row| row[place].shown().chars().count());
-            let heading = table.columns[place].heading.chars().count();
+            let entries = table.rows.iter().map(|row| row[place].shown().width());
+            let heading = table.columns[place].heading.width();
             entries.fold(heading, usize::max) as f64 + GAP
         })
         .sum();
@@ -131,6 +164,23 @@ mod tests {
         assert!(written.contains("=x|y & $-$1.2 \\\\\n"));
         assert!(written.contains("\\ifdim\\width>\\linewidth"));
         assert!(written.contains("\\footnotesize --: no seed completed\n\\end{table}"));
+    }
+
+    #[test]
+    fn a_table_says_what_its_letters_need() {
+        let first = |text: &str| {
+            let mut table = table(1);
+            table.rows.push(vec![Entry::text(text), Entry::number(1.0, 1)]);
+            let written = latex(&table);
+            written.lines().take_while(|line| line.starts_with('%')).collect::<Vec<_>>().join("|")
+        };
+        let packages = "% Needs \\usepackage{booktabs,graphicx}";
+        assert_eq!(first("λ → Señal"), format!("{packages}."));
+        assert_eq!(first("łąka"), format!("{packages} and \\usepackage[T1]{{fontenc}}."));
+        let both = format!("{packages} and \\usepackage[T5,T2A,T1]{{fontenc}}.");
+        assert_eq!(first("агент ế"), both);
+        let other = "% Needs LuaLaTeX or XeLaTeX, and a font with 日本";
+        assert_eq!(first("日本"), format!("{packages}.|{other}"));
     }
 
     #[test]

@@ -461,6 +461,24 @@ fn hints_name_what_probably_differs_from_the_intent() {
 }
 
 #[test]
+fn check_names_the_letters_that_no_figure_can_draw() {
+    let with = |label: &str| {
+        format!(
+            "format = 1\nname = \"агент λ\"\nscenarios = \"P-T\"\nseeds = 1\nenvironment.sigma = 0.4\n\
+             [[agent]]\nname = \"Señal\"\nlabel = \"{label}\"\nalgorithm = \"rule\"\nrule = \"tailored\"\n"
+        )
+    };
+    let folder = Folder::with(&with("日本 règle"));
+    folder
+        .jitai(["check", "sweep.toml"])
+        .succeeded()
+        .says("show a box for 日 (U+65E5), 本 (U+672C); their font has");
+    folder.write("sweep.toml", with("règle"));
+    let said = folder.jitai(["check", "sweep.toml"]).succeeded().stderr;
+    assert!(!said.contains("a box for"), "{said}");
+}
+
+#[test]
 fn a_plan_names_a_default_that_has_changed_since_the_jobs_were_completed() {
     let with = |keys: &str| {
         format!(

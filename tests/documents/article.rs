@@ -153,3 +153,45 @@ fn figures_and_tables_stand_in_a_latex_article_and_a_pdf_looks_like_its_png() {
     );
     assert!(compared >= 8, "{compared} figures were compared");
 }
+
+#[test]
+fn pdflatex_takes_the_letters_that_figures_draw() {
+    if !answers(OsStr::new("pdflatex"), &["-v"]) {
+        return missing("LaTeX (pdflatex)");
+    }
+    // Labels of at most a hundred letters each, of every block of the font.
+    let labels = [
+        "λ → κ_h ≈ δ_h ≥ 0 ● ▲ □ ₂ ⁿ",
+        "Señal règle žluťoučký ığüşöç łąka đ þ Ħ ŧ „a“ «b»",
+        "Bộ đếm Ưu tiên ệ ỹ",
+        "Ηλίας ΰ Ώ ϑ",
+        "агент Ґанок ё ї ә Ө",
+    ];
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path();
+    let mut text = String::from(
+        "format = 1\nname = \"letters\"\nscenarios = \"P-H-D\"\nseeds = 2\nenvironment.sigma = 0.4\n\
+         evaluation.test_episodes = 2\n",
+    );
+    for (at, label) in labels.iter().enumerate() {
+        text += &format!(
+            "[[agent]]\nname = \"a{at}\"\nlabel = \"{label}\"\nalgorithm = \"rule\"\nrule = \"tailored\"\n"
+        );
+    }
+    fs::write(folder.join("letters.toml"), text).unwrap();
+    examples::run(folder, &["run", "letters.toml"], 0);
+    examples::run(folder, &["report", "letters.toml", "--out", "report"], 0);
+    let table = "report/tables/letters-arms.tex";
+    let written = fs::read_to_string(folder.join(table)).unwrap();
+    assert!(written.starts_with(
+        "% Needs \\usepackage{booktabs,graphicx} and \\usepackage[T5,T2A,T1]{fontenc}.\n"
+    ));
+    let article = format!(
+        "\\documentclass{{article}}\n\\usepackage{{booktabs,graphicx}}\n\\usepackage[T5,T2A,T1]{{fontenc}}\n\
+         \\begin{{document}}\n\\input{{{table}}}\n\\end{{document}}\n"
+    );
+    fs::write(folder.join("letters.tex"), article).unwrap();
+    printed(folder, "pdflatex", &["-interaction=nonstopmode", "-halt-on-error", "letters.tex"]);
+    let log = String::from_utf8_lossy(&fs::read(folder.join("letters.log")).unwrap()).into_owned();
+    assert!(!log.contains("Missing character"), "{log}");
+}

@@ -3,6 +3,8 @@
 //! In: the text and byte offsets into it. Out: positions in lines and characters, and lines that are safe
 //! to print on a terminal. It does not parse TOML.
 
+use unicode_width::UnicodeWidthStr;
+
 use crate::key::hidden;
 
 /// A stretch of the text, in bytes; the end is excluded.
@@ -102,8 +104,8 @@ impl Source {
         let under = visible(under.iter().copied());
         let rest = visible(rest.iter().copied());
         Excerpt {
-            indent: width(&head),
-            carets: width(&under).max(1),
+            indent: head.width(),
+            carets: under.width().max(1),
             text: format!("{head}{under}{rest}{trail}"),
         }
     }
@@ -120,30 +122,6 @@ pub(in crate::manifest) fn visible(characters: impl Iterator<Item = char>) -> St
         }
     }
     shown
-}
-
-/// Terminal columns of the text.
-fn width(text: &str) -> usize {
-    text.chars().map(character_width).sum()
-}
-
-fn character_width(character: char) -> usize {
-    match character {
-        '\u{300}'..='\u{36f}' | '\u{20d0}'..='\u{20ff}' => 0,
-        '\u{fe00}'..='\u{fe0f}' => 0,
-        '\u{1100}'..='\u{115f}'
-        | '\u{2e80}'..='\u{a4cf}'
-        | '\u{ac00}'..='\u{d7a3}'
-        | '\u{f900}'..='\u{faff}'
-        | '\u{fe30}'..='\u{fe6f}'
-        | '\u{ff00}'..='\u{ff60}'
-        | '\u{ffe0}'..='\u{ffe6}'
-        | '\u{1f300}'..='\u{1f64f}'
-        | '\u{1f680}'..='\u{1f6ff}'
-        | '\u{1f900}'..='\u{1faff}'
-        | '\u{20000}'..='\u{3fffd}' => 2,
-        _ => 1,
-    }
 }
 
 #[cfg(test)]

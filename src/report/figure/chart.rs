@@ -6,9 +6,9 @@ use super::label::{Placing, below, beside, end_labels, placing};
 use super::line::{ALONE, Chart, GAP, LEAST_PLOT, LEFT, Line, Place, Spread, marker, single};
 use super::overlap::{dodges, widenings};
 use super::style::Style;
-use super::{FAINT, INK, NOTE, TEXT, fitting, text};
+use super::{FAINT, INK, LINE, NOTE, TEXT, fitting, heading_lines, text};
 use crate::job::Measure;
-use crate::report::scene::{Anchor, Color, Fill, Mark, Point, Scene, Shape, Stroke, Weight};
+use crate::report::scene::{Anchor, Color, Fill, Mark, Point, Scene, Shape, Stroke, Weight, width};
 use crate::report::words::unit_numbers;
 
 const HEIGHT: f64 = 236.0;
@@ -78,10 +78,9 @@ pub fn draw(charts: &[Chart], axes: &(Axis, Axis), style: &Style) -> Vec<Scene> 
     let placing = placing(charts, (style, left));
     let has_heading = |chart: &Chart| chart.heading.is_some();
     let headings = charts.iter().any(has_heading) && (charts.len() > 1 || style.has_titles());
-    let top = TOP + if headings { HEADING } else { 0.0 };
     let (room, beneath) = match placing {
         Placing::Beside { room, .. } => (room, 0.0),
-        Placing::Below { rows } => (14.0, rows as f64 * GAP + 2.0),
+        Placing::Below { rows, .. } => (14.0, rows as f64 * GAP + 2.0),
     };
     let bottom = BOTTOM + style.note() + beneath;
     let of_labels = match placing {
@@ -90,18 +89,23 @@ pub fn draw(charts: &[Chart], axes: &(Axis, Axis), style: &Style) -> Vec<Scene> 
         }
         Placing::Below { .. } => LEAST_HEIGHT,
     };
-    let beneath_grows = style.height(HEIGHT + beneath);
-    let width =
+    let across =
         |room: f64| (style.width() - left - room).max(LEAST_PLOT.min(style.width() - left - 10.0));
     // The last label of the horizontal axis may stand half beyond the frame.
-    let last = Frame::ticks_across(&axes.0, width(room)).pop();
-    let over = last.map_or(0.0, |tick| tick_width(&tick) / 2.0 - (1.0 - tick.share) * width(room));
+    let last = Frame::ticks_across(&axes.0, across(room)).pop();
+    let over = last.map_or(0.0, |tick| tick_width(&tick) / 2.0 - (1.0 - tick.share) * across(room));
     let room = room.max(over + 3.0);
+    let over = across(room) + room - 4.0;
+    let lines = charts.iter().filter_map(|chart| chart.heading.as_ref().filter(|_| headings));
+    let further = lines.map(|heading| heading_lines(heading, over).len() - 1).max().unwrap_or(0);
+    let further = further as f64 * LINE;
+    let top = TOP + further + if headings { HEADING } else { 0.0 };
+    let high = style.height(HEIGHT + beneath + further);
     let frame = Frame {
         left,
         top,
-        width: width(room),
-        height: (beneath_grows - top - bottom).max(of_labels).max(LEAST_HEIGHT),
+        width: across(room),
+        height: (high - top - bottom).max(of_labels).max(LEAST_HEIGHT),
     };
     let size = (left + frame.width + room, top + frame.height + bottom);
     let chart = |chart: &Chart| draw_one(chart, axes, (&frame, size), (&placing, style, headings));
@@ -116,8 +120,12 @@ fn draw_one(
 ) -> Scene {
     let mut marks = frame.axes((x, y));
     if let Some(heading) = chart.heading.as_ref().filter(|_| has_heading) {
-        let at = (frame.left, TOP + 6.0);
-        marks.push(text(at, heading, (TEXT + 1.0, Weight::SemiBold), INK, Anchor::Start).into());
+        let (room, weight) = (whole.0 - frame.left - 4.0, Weight::SemiBold);
+        for (line, words) in heading_lines(heading, room).into_iter().enumerate() {
+            let at = (frame.left, TOP + 6.0 + line as f64 * LINE);
+            let size = (TEXT + 1.0) * (room / width(&words, TEXT + 1.0, weight)).min(1.0);
+            marks.push(text(at, words, (size, weight), INK, Anchor::Start).into());
+        }
     }
     if chart.lines.iter().all(|line| line.points.is_empty()) {
         let at = (frame.left + frame.width / 2.0, frame.top + frame.height / 2.0);
@@ -147,7 +155,9 @@ fn draw_one(
     marks.extend(match placing {
         Placing::Beside { is_crowded: true, .. } => beside(chart, (x, y), frame),
         Placing::Beside { is_crowded: false, .. } => end_labels(chart, (x, y), (frame, &dodges)),
-        Placing::Below { .. } => below(chart, style, frame.top + frame.height + BOTTOM + GAP - 3.0),
+        Placing::Below { size, .. } => {
+            below(chart, style, (frame.top + frame.height + BOTTOM + GAP - 3.0, *size))
+        }
     });
     if style.has_titles() {
         let at = (whole.0 / 2.0, whole.1 - 5.0);
@@ -317,7 +327,7 @@ mod tests {
 
     use crate::manifest::FigureKeys;
     use crate::report::figure::Look;
-    use crate::report::scene::{Direction, width};
+    use crate::report::scene::Direction;
 
     #[test]
     fn a_line_is_drawn_between_the_declared_ends_of_its_axis() {
@@ -326,6 +336,39 @@ mod tests {
         assert_eq!(clipped(&line, (0.0, 10.0)), inside);
         assert_eq!(clipped(&line, (-5.0, 15.0)), [line.to_vec()]);
         assert!(clipped(&line, (20.0, 30.0)).is_empty());
+    }
+
+    #[test]
+    fn a_long_heading_stays_within_its_panel() {
+        let words = "A policy gradient with baseline and entropy bonus, tuned by hand on ten seeds";
+        let chart = |heading: &str| Chart {
+            heading: Some(heading.to_owned()),
+            description: String::new(),
+            lines: Vec::new(),
+            note: String::new(),
+        };
+        let charts = [chart(words), chart(&"w".repeat(100)), chart("short")];
+        let style = Style::of(&FigureKeys::default());
+        let axis = ("x".to_owned(), Numbers::Plain, AxisScale::Linear);
+        let axes = axes(&charts, axis, MEAN_RETURN.in_unit("points"), &style);
+        let scenes = draw(&charts, &axes, &style);
+        for scene in &scenes {
+            for mark in &scene.marks {
+                if let Shape::Text { at, text, size, weight: Weight::SemiBold, .. } = &mark.shape {
+                    let end = at.0 + width(text, *size, Weight::SemiBold);
+                    assert!(end <= scene.width, "{text} ends at {end} of {}", scene.width);
+                }
+            }
+        }
+        let lines = |scene: &Scene| {
+            let headings = scene
+                .marks
+                .iter()
+                .filter(|mark| matches!(&mark.shape, Shape::Text { weight: Weight::SemiBold, .. }));
+            headings.count()
+        };
+        assert!(lines(&scenes[0]) > 1 && lines(&scenes[2]) == 1);
+        assert!(scenes.iter().all(|scene| scene.height == scenes[0].height));
     }
 
     /// A figure of lines with a note.

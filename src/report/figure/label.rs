@@ -16,6 +16,9 @@ const FAR: f64 = 40.0;
 /// Width of the sample of a line before its label.
 const SAMPLE: f64 = 20.0;
 
+/// Left end of the first label of a row below the axis.
+const FIRST: f64 = 6.0;
+
 /// The placement of line labels, the same in all panels.
 pub(super) enum Placing {
     /// Right of the frame. Where many lines end early, each label has a sample of its line.
@@ -29,6 +32,8 @@ pub(super) enum Placing {
     Below {
         /// Number of rows.
         rows: usize,
+        /// Size of the letters of all labels.
+        size: f64,
     },
 }
 
@@ -38,15 +43,18 @@ pub(super) fn placing(charts: &[Chart], (style, left): (&Style, f64)) -> Placing
     const WIDEST: f64 = 397.0;
     let is_crowded = charts.iter().any(is_crowded);
     let lines = charts.iter().flat_map(Chart::labelled);
-    let room =
+    let widest =
         lines.map(|(_, line)| width(&line.label, TEXT, Weight::SemiBold)).fold(0.0, f64::max);
-    let room = room + 12.0 + if is_crowded { SAMPLE } else { 0.0 };
+    let room = widest + 12.0 + if is_crowded { SAMPLE } else { 0.0 };
     let most = if style.has_width() { style.width() } else { WIDEST };
     match left + LEAST_PLOT + room <= most {
         true => Placing::Beside { room, is_crowded },
         false => {
             let rows = charts.iter().map(|chart| rows(chart, style).len());
-            Placing::Below { rows: rows.max().unwrap_or(0) }
+            // A label wider than the figure stands alone in its row.
+            let alone = style.width() - FIRST - SAMPLE - 7.0;
+            let size = TEXT * (alone / widest).min(1.0);
+            Placing::Below { rows: rows.max().unwrap_or(0), size }
         }
     }
 }
@@ -60,7 +68,7 @@ fn rows(chart: &Chart, style: &Style) -> Vec<Vec<(usize, f64)>> {
         let wide = SAMPLE + 3.0 + width(&line.label, TEXT, Weight::SemiBold);
         if left + wide > style.width() - 4.0 {
             rows.push(Vec::new());
-            left = 6.0;
+            left = FIRST;
         }
         rows.iter_mut().last().into_iter().for_each(|row| row.push((series, left)));
         left += wide + BETWEEN;
@@ -69,16 +77,12 @@ fn rows(chart: &Chart, style: &Style) -> Vec<Vec<(usize, f64)>> {
 }
 
 /// The labels below the axis, each with a sample of its line; the first row stands at `first`.
-pub(super) fn below(chart: &Chart, style: &Style, first: f64) -> Vec<Mark> {
+pub(super) fn below(chart: &Chart, style: &Style, (first, size): (f64, f64)) -> Vec<Mark> {
     let rows = rows(chart, style);
     let mut marks = Vec::new();
     for (at, row) in rows.iter().enumerate() {
         let base = first + at as f64 * GAP;
         for (series, left) in row {
-            let label = &chart.lines[*series];
-            let room = style.width() - left - SAMPLE - 7.0;
-            let wide = width(&label.label, TEXT, Weight::SemiBold);
-            let size = TEXT * (room / wide).min(1.0);
             marks.extend(sample(chart, *series, (*left, base - TEXT * 0.35)));
             marks.push(letters(chart, *series, (left + SAMPLE + 3.0, base), (size, None)));
         }
@@ -174,13 +178,18 @@ pub(super) fn end_labels(
     }
     // A white rim separates the text from lines and bands beneath it.
     let white = Some(Stroke::solid(Color::WHITE, 2.5));
-    let mut marks: Vec<Mark> = inside
-        .into_iter()
-        .map(|(series, end, height)| {
-            let (left, _) = inside_label(&chart.lines[series], frame, end);
-            letters(chart, series, (left, height + TEXT * 0.35), (TEXT, white))
-        })
-        .collect();
+    let mut marks: Vec<Mark> = Vec::new();
+    for (series, end, height) in inside {
+        let (left, behind) = inside_label(&chart.lines[series], frame, end);
+        let apart = height - end.1;
+        if apart.abs() > 2.0 * TEXT {
+            // A label far from the end of its line would seem to belong to another line.
+            let stroke = Stroke::solid(chart.lines[series].look.color, 0.5);
+            let foot = (end.0.clamp(left, behind), height - apart.signum() * TEXT / 2.0);
+            marks.push(Mark::from(Shape::Line { points: vec![end, foot], stroke }).of(series));
+        }
+        marks.push(letters(chart, series, (left, height + TEXT * 0.35), (TEXT, white)));
+    }
     for (series, end, height) in ends {
         if (height - end.1).abs() > TEXT || end.0 < right - FAR {
             let color = chart.lines[series].look.color;

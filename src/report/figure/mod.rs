@@ -38,6 +38,9 @@ pub(super) const TEXT: f64 = 9.5;
 /// Height of letters of notes.
 pub(super) const NOTE: f64 = 8.0;
 
+/// Height of each further line of a heading.
+pub(super) const LINE: f64 = 12.0;
+
 /// Colour of text and axes.
 pub(super) const INK: Color = Color(34, 34, 34);
 
@@ -82,6 +85,20 @@ pub(super) fn note_lines(note: &str, room: f64) -> Vec<String> {
         match longer.filter(|line| width(line.trim_end(), NOTE, Weight::Regular) <= room) {
             Some(longer) => *lines.last_mut().expect("it was made longer") = longer,
             None => lines.push(clause.to_owned()),
+        }
+    }
+    lines
+}
+
+/// The lines of a heading, none wider than `room` unless it has a single word.
+pub(super) fn heading_lines(heading: &str, room: f64) -> Vec<String> {
+    let mut lines: Vec<String> = Vec::new();
+    for word in heading.split(' ') {
+        let longer = lines.last().map(|line| format!("{line} {word}"));
+        let fits = |line: &String| width(line, TEXT + 1.0, Weight::SemiBold) <= room;
+        match (lines.last_mut(), longer.filter(fits)) {
+            (Some(line), Some(longer)) => *line = longer,
+            (_, _) => lines.push(word.to_owned()),
         }
     }
     lines

@@ -10,7 +10,8 @@ use crate::job::Measure;
 use crate::report::data_table::{DataTable, Entry, exponential, shown, shown_ends, signed};
 use crate::report::escape::file_stem;
 use crate::report::figure::{
-    FAINT, INK, NOTE, Panels, Style, TEXT, facets, fitting, rising_title, seeds, text,
+    FAINT, INK, LINE, NOTE, Panels, Style, TEXT, facets, fitting, heading_lines, rising_title,
+    seeds, text,
 };
 use crate::report::names::Names;
 use crate::report::scene::{
@@ -146,8 +147,6 @@ fn ahead(map: &HeatFigure, lead: &Lead, metric: Measure) -> String {
 /// Space on the left beside the rows' values.
 const LEFT: f64 = 26.0;
 const TOP: f64 = 26.0;
-/// Height of each further line of the heading.
-const LINE: f64 = 12.0;
 const RIGHT: f64 = 8.0;
 /// Space for numbers, title, and two lines of notes.
 const BOTTOM: f64 = 60.0;
@@ -423,16 +422,7 @@ fn heading(figure: &HeatFigure, names: &Names, room: f64) -> Vec<String> {
     let [agent, subject] = named(figure, names);
     let subject = subject.replace(" - ", " − ");
     let heading = if agent.is_empty() { subject } else { format!("{agent}, {subject}") };
-    let mut lines: Vec<String> = Vec::new();
-    for word in heading.split(' ') {
-        let longer = lines.last().map(|line| format!("{line} {word}"));
-        let fits = |line: &String| width(line, TEXT + 1.0, Weight::SemiBold) <= room;
-        match (lines.last_mut(), longer.filter(fits)) {
-            (Some(line), Some(longer)) => *line = longer,
-            (_, _) => lines.push(word.to_owned()),
-        }
-    }
-    lines
+    heading_lines(&heading, room)
 }
 
 /// The heading, the values and names of the parameters, and the note.

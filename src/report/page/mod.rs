@@ -33,6 +33,16 @@ pub fn index(
         sections.iter().map(|section| section.experiment).collect();
     let names: Vec<&str> = experiments.iter().map(|one| one.name.as_str()).collect();
     let title = names.join(", ");
+    let body = html! {
+        (header(&experiments, &title, reproduction, store))
+        (contents(sections, reproduction))
+        main {
+            (reproduced(reproduction))
+            @for one in sections { (section(one)) }
+            (failures(&experiments))
+            (provenance(&experiments, store, hosts))
+        }
+    };
     let page = html! {
         (DOCTYPE)
         html lang="en" {
@@ -42,17 +52,10 @@ pub fn index(
                 meta name="viewport" content="width=device-width, initial-scale=1";
                 link rel="icon" href="data:,";
                 title { (title) }
-                style { (PreEscaped(web_font())) (PreEscaped(STYLE)) }
+                style { (PreEscaped(web_font(&body.0))) (PreEscaped(STYLE)) }
             }
             body {
-                (header(&experiments, &title, reproduction, store))
-                (contents(sections, reproduction))
-                main {
-                    (reproduced(reproduction))
-                    @for one in sections { (section(one)) }
-                    (failures(&experiments))
-                    (provenance(&experiments, store, hosts))
-                }
+                (body)
                 div #tip role="tooltip" hidden {}
                 script { (PreEscaped(SCRIPT)) }
             }

@@ -13,7 +13,7 @@ mod png;
 mod script;
 mod svg;
 
-pub use font::{Weight, web_font, width};
+pub use font::{Weight, is_drawn, web_font, width};
 pub use pdf::pdf;
 pub use png::png;
 pub(crate) use script::{Level, runs};
@@ -153,6 +153,16 @@ pub enum Shape {
         /// The outline beneath its letters, if they have one.
         rim: Option<Stroke>,
     },
+}
+
+impl Shape {
+    /// Its text, if it is one.
+    fn written(&self) -> Option<&str> {
+        match self {
+            Shape::Text { text, .. } => Some(text),
+            Shape::Line { .. } | Shape::Area { .. } | Shape::Circle { .. } => None,
+        }
+    }
 }
 
 impl From<Shape> for Mark {

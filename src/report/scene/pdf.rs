@@ -8,7 +8,7 @@ use std::fmt::Write as _;
 
 use miniz_oxide::deflate::compress_to_vec_zlib;
 
-use super::font::Face;
+use super::font::{Face, Letter};
 use super::script::runs;
 use super::svg::number;
 use super::{
@@ -59,8 +59,8 @@ struct Page {
     content: String,
     /// Opacities, in thousandths.
     opacities: BTreeSet<u16>,
-    /// The characters written in each weight, by glyph.
-    letters: [BTreeMap<u16, char>; WEIGHTS.len()],
+    /// The characters written in each font, by glyph. Blocks of letters follow each other, each in every weight.
+    letters: BTreeMap<usize, BTreeMap<u16, char>>,
 }
 
 impl Page {
@@ -161,7 +161,6 @@ impl Page {
             self.fill(&Fill { color: *color, opacity: 1.0 });
         }
         let place = WEIGHTS.iter().position(|known| known == weight).unwrap_or(0);
-        let face = weight.face();
         let mut pen = match anchor {
             Anchor::Start => 0.0,
             Anchor::Middle => -width_of(text, *size, *weight) / 2.0,
@@ -170,22 +169,29 @@ impl Page {
         let _ = write!(self.content, "BT {mode} Tr ");
         for run in runs(text) {
             let (size, drop) = run.level.size_and_drop(*size);
-            // The page's y axis points down, the y axis of letters points up.
-            let matrix = match direction {
-                Direction::Right => {
-                    format!("1 0 0 -1 {} {}", number(at.0 + pen), number(at.1 + drop))
-                }
-                Direction::Up => {
-                    format!("0 -1 -1 0 {} {}", number(at.0 + drop), number(at.1 - pen))
-                }
-            };
-            let _ = write!(self.content, "/F{place} {} Tf {matrix} Tm <", number(size));
+            // The font of the letter before, unless it is a box, which may be wider than the font says.
+            let (mut open, mut is_first) = (None, true);
             for character in run.text.chars() {
-                let glyph = face.glyph(character);
+                let Letter { block, glyph, advance } = weight.letter(character);
+                let font = place + WEIGHTS.len() * block;
+                if open != Some(font) {
+                    // The page's y axis points down, the y axis of letters points up.
+                    let matrix = match direction {
+                        Direction::Right => {
+                            format!("1 0 0 -1 {} {}", number(at.0 + pen), number(at.1 + drop))
+                        }
+                        Direction::Up => {
+                            format!("0 -1 -1 0 {} {}", number(at.0 + drop), number(at.1 - pen))
+                        }
+                    };
+                    let end = if is_first { "" } else { "> Tj " };
+                    let _ = write!(self.content, "{end}/F{font} {} Tf {matrix} Tm <", number(size));
+                }
                 let number = u16::try_from(glyph.to_u32()).unwrap_or(0);
-                self.letters[place].insert(number, character);
+                self.letters.entry(font).or_default().insert(number, character);
                 let _ = write!(self.content, "{number:04X}");
-                pen += face.advance(glyph) * size;
+                pen += advance * size;
+                (open, is_first) = ((number > 0).then_some(font), false);
             }
             self.content.push_str("> Tj ");
         }
@@ -195,12 +201,10 @@ impl Page {
     /// Adds the used fonts, and returns their names with their objects.
     fn fonts(&self, file: &mut File) -> String {
         let mut names = String::new();
-        for (place, weight) in WEIGHTS.into_iter().enumerate() {
-            if self.letters[place].is_empty() {
-                continue;
-            }
-            let font = add_font(file, weight, &self.letters[place]);
-            let _ = write!(names, "/F{place} {font} 0 R ");
+        for (number, letters) in &self.letters {
+            let (block, weight) = (number / WEIGHTS.len(), WEIGHTS[number % WEIGHTS.len()]);
+            let font = add_font(file, (weight, block), letters);
+            let _ = write!(names, "/F{number} {font} 0 R ");
         }
         names
     }
@@ -215,20 +219,26 @@ fn shares(Color(red, green, blue): Color) -> String {
 }
 
 /// Adds a font whose character codes are glyph numbers, and returns the number of its object.
-fn add_font(file: &mut File, weight: Weight, letters: &BTreeMap<u16, char>) -> usize {
-    let face: &Face = weight.face();
+fn add_font(
+    file: &mut File,
+    (weight, block): (Weight, usize),
+    letters: &BTreeMap<u16, char>,
+) -> usize {
+    let face: &Face = weight.face(block);
+    // Letters with two marks are higher than others.
+    let top = if block == 0 { 1100 } else { 1500 };
     // The tag marks a font with a subset of its glyphs.
-    let name = format!("JITAIF+{}", weight.font_name());
+    let name = format!("JITAIF+{}", weight.font_name(block));
     let program = file.stream("/Subtype /CIDFontType0C ", face.compact);
     let descriptor = file.add(&format!(
-        "<< /Type /FontDescriptor /FontName /{name} /Flags 4 /FontBBox [-200 -300 1400 1100] \
+        "<< /Type /FontDescriptor /FontName /{name} /Flags 4 /FontBBox [-200 -300 1400 {top}] \
          /ItalicAngle 0 /Ascent 970 /Descent -240 /CapHeight 727 /StemV {} /FontFile3 {program} 0 R >>",
         weight.number() / 5,
     ));
     let widths: String = letters
         .iter()
-        .map(|(glyph, character)| {
-            let advance = face.advance(face.glyph(*character)) * 1000.0;
+        .map(|(glyph, _)| {
+            let advance = face.advance((*glyph).into()) * 1000.0;
             format!("{glyph} [{}] ", number(advance))
         })
         .collect();
@@ -401,12 +411,12 @@ mod tests {
     #[test]
     fn the_font_is_embedded_and_its_letters_can_be_copied() {
         let streams = streams(&pdf(&scene()));
-        let face = Weight::Regular.face();
+        let face = Weight::Regular.face(0);
         // The unused weight is left out.
         assert_eq!(streams.len(), 3);
         assert_eq!(streams[0], face.compact);
         let map = String::from_utf8(streams[1].clone()).unwrap();
-        let delta = face.glyph('δ').to_u32();
+        let delta = Weight::Regular.letter('δ').glyph.to_u32();
         assert!(map.contains(&format!("<{delta:04X}> <03B4>\n")), "{map}");
         let content = String::from_utf8(streams[2].clone()).unwrap();
         assert!(content.contains("0 -1 -1 0 "), "a text runs upwards: {content}");

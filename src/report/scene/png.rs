@@ -6,6 +6,7 @@ use tiny_skia::{
     Transform,
 };
 
+use super::font::Letter;
 use super::script::runs;
 use super::{Anchor, Color, Direction, Fill, Point, Scene, Shape, Stroke, Weight, width};
 
@@ -101,7 +102,6 @@ fn path(points: &[Point], closed: bool) -> Option<Path> {
 
 /// The outlines of a text whose anchor stands at the origin.
 fn letters(text: &str, size: f64, weight: Weight, anchor: Anchor) -> Option<Path> {
-    let face = weight.face();
     let mut pen = match anchor {
         Anchor::Start => 0.0,
         Anchor::Middle => -width(text, size, weight) / 2.0,
@@ -110,12 +110,13 @@ fn letters(text: &str, size: f64, weight: Weight, anchor: Anchor) -> Option<Path
     let mut builder = PathBuilder::new();
     for run in runs(text) {
         let (size, drop) = run.level.size_and_drop(size);
-        let scale = (size / face.units_per_em) as f32;
         for character in run.text.chars() {
-            let glyph = face.glyph(character);
+            let Letter { block, glyph, advance } = weight.letter(character);
+            let face = weight.face(block);
+            let scale = (size / face.units_per_em) as f32;
             let (left, base) = (pen as f32, drop as f32);
             face.draw(glyph, &mut Outline { builder: &mut builder, left, base, scale });
-            pen += face.advance(glyph) * size;
+            pen += advance * size;
         }
     }
     builder.finish()

@@ -14,7 +14,8 @@ const MILLIMETRES: f64 = 25.4 / 96.0;
 pub fn svg(scene: &Scene) -> String {
     let [width, height] = [scene.width, scene.height].map(|units| number(units * MILLIMETRES));
     let size = format!(" width=\"{width}mm\" height=\"{height}mm\"");
-    let font = format!("<defs><style>{}</style></defs>", web_font());
+    let written: String = scene.marks.iter().filter_map(|mark| mark.shape.written()).collect();
+    let font = format!("<defs><style>{}</style></defs>", web_font(&written));
     format!(
         "<?xml version=\"1.0\" encoding=\"UTF-8\"?>\n{}\n",
         element(scene, &size, &font, &|_| String::new())
