@@ -73,10 +73,11 @@ def _costs(
         if declared["cost_scale"] == 1:
             brushing, prompts = (brushing - 90.5) / 89.5, 2 * (prompts - 0.5)
         good = (brushing > 111) & (prompts > 0.5)
-        return declared["cost_of_good_brushing"] * good + declared["cost_of_frequent_prompts"] * (prompts > 0.8)
+        often = prompts > 0.8
+        return np.asarray(declared["cost_of_good_brushing"] * good + declared["cost_of_frequent_prompts"] * often)
     costs = np.full(len(episodes), declared.get("message_cost", 0.0))
-    parameters = [(None, job), (None, phase)]
-    of_people = [Column(*column).values for column in reader.columns(_COSTS_OF_PEOPLE, parameters)]
+    columns = reader.columns(_COSTS_OF_PEOPLE, [(None, job), (None, phase)])
+    of_people = [Column(*column).values for column in columns]
     if len(of_people[0]):
         by_episode = dict(zip(*of_people, strict=True))
         costs = np.array([by_episode[episode] for episode in episodes])
