@@ -59,6 +59,16 @@ impl Condition {
     }
 }
 
+/// The short name of a parameter beside others: the dotted name if another of them has the same short name.
+pub fn short_beside<'n>(
+    dotted: &'n str,
+    others: impl IntoIterator<Item = impl AsRef<str>>,
+) -> &'n str {
+    let short = short_name(dotted);
+    let is_same = |other: &str| other != dotted && short_name(other) == short;
+    if others.into_iter().any(|other| is_same(other.as_ref())) { dotted } else { short }
+}
+
 /// The last part of a dotted name: `horizon` of `environment.horizon`. Keys of a population keep their full
 /// names, because the environment has keys of the same name.
 pub fn short_name(dotted: &str) -> &str {

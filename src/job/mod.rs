@@ -17,7 +17,7 @@ mod participant_range;
 mod scalar;
 mod trial;
 
-pub use condition::{Condition, Described, short_name};
+pub use condition::{Condition, Described, short_beside, short_name};
 pub use content::{Job, JobError, NoWeights};
 pub use estimate::{
     CONSTANT, Effect, Estimate, EstimateDeclaration, Estimates, Estimator, Messages, REWARD, STEP,

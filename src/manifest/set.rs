@@ -68,6 +68,17 @@ enum Place<'m> {
     Agents(Vec<&'m str>, &'static str),
 }
 
+impl Place<'_> {
+    /// The dotted name of the parameter, if it has one.
+    fn dotted(&self) -> Option<String> {
+        match self {
+            Place::Top(_) => None,
+            Place::Section(section, key) => Some(format!("{section}.{key}")),
+            Place::Agents(_, key) => Some(format!("agent.{key}")),
+        }
+    }
+}
+
 /// A manifest with its overrides.
 #[derive(Clone, Debug)]
 pub struct Overridden {
@@ -324,22 +335,36 @@ fn place<'m>(manifest: &'m Manifest, set: &Override) -> Result<Place<'m>, Fault>
         let unknown = || fault(format!("no key `{key}`")).nearest(short, search::read::KEYS);
         return Ok(Place::Section("search", known.ok_or_else(unknown)?));
     }
-    if let Some(place) = environment_parameter(manifest, key) {
-        return Ok(place);
+    let ambiguous = |names: &[String]| {
+        let names: Vec<String> = names.iter().map(|name| format!("`{name}`")).collect();
+        fault(format!("`{key}` is ambiguous; use one of {}", names.join(", ")))
+    };
+    // A bare name can be a parameter of an outside program.
+    let of_program = if key.contains('.') { key.to_owned() } else { format!("parameters.{key}") };
+    let free = of_program.strip_prefix("agent.").unwrap_or(&of_program);
+    let of_agents = free_key(free).and_then(|_| agents(manifest, free, |_| true));
+    let of_programs = [environment_parameter(manifest, &of_program), of_agents];
+    let mut of_programs: Vec<Place> = of_programs.into_iter().flatten().collect();
+    let mut names: Vec<String> = Vec::new();
+    if !key.contains('.') {
+        let is_meant = |parameter: &Parameter| {
+            short_name(&parameter.to_string()) == key
+                && is_in(manifest.family(), *parameter)
+                && match parameter {
+                    Parameter::Agent(key) => agents(manifest, key, |_| true).is_some(),
+                    _ => true,
+                }
+        };
+        names.extend(parameters().iter().filter(|one| is_meant(one)).map(Parameter::to_string));
     }
-    let free = key.strip_prefix("agent.").unwrap_or(key);
-    if free_key(free).is_some() {
-        return agents(manifest, free, |_| true)
-            .ok_or_else(|| fault(format!("no agent has a key `{free}`")));
-    }
-    // A bare name that is not a key can be a parameter of an outside program.
-    let is_key = |dotted: &str| short_name(dotted) == key;
-    if !key.contains('.')
-        && !parameters().iter().any(|known| is_key(&known.to_string()))
-        && let Some(place) = environment_parameter(manifest, &format!("parameters.{key}"))
-            .or_else(|| agents(manifest, &format!("parameters.{key}"), |_| true))
-    {
-        return Ok(place);
+    names.extend(of_programs.iter().filter_map(Place::dotted));
+    match (of_programs.pop(), names.as_slice()) {
+        (Some(place), [_]) => return Ok(place),
+        (Some(_), several) => return Err(ambiguous(several)),
+        (None, _) if key.contains('.') && free_key(free).is_some() => {
+            return Err(fault(format!("no agent has a key `{free}`")));
+        }
+        (None, _) => {}
     }
     // Names of agents may contain dots. Keys contain none, except parameters of outside programs.
     let of_agent = key.strip_prefix("agent.").and_then(|rest| {
@@ -388,10 +413,7 @@ fn place<'m>(manifest: &'m Manifest, set: &Override) -> Result<Place<'m>, Fault>
                 None => unknown,
             })
         }
-        several => {
-            let names: Vec<String> = several.iter().map(|name| format!("`{name}`")).collect();
-            Err(fault(format!("`{key}` is ambiguous; use one of {}", names.join(", "))))
-        }
+        several => Err(ambiguous(&several.iter().map(Parameter::to_string).collect::<Vec<_>>())),
     }
 }
 

@@ -6,7 +6,7 @@ use std::fmt;
 use std::str::FromStr;
 
 use crate::agent::Algorithm;
-use crate::job::{Condition, PlannedJob, short_name, shown, value_of};
+use crate::job::{Condition, Described, PlannedJob, short_name, shown, value_of};
 use crate::key::printable;
 use crate::key::{Kind, Parameter, Value, free_key};
 use crate::manifest::{
@@ -31,8 +31,8 @@ struct Term {
     name: String,
     /// Alternatives; one must hold.
     values: Vec<String>,
-    /// Also alternatives, because a bare name may be both a key and a parameter of an outside program. Empty
-    /// if no parameter has the name.
+    /// One for each parameter that the name can mean, of which the jobs have at most one. Empty if no
+    /// parameter has the name.
     met: Vec<Condition>,
 }
 
@@ -62,6 +62,9 @@ pub enum FilterError {
         /// Similar names.
         known: String,
     },
+    /// The jobs have several parameters whose last part is the name.
+    #[error("`{}` is ambiguous; use one of {}", printable(.0), .1.join(", "))]
+    Ambiguous(String, Vec<String>),
     /// No job that meets the preceding conditions has the parameter.
     #[error("no job{} has a parameter `{name}`", with(.before))]
     Absent {
@@ -208,6 +211,22 @@ impl Filter {
         rest[0].why_unmet(before, jobs())
     }
 
+    /// The error for a name that means several parameters of the jobs.
+    pub fn ambiguous(&self, jobs: impl Iterator<Item = PlannedJob>) -> Option<FilterError> {
+        let mut had: Vec<Vec<Parameter>> = vec![Vec::new(); self.0.len()];
+        for planned in jobs {
+            for (term, had) in self.0.iter().zip(&mut had) {
+                let parameters = term.met.iter().map(|condition| condition.parameter);
+                let unseen = parameters.filter(|one| planned.value(*one).is_some());
+                let unseen: Vec<Parameter> = unseen.filter(|one| !had.contains(one)).collect();
+                had.extend(unseen);
+            }
+        }
+        let (term, had) = self.0.iter().zip(had).find(|(_, had)| had.len() > 1)?;
+        let names = had.iter().map(|parameter| format!("`{parameter}`")).collect();
+        Some(FilterError::Ambiguous(term.name.clone(), names))
+    }
+
     /// The error for a value that no job has, although other values of its condition occur.
     pub fn unmet_alternative<I: Iterator<Item = PlannedJob>>(
         &self,
@@ -228,7 +247,9 @@ impl Filter {
 impl Term {
     /// The condition with this name and these values; no job meets values that no job can have.
     fn written(name: String, values: Vec<String>) -> Term {
-        let of_programs = (!name.contains('.')).then(|| format!("parameters.{name}"));
+        // These are the whole names of parameters.
+        let is_short = !name.contains('.') && !matches!(&*name, "agent" | "scenario" | "seed");
+        let of_programs = is_short.then(|| format!("parameters.{name}"));
         let names = [Some(name.as_str()), of_programs.as_deref()].into_iter().flatten();
         let met = names.flat_map(|name| conditions(name, &values)).collect();
         Term { name, values, met }
@@ -312,7 +333,7 @@ fn conditions(name: &str, written: &[String]) -> Vec<Condition> {
     }
     let named = parameters().into_iter().filter(|one| {
         let dotted = one.to_string();
-        dotted == name || short_name(&dotted) == name || one.key() == name
+        dotted == name || short_name(&dotted) == name
     });
     let of_parameter = |parameter: Parameter| {
         let of_section = |section: Section| {

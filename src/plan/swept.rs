@@ -2,7 +2,7 @@
 
 use serde_json::Value;
 
-use crate::job::{Job, distinct, short_name, shown, value_of};
+use crate::job::{Job, distinct, short_beside, shown, value_of};
 use crate::key::{Parameter, printable, shortened};
 use crate::manifest::{Manifest, Varying};
 
@@ -36,8 +36,13 @@ impl Swept {
 
     /// A job's values as readable text, such as `learning_rate=0.001 batch=32`; empty if there are no values.
     pub fn words(&self, agent: &str, job: &Job) -> String {
-        let values = self.values(agent, job);
-        let words = values.map(|(name, value)| format!("{}={}", short_name(&name), shown(&value)));
+        let headline = job.environment.family().headline.map(Parameter::Environment);
+        let fixed = [Some(Parameter::SEED), Some(Parameter::SCENARIO), headline];
+        let fixed = fixed.into_iter().flatten().map(|parameter| parameter.to_string());
+        let beside: Vec<String> = fixed.chain(self.0.of_agent(agent).iter().cloned()).collect();
+        let words = self
+            .values(agent, job)
+            .map(|(name, value)| format!("{}={}", short_beside(&name, &beside), shown(&value)));
         words.collect::<Vec<_>>().join(" ")
     }
 

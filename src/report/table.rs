@@ -2,7 +2,7 @@
 
 use crate::analyse::Moments;
 use crate::analyse::declared::ArmSummary;
-use crate::job::short_name;
+use crate::job::short_beside;
 use crate::key::shortened;
 use crate::plan::Swept;
 
@@ -27,7 +27,8 @@ pub fn summary_table(arms: &[ArmSummary], swept: &Swept) -> (Vec<String>, Vec<Li
     let mut columns: Vec<String> = ["agent", "scenario"].map(str::to_owned).to_vec();
     let headline = arms.iter().find_map(|arm| arm.headline).map(|(key, _)| key);
     columns.extend(headline.map(str::to_owned));
-    columns.extend(names.iter().map(|name| short_name(name).to_owned()));
+    let columns_beside: Vec<String> = columns.iter().chain(&names).cloned().collect();
+    columns.extend(names.iter().map(|name| short_beside(name, &columns_beside).to_owned()));
     let line = |summary: &ArmSummary| {
         let arm = &summary.name;
         let headline = headline.map(|key| {

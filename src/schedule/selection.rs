@@ -22,6 +22,9 @@ impl<'a> Selection<'a> {
     pub fn new(manifests: &'a [Manifest], filter: Option<&'a Filter>) -> Result<Self, FilterError> {
         if let Some(filter) = filter {
             let jobs = || manifests.iter().flat_map(plan::jobs);
+            if let Some(ambiguous) = filter.ambiguous(jobs()) {
+                return Err(ambiguous);
+            }
             if !jobs().any(|planned| filter.meets(&planned)) {
                 return Err(filter.why_none(jobs));
             }

@@ -449,6 +449,36 @@ fn workers_run_programs_at_the_same_time() {
 }
 
 #[test]
+fn a_short_name_of_several_parameters_is_refused_with_their_dotted_names() {
+    let more = "parameters = { sigma = [0.1, 0.6], seed = 2 }";
+    let folder = Folder::with(&manifest("", more));
+    let plan = |more: [&str; 2]| {
+        let [option, value] = more;
+        folder.jitai(["plan", "sweep.toml", "--format", "json", option, value])
+    };
+    let several = "`sigma` is ambiguous; use one of `environment.sigma`, `agent.parameters.sigma`";
+    plan(["--filter", "sigma=0.6"]).ended(2).says(several);
+    plan(["--set", "sigma=1"]).ended(2).says(several);
+    // A whole name has one meaning.
+    plan(["--filter", "seed=2"]).ended(2).says("no job has seed=2, did you mean 1?; its values: 1");
+    for (filter, jobs) in [
+        ("environment.sigma=0.6", 3),
+        ("agent.parameters.sigma=0.6", 1),
+        ("parameters.sigma=0.6", 1),
+        ("seed=1", 3),
+        ("agent.parameters.seed=2", 2),
+    ] {
+        let found = plan(["--filter", filter]).succeeded().json();
+        assert_eq!(found[0]["jobs"], jobs, "{filter}: {found}");
+    }
+    for set in ["environment.sigma=1", "agent.parameters.sigma=1"] {
+        plan(["--set", set]).succeeded();
+    }
+    let jobs = folder.jitai(["plan", "sweep.toml", "--jobs"]).succeeded();
+    jobs.prints("agent.parameters.sigma=0.1");
+}
+
+#[test]
 fn parameters_are_swept_filtered_set_and_shown_like_keys() {
     let more =
         "parameters = { learning_rate = [3e-4, 1e-3], depth = 3, name = \"a b\", deep = true }";

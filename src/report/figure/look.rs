@@ -1,6 +1,6 @@
 //! The looks of arms. An arm looks the same in every figure of a report.
 
-use crate::job::{distinct, short_name};
+use crate::job::{distinct, short_beside};
 use crate::key::shortened;
 use crate::report::symbols;
 use std::collections::HashMap;
@@ -233,13 +233,18 @@ fn joined(parts: [&str; 3]) -> String {
 
 /// Settings on one line: `learning_rate=0.001 σ=0.6`.
 pub fn settings_label(settings: &[(String, Scalar)]) -> String {
-    let word = |(key, value): &(String, Scalar)| format!("{}={value}", symbols::short(key));
+    let word = |(key, value): &(String, Scalar)| {
+        let short = symbols::key(short_beside(key, settings.iter().map(|(other, _)| other)));
+        format!("{short}={value}")
+    };
     shortened(&settings.iter().map(word).collect::<Vec<_>>().join(" "))
 }
 
 /// Settings on one line with the names of keys: `learning_rate=0.001 horizon=50`.
 pub fn settings_key(settings: &[(String, Scalar)]) -> String {
-    let word = |(key, value): &(String, Scalar)| format!("{}={value}", short_name(key));
+    let word = |(key, value): &(String, Scalar)| {
+        format!("{}={value}", short_beside(key, settings.iter().map(|(other, _)| other)))
+    };
     settings.iter().map(word).collect::<Vec<_>>().join(" ")
 }
 
