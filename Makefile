@@ -177,7 +177,7 @@ python-sb3:
 # target/python has the current version of Gymnasium, target/python-sb3 the oldest supported one.
 test-python: ## tests of the Python module, with Gymnasium's current and oldest version (minutes)
 	@ls target/wheels/jitai-*.whl >/dev/null 2>&1 || { echo "no wheel: run \`make python\`" >&2; exit 1; }
-	$(PIP) install hypothesis mypy onnxruntime pandas polars pyarrow pytest safetensors tqdm
+	$(PIP) install hypothesis jsonschema mypy onnxruntime pandas polars pyarrow pytest safetensors tqdm
 	cd python && ../target/python/bin/pytest --quiet
 	$(MAKE) python-sb3
 	$(PIP_SB3) install "hypothesis>=6.100" pytest

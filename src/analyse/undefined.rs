@@ -39,7 +39,8 @@ pub enum Undefined {
     NoLoss,
     /// The true effect was not simulated in every trial.
     #[error(
-        "no truth known; `truth = true` in [[estimate]] has it simulated, if enough people can be treated"
+        "no truth known; `truth = true` in [[estimate]] has it simulated, if enough people can be treated and no \
+         outside program takes part"
     )]
     NoTruth,
     /// An exact answer would take too long.

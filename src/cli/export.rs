@@ -18,7 +18,7 @@ use crate::store::{self, Reader};
 #[derive(clap::Args)]
 pub(super) struct Arguments {
     /// Output folder; created if it does not exist. Files of an earlier export are replaced
-    #[arg(long, value_name = "DIR")]
+    #[arg(long, value_name = "DIR", value_hint = clap::ValueHint::DirPath)]
     out: PathBuf,
     /// File format
     #[arg(long, value_enum, default_value = "csv", conflicts_with = "policy")]

@@ -12,7 +12,7 @@ use crate::cli::{Error, Exit};
 #[derive(clap::Args)]
 pub(super) struct Arguments {
     /// Write a page per command to this folder, for `man`: jitai.1, jitai-check.1 and so on
-    #[arg(long, value_name = "DIR")]
+    #[arg(long, value_name = "DIR", value_hint = clap::ValueHint::DirPath)]
     out: Option<PathBuf>,
 }
 

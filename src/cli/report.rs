@@ -16,7 +16,7 @@ pub(super) struct Arguments {
     #[command(flatten)]
     manifests: ManifestArguments,
     /// Output folder; created if it does not exist
-    #[arg(long, value_name = "DIR")]
+    #[arg(long, value_name = "DIR", value_hint = clap::ValueHint::DirPath)]
     out: PathBuf,
     /// Include host names in the table of provenance
     #[arg(long)]

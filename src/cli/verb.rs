@@ -95,7 +95,7 @@ pub fn main() -> ExitCode {
         Verb::Optimum(arguments) => optimum::run(&arguments),
         Verb::Schema(arguments) => schema::run(&arguments),
         Verb::SelfTest(arguments) => self_test::run(&arguments),
-        Verb::Completions(arguments) => completions::run(&arguments, Arguments::command()),
+        Verb::Completions(arguments) => completions::run(&arguments, &Arguments::command()),
         Verb::Manual(arguments) => manual::run(&arguments, Arguments::command()),
     };
     match result {

@@ -14,7 +14,7 @@ use crate::manifest::search::draw::DrawForm;
 use crate::manifest::section::Section;
 use crate::manifest::value::free::{FAMILY, PARAMETERS};
 use crate::manifest::value::range::MOST_VALUES;
-use crate::manifest::value::schema::{list, value};
+use crate::manifest::value::schema::{list, value, values};
 use crate::manifest::{estimate, search};
 
 /// The schema, in draft 2020-12. It states types, ranges and words of single keys; [`super::parse`] checks
@@ -218,8 +218,10 @@ fn agent(algorithm: &'static Algorithm) -> Json {
     let name =
         described("the agent's name in tables and figures", json!({ "$ref": "#/$defs/name" }));
     properties.insert("name".to_owned(), name);
-    let label = json!({ "type": "string", "minLength": 1, "description": "the agent's label in \
-                         figures and tables; its name by default" });
+    let label = described(
+        "the agent's label in figures and tables; its name by default",
+        json!({ "$ref": "#/$defs/name" }),
+    );
     properties.insert("label".to_owned(), label);
     properties.insert("algorithm".to_owned(), json!({ "const": algorithm.name() }));
     if algorithm.is_external() {
@@ -243,7 +245,7 @@ fn free_parameters() -> Json {
     let one = value(Kind::Scalar);
     let number = json!({ "type": "number" });
     let step = json!({ "type": "number", "exclusiveMinimum": 0 });
-    let forms = [one.clone(), list(one), range(number, step)];
+    let forms = [one.clone(), values(one), range(number, step)];
     let forms: Vec<Json> = forms.into_iter().chain(draws(Kind::Scalar)).collect();
     json!({
         "description": "the program's own parameters; swept like any key",
@@ -267,7 +269,7 @@ fn section(section: Section, mut properties: Map<String, Json>) -> Json {
 
 /// The schema of a key: a value, a list of values or a range.
 fn swept(key: &Key) -> Json {
-    let mut forms = vec![value(key.kind), list(value(key.kind))];
+    let mut forms = vec![value(key.kind), values(value(key.kind))];
     match key.kind {
         Kind::Real { .. } | Kind::PositiveReal { .. } => {
             forms.push(range(value(key.kind), json!({ "type": "number", "exclusiveMinimum": 0 })));
@@ -299,14 +301,14 @@ fn draws(kind: Kind) -> impl Iterator<Item = Json> {
             (_, Some(ends)) => (value(ends), Some(2)),
             (_, None) => return None,
         };
-        let mut values = list(of);
-        values["minItems"] = json!(2);
-        most.iter().for_each(|most| values["maxItems"] = json!(most));
+        let mut listed = list(of);
+        listed["minItems"] = json!(2);
+        most.iter().for_each(|most| listed["maxItems"] = json!(most));
         Some(json!({
             "type": "object",
             "additionalProperties": false,
             "required": [form.word()],
-            "properties": { form.word(): values },
+            "properties": { form.word(): listed },
         }))
     })
 }

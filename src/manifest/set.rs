@@ -202,6 +202,12 @@ fn with<'s>(manifest: &Manifest, overrides: &'s [Override]) -> Result<Edited<'s>
                     (table, key) = (parameters.ok_or_else(not_editable)?, name);
                 }
                 put(table, key, set.value_of(key));
+                // An option that says when arms leave replaces the manifest's way.
+                if let Some(other) = search::read::other_way(section, key)
+                    && !overrides.iter().any(|set| set.key == format!("search.{other}"))
+                {
+                    table.remove(other);
+                }
             }
             Place::Agents(agents, key) => {
                 for agent in agents {
@@ -526,6 +532,24 @@ mod tests {
         let found = with(&manifest, &overrides).unwrap().text;
         let last = "# --set name=m --set scenario=C-T --set seeds=3 --set sigma=0.2 --set agent.own.gamma=0.5\n";
         assert_eq!(found, expected + last);
+    }
+
+    #[test]
+    fn a_way_in_which_arms_leave_replaces_the_other() {
+        let text = "format = 1\nname = \"t\"\nscenarios = [\"P-H-D\"]\nenvironment.sigma = 0.6\n\
+                    [search]\nsamples = 4\nrungs = [2, 3]\nkeep = 0.5\n[[agent]]\nname = \"a\"\n\
+                    algorithm = \"reinforce\"\nlearning_rate = { log_uniform = [1e-4, 1e-3] }\n";
+        let level: Override = "search.level=0.05".parse().unwrap();
+        let keep: Override = "search.keep=0.25".parse().unwrap();
+        let text_of = |overrides: &[Override]| {
+            with(&parse("t.toml", text.as_bytes()).unwrap(), overrides).unwrap().text
+        };
+        let replaced = text_of(std::slice::from_ref(&level));
+        assert!(replaced.contains("level = 0.05") && !replaced.contains("keep"), "{replaced}");
+        parse("t.toml", replaced.as_bytes()).unwrap();
+        // Two options contradict each other.
+        let both = text_of(&[level, keep]);
+        assert!(both.contains("level = 0.05") && both.contains("keep = 0.25"), "{both}");
     }
 
     #[test]

@@ -1,6 +1,7 @@
 //! What an installed program does for its user: it checks the machine, and describes itself to shells and `man`.
 
 use std::fs;
+use std::process::Command;
 
 use jitai::kernel::Isa;
 
@@ -40,6 +41,39 @@ fn completions_of_every_shell_know_commands_and_options() {
         assert!(script.contains("salvage") && script.contains("self-test"), "{shell}: {script}");
     }
     folder.jitai(["completions", "tcsh"]).ended(2).says("bash");
+}
+
+/// What the completions of bash offer for the last of these words.
+fn offered(folder: &Folder, words: &[&str]) -> Vec<String> {
+    let script = folder.jitai(["completions", "bash"]).succeeded().stdout;
+    let call = "COMP_WORDS=(\"$@\"); COMP_CWORD=$(($# - 1)); COMPREPLY=()
+        _jitai jitai \"${*: -1}\" \"${COMP_WORDS[$(($# - 2))]}\"
+        for one in \"${COMPREPLY[@]}\"; do printf '%s\\n' \"$one\"; done";
+    let mut bash = Command::new("bash");
+    bash.args(["--norc", "-c", &format!("{script}\n{call}"), "bash", "jitai"]).args(words);
+    let answer = bash.current_dir(folder.path(".")).output().unwrap();
+    String::from_utf8(answer.stdout).unwrap().lines().map(str::to_owned).collect()
+}
+
+#[test]
+fn completions_of_bash_offer_files_as_they_are_and_nothing_hidden() {
+    let folder = Folder::new();
+    for file in ["my store.sqlite", "a.toml", "b c.toml", "notes.txt"] {
+        fs::write(folder.path(file), "").unwrap();
+    }
+    assert_eq!(offered(&folder, &["status", "--store", "my"]), ["my store.sqlite"]);
+    assert_eq!(offered(&folder, &["submit", "--cluster", "b"]), ["b c.toml"]);
+    for verb in ["run", "check", "optimum"] {
+        let mut files = offered(&folder, &[verb, ""]);
+        files.sort();
+        assert_eq!(files, ["a.toml", "b c.toml"], "{verb}");
+    }
+    assert_eq!(offered(&folder, &["merge", "my"]), ["my store.sqlite"]);
+    assert_eq!(offered(&folder, &["run", "--retry"]), ["--retry-failed"]);
+    assert!(offered(&folder, &["run", "--workers", "my"]).iter().all(|word| word == "my"));
+    assert_eq!(offered(&folder, &["che"]), ["check"]);
+    assert_eq!(offered(&folder, &["ta"]), [""; 0]);
+    assert_eq!(offered(&folder, &["self-test", "--p"]), [""; 0]);
 }
 
 #[test]

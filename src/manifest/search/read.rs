@@ -24,6 +24,15 @@ use crate::manifest::value::sweep::{Node, Reader};
 pub(in crate::manifest) const KEYS: [&str; 7] =
     ["samples", "seed", "rungs", "keep", "level", "fresh", "metric"];
 
+/// The key that says when arms leave in another way than this key of `[search]`; the two exclude each other.
+pub(in crate::manifest) fn other_way(section: &str, key: &str) -> Option<&'static str> {
+    match (section, key) {
+        ("search", "keep") => Some("level"),
+        ("search", "level") => Some("keep"),
+        _ => None,
+    }
+}
+
 const SAMPLES: Kind = Kind::Integer { min: 2, max: 10_000 };
 const SEED: Kind = Kind::Integer { min: 0, max: i64::MAX as u64 };
 const RUNGS: Kind = Kind::Counts { most: 20, max: 10_000 };

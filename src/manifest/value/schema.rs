@@ -84,7 +84,7 @@ fn distribution(number: &Json) -> Json {
             "log_normal": positive, "log_sd": positive, "from": number, "to": number,
         })),
         table(["values", ""], json!({
-            "values": list(number.clone()),
+            "values": values(number.clone()),
             "weights": { "type": "array", "minItems": 1, "items": positive },
         })),
     ] })
@@ -109,6 +109,11 @@ fn rows(columns: &[Column]) -> Json {
             },
         },
     ] })
+}
+
+/// The schema of a list of values of a sweep, which a zip may repeat.
+pub(in crate::manifest) fn values(items: Json) -> Json {
+    json!({ "type": "array", "minItems": 1, "items": items })
 }
 
 /// The schema of a list of distinct items.
