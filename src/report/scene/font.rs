@@ -231,7 +231,7 @@ mod tests {
     fn a_file_embeds_the_blocks_of_its_letters() {
         let faces = |text| web_font(text).matches("@font-face").count();
         assert_eq!(["dqn δ_d", "Señal", "агент λ ñ", "日本"].map(faces), [2, 4, 6, 2]);
-        assert!(web_font("ñ").contains("unicode-range:U+A1-A6,"), "{}", &web_font("ñ")[..90]);
+        assert!(web_font("ñ").contains("unicode-range:U+A1-A6,"), "{:.400}", web_font("ñ"));
     }
 
     #[test]
