@@ -60,10 +60,7 @@ impl Condition {
 }
 
 /// The short name of a parameter beside others: the dotted name if another of them has the same short name.
-pub fn short_beside<'n>(
-    dotted: &'n str,
-    others: impl IntoIterator<Item = impl AsRef<str>>,
-) -> &'n str {
+pub fn short_beside(dotted: &str, others: impl IntoIterator<Item = impl AsRef<str>>) -> &str {
     let short = short_name(dotted);
     let is_same = |other: &str| other != dotted && short_name(other) == short;
     if others.into_iter().any(|other| is_same(other.as_ref())) { dotted } else { short }

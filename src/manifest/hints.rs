@@ -11,6 +11,7 @@ use crate::key::{Constraint, Key, Parameter, Value, Violation};
 use crate::manifest::analysis::declared::Analysis;
 use crate::manifest::analysis::kind::{AnalysisKind, LearningCurve, SelectionRule};
 use crate::manifest::declared::{DeclaredAgent, Manifest};
+use crate::manifest::estimate::declared::DeclaredEstimate;
 use crate::manifest::grid::Grid;
 use crate::manifest::parameter::Parameters;
 use crate::manifest::repair::decimal_lists;
@@ -37,6 +38,7 @@ pub fn hints(manifest: &Manifest) -> Vec<String> {
     hints.extend(missing_programs(manifest, "the environment", &manifest.environment));
     hints.extend(manifest.analyses.iter().flat_map(|one| long_windows(manifest, one)));
     hints.extend(manifest.analyses.iter().filter_map(highest_rate));
+    hints.extend(manifest.estimates.iter().flat_map(|one| certain_choices(manifest, one)));
     let lists = decimal_lists(&manifest.source);
     let hint = |list: &Fault| {
         let remedy = list.hint().unwrap_or_default();
@@ -73,6 +75,34 @@ fn highest_rate(analysis: &Analysis) -> Option<String> {
             SelectionRule::LowestMean.word()
         )
     })
+}
+
+/// Hints for agents that may choose with probability 0 or 1, which leaves an effect undefined.
+fn certain_choices(manifest: &Manifest, estimate: &DeclaredEstimate) -> Vec<String> {
+    let has_estimate = |agent: &&DeclaredAgent| {
+        let chosen = estimate.agents.as_ref();
+        chosen.is_none_or(|chosen| chosen.contains(&agent.name))
+    };
+    let may_be_certain = |agent: &&DeclaredAgent| {
+        let are_all = |key: &str, is: fn(&Value) -> bool| {
+            agent.parameters.get(key).is_some_and(|values| values.iter().all(is))
+        };
+        let is_positive: fn(&Value) -> bool = |value| matches!(value, Value::Real(of) if *of > 0.0);
+        agent.parameters.get("pi_min").is_some()
+            && !are_all("pi_min", is_positive)
+            && !are_all("smoothing", is_positive)
+            && !are_all("allocation", |value| matches!(value, Value::Choice("logistic")))
+    };
+    let agents = manifest.agents.iter().filter(has_estimate).filter(may_be_certain);
+    let hint = |agent: &DeclaredAgent| {
+        format!(
+            "the estimate {} fails in trials where agent {} chooses with probability 0 or 1; a `pi_min` above 0 \
+             prevents that",
+            printable(&estimate.declaration.name),
+            printable(&agent.name)
+        )
+    };
+    agents.map(hint).collect()
 }
 
 /// Hints for agents whose training is shorter than the window of a learning curve.
@@ -393,6 +423,27 @@ mod tests {
              [[agent]]\nname = \"a\"\n{agent}\n"
         );
         hints(&parse("t", text.as_bytes()).unwrap())
+    }
+
+    #[test]
+    fn an_estimate_needs_an_agent_that_randomises_every_choice() {
+        let of = |keys: &str| {
+            let keys =
+                format!("algorithm = \"linear_thompson\"\n{keys}\n[[estimate]]\nname = \"effect\"");
+            hints_of("sigma = 0.4", &keys)
+        };
+        let hint = "the estimate effect fails in trials where agent a chooses with probability 0 or 1; a `pi_min` \
+                    above 0 prevents that";
+        assert_eq!(of(""), [hint]);
+        assert_eq!(of("pi_min = [0.1, 0.0]"), [hint]);
+        assert_eq!(of("pi_min = 0.1"), [""; 0]);
+        assert_eq!(of("smoothing = 0.1"), [""; 0]);
+        assert_eq!(
+            of("pi_min = 0.0\n[[agent]]\nname = \"b\"\nalgorithm = \"rule\"\nrule = \"random\""),
+            [hint]
+        );
+        let rule = "algorithm = \"rule\"\nrule = \"random\"\n[[estimate]]\nname = \"effect\"";
+        assert_eq!(hints_of("sigma = 0.4", rule), [""; 0]);
     }
 
     #[test]

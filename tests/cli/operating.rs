@@ -107,6 +107,9 @@ fn characteristics_are_those_of_the_rows_of_estimates() {
     let page = folder.read("report/index.html");
     assert!(page.contains(" reaches a power of 80"));
     assert!(page.contains("the formula of Liao et al. (2016) gives"));
+    folder.jitai(["report", "sweep.toml", "--set", "seeds=5", "--out", "few"]).succeeded();
+    let few = folder.read("few/index.html");
+    assert!(few.contains("has 5 trials per number of people, too few for a power of 80"));
     for what in ["power", "coverage", "bias"] {
         assert!(folder.read(&format!("report/figures/sizes-size-{what}.svg")).contains("<svg"));
     }

@@ -57,6 +57,9 @@ pub struct OperatingRow {
     design: Option<(f64, f64, f64, usize)>,
 }
 
+/// Below this number of trials at a number of people, a power is too uncertain for a sample size.
+pub const FEW_TRIALS: usize = 20;
+
 /// The number of people that reaches a power.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Sought {
@@ -64,12 +67,15 @@ pub struct Sought {
     pub name: ArmId,
     /// The term.
     pub term: Term,
-    /// The number of people by simulation; `None` if the power is not reached between the simulated numbers.
+    /// The number of people by simulation; `None` if the power is not reached between the simulated numbers, or with
+    /// fewer than [`FEW_TRIALS`] trials.
     pub simulated: Option<SampleSize>,
     /// The number of people by the formula of Liao and others; `None` where it does not apply.
     pub formula: Option<u32>,
     /// The powers at the fewest and the most people: people and share.
     pub ends: [(f64, f64); 2],
+    /// The fewest trials from which a power is computed.
+    pub trials: usize,
 }
 
 impl Sought {
@@ -196,15 +202,18 @@ fn seek(rows: &[OperatingRow], power: f64) -> Vec<Sought> {
         let at = |row: &OperatingRow| Some((row.x?, row.operating.power.ok()?));
         let powers: Vec<(f64, Simulated)> = rows.iter().filter_map(at).collect();
         let (first, last) = (powers.first()?, powers.last()?);
-        let most = rows.iter().rfind(|row| row.operating.power.is_ok())?;
+        let mut with_power = rows.iter().filter(|row| row.operating.power.is_ok());
+        let trials = with_power.clone().map(|row| row.operating.trials).min()?;
+        let most = with_power.next_back()?;
         let effect = most.operating.mean.ok().map(|mean| mean.value);
         let formula = effect.and_then(|effect| most.formula(effect)?.people(power));
         Some(Sought {
             name: rows[0].name.clone(),
             term: rows[0].term.clone(),
-            simulated: sample_size(&powers, power),
+            simulated: if trials < FEW_TRIALS { None } else { sample_size(&powers, power) },
             formula,
             ends: [first, last].map(|(people, power)| (*people, power.value)),
+            trials,
         })
     };
     rows.chunk_by(is_one_line).filter_map(line).collect()

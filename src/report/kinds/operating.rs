@@ -1,7 +1,7 @@
 //! Operating characteristics of estimates: power, coverage and bias over trials.
 
 use super::{Drawn, Sheet, parameter};
-use crate::analyse::declared::{ArmId, OperatingFigure, OperatingRow, Sought, Term};
+use crate::analyse::declared::{ArmId, FEW_TRIALS, OperatingFigure, OperatingRow, Sought, Term};
 use crate::analyse::{Interval, LEVEL, Simulated, Undefined};
 use crate::job::{CONSTANT, Measure, MetricUnit, REWARD, counted, distinct};
 use crate::report::data_table::{DataTable, Entry, shown};
@@ -265,6 +265,10 @@ impl OperatingFigure {
             format!("{} % with {} people", shown(100.0 * power, 1), shown(people, 0))
         };
         let found = match sought.simulated {
+            _ if sought.trials < FEW_TRIALS => format!(
+                "{who} has {} per number of people, too few for {goal}: declare {FEW_TRIALS} or more seeds",
+                counted(sought.trials, "trial")
+            ),
             Some(size) => {
                 let least = size.low.map_or("fewer than simulated".to_owned(), people);
                 let most = size.high.map_or("more than simulated".to_owned(), people);

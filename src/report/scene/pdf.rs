@@ -236,8 +236,8 @@ fn add_font(
         weight.number() / 5,
     ));
     let widths: String = letters
-        .iter()
-        .map(|(glyph, _)| {
+        .keys()
+        .map(|glyph| {
             let advance = face.advance((*glyph).into()) * 1000.0;
             format!("{glyph} [{}] ", number(advance))
         })
