@@ -3,7 +3,7 @@
 //! In: a path, and a check of weights. Out: a [`Diagnosis`]. Nothing is written or repaired; see
 //! [`super::salvage()`]. The caller checks weights, because the store cannot interpret them.
 
-use std::collections::HashSet;
+use std::collections::{BTreeSet, HashSet};
 use std::path::Path;
 
 use rusqlite::Connection;
@@ -265,6 +265,7 @@ impl Examination<'_> {
     }
 
     fn runs_without_results(&mut self) {
+        let mut jobs = BTreeSet::new();
         for (table, rows) in RESULT_TABLES {
             // Stores of earlier versions lack some of the tables.
             if !has_table(self.connection, table).unwrap_or(false) {
@@ -276,9 +277,10 @@ impl Examination<'_> {
                  WHERE status <> 'completed' AND EXISTS (SELECT 1 FROM {table} WHERE {})",
                 rows.replace("?1", "ended.number")
             );
-            for key in self.texts("job", &sql) {
-                self.find("job", Some(key), "a run that is not completed has results");
-            }
+            jobs.extend(self.texts("job", &sql));
+        }
+        for key in jobs {
+            self.find("job", Some(key), "a run that is not completed has results");
         }
     }
 
