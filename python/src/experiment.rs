@@ -420,6 +420,7 @@ fn swept_stage(
     }
     let remaining = experiment::Remaining::of(store, selection, options.retry_failed);
     let remaining = remaining.map_err(store_error)?;
+    notes.extend(remaining.changed.notes());
     let (mut end, queue) = (End::before(&remaining), remaining.queue);
     let lacking = &remaining.lacking;
     let workers = options.workers.get();
@@ -440,7 +441,14 @@ fn swept_stage(
         let workers = options.workers.get().min(queue.len());
         let mut sent = Sent { done: ran, ..Sent::new(workers, Swept::of(selection.manifests())) };
         let mut sink = |event: Event<'_>| sent.events(&event).into_iter().for_each(send);
-        let tally = experiment::run_queue(store, queue, options, stop, drop, &mut sink);
+        let tally = experiment::run_queue(
+            store,
+            (queue, selection.filter()),
+            options,
+            stop,
+            drop,
+            &mut sink,
+        );
         let tally = tally.map_err(sweep_error)?;
         end = end.ran_to(tally);
     }

@@ -164,15 +164,16 @@ fn reached(points: &[(f64, f64)], share: f64) -> Option<f64> {
     points.windows(2).find_map(between)
 }
 
-/// A micro-randomised trial with a constant probability, as the formula of Liao and others sees it.
+/// A micro-randomised trial as the formula of Liao and others sees it, with its mean p (1 - p) in the place of that of a
+/// constant probability.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Formula {
     /// The effect divided by the standard deviation of the outcome given the control variables.
     pub standardised_effect: f64,
     /// The expected number of available decisions of a person.
     pub decisions: f64,
-    /// The probability of treatment.
-    pub probability: f64,
+    /// The mean of p (1 - p), with p the probability of treatment.
+    pub treatment_variance: f64,
     /// The number of coefficients of the model without treatment, the constant included.
     pub controls: usize,
 }
@@ -201,9 +202,8 @@ impl Formula {
     /// The power with this number of people.
     fn power(&self, people: u32) -> f64 {
         let df = f64::from(people) - self.controls as f64 - 1.0;
-        let variance = self.probability * (1.0 - self.probability);
-        let shift =
-            self.standardised_effect.abs() * (f64::from(people) * self.decisions * variance).sqrt();
+        let information = f64::from(people) * self.decisions * self.treatment_variance;
+        let shift = self.standardised_effect.abs() * information.sqrt();
         let bound = critical(df);
         1.0 - noncentral_t(bound, df, shift) + noncentral_t(-bound, df, shift)
     }
@@ -284,8 +284,12 @@ mod tests {
 
     #[test]
     fn the_formula_gives_the_sample_size_of_the_noncentral_f_distribution() {
-        let formula =
-            Formula { standardised_effect: 0.1, decisions: 210.0, probability: 0.4, controls: 3 };
+        let formula = Formula {
+            standardised_effect: 0.1,
+            decisions: 210.0,
+            treatment_variance: 0.24,
+            controls: 3,
+        };
         let people = formula.people(0.8).unwrap();
         // SciPy: the first N with 1 - ncf.cdf(f.ppf(0.95, 1, N - 4), 1, N - 4, N * 0.01 * 210 * 0.24) >= 0.8.
         assert_eq!(people, 19);

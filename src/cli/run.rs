@@ -194,6 +194,7 @@ fn run_stage(
     let remaining = Remaining::of(store, selection, retry)?;
     let mut end = End::before(&remaining);
     on_end.jobs(jobs(&end));
+    remaining.changed.notes().for_each(|note| say(&note));
     if !remaining.lacking.is_empty() {
         let swept = Swept::of(selection.manifests());
         end.estimated = arguments.estimate(store, &remaining.lacking, swept, stop)?;
@@ -203,7 +204,7 @@ fn run_stage(
         let mut shown = arguments.shown(&store.reader()?, &remaining.queue, swept)?;
         // If the mark cannot be set, a crash counts as a kill, and the jobs can still run.
         let mark_crash = |mark| drop(signals::mark_crash(mark));
-        let queue = remaining.queue;
+        let queue = (remaining.queue, selection.filter());
         let mut sink = |event: Event<'_>| {
             on_end.hear(&event);
             shown.on_event(event);

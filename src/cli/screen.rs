@@ -481,6 +481,7 @@ mod tests {
             experiment: "quickstart".to_owned(),
             experiments: vec!["quickstart".to_owned(), "other".to_owned()],
             counts: counts(3, 2, 4, 1),
+            filter: None,
             left: Some(Duration::from_secs(200)),
             arms: vec![
                 arm("dqn P-H-D sigma=0.4", counts(3, 1, 0, 0), Some(1234.56)),

@@ -1,6 +1,6 @@
 //! `jitai status`: the state of every experiment in a store.
 
-use std::collections::HashMap;
+use std::collections::{HashMap, HashSet};
 use std::io::{self, IsTerminal, Write};
 use std::mem;
 use std::thread;
@@ -13,10 +13,11 @@ use crate::cli::output::{Field, Format, Rows, counted};
 use crate::cli::races::SearchRaces;
 use crate::cli::{Error, Exit, StoreArgument, counts, submissions, summary};
 use crate::cluster::{self, Cluster, Look};
+use crate::job::JobKey;
 use crate::key::{Parameter, printable};
 use crate::plan::Swept;
-use crate::schedule::{self, Left, Speeds};
-use crate::store::{ExperimentCounts, FailedEstimates, FailedJob, Reader};
+use crate::schedule::{self, Filtered, Left, Speeds};
+use crate::store::{Counts, ExperimentCounts, FailedEstimates, FailedJob, JobState, Reader};
 use crate::watch::failures::{self, SameFailure};
 
 /// Show the experiments of a store: jobs by state, races of searches, and failures with their reasons
@@ -125,19 +126,32 @@ fn show(reader: &Reader, format: Format) -> Result<Unfinished, Error> {
     let mut columns = counts::COLUMNS.map(str::to_owned).to_vec();
     if format == Format::Json {
         columns.extend(
-            ["failures", "manifest_changes", "races", "failed_estimates"].map(str::to_owned),
+            ["failures", "manifest_changes", "races", "failed_estimates", "filtered"]
+                .map(str::to_owned),
         );
     }
     let mut rows = Rows::new(format, &columns, io::stdout().lock())?;
-    let mut unfinished = Unfinished::default();
+    let (mut unfinished, mut filters) = (Unfinished::default(), Vec::new());
     for ExperimentCounts { experiment, counts, left: jobs_left } in experiments {
         unfinished.running += counts.running;
         unfinished.waiting += counts.pending + counts.interrupted;
-        let mut left = Left::default();
-        for (job, count) in &jobs_left {
-            left.add(job, *count);
-        }
+        let filtered = filtered(reader, &experiment)?;
+        let left = filtered.as_ref().map_or_else(
+            || {
+                let mut left = Left::default();
+                jobs_left.iter().for_each(|(job, count)| left.add(job, *count));
+                left
+            },
+            |(_, _, left)| left.clone(),
+        );
         let seconds = speeds.time(&left, workers);
+        if let Some((of, chosen, _)) = &filtered {
+            let (name, of) = (printable(&experiment), of.described(counts.total()));
+            let (ended, running) = (chosen.completed + chosen.failed, chosen.running);
+            filters.push(format!(
+                "{name}: {of}, of which {ended} have ended and {running} are running; the seconds left are theirs"
+            ));
+        }
         let mut fields = counts::fields(&experiment, &counts, seconds);
         if format == Format::Json {
             fields.push(Field::Nested(failed.described(&experiment)));
@@ -149,12 +163,21 @@ fn show(reader: &Reader, format: Format) -> Result<Unfinished, Error> {
                 json!({ "jobs": failed.jobs, "name": failed.name, "reason": failed.reason })
             });
             fields.push(Field::Nested(described.unwrap_or_default()));
+            let described = filtered.map(|(of, counts, _)| {
+                json!({
+                    "filters": of.filters, "jobs": counts.total(), "completed": counts.completed,
+                    "running": counts.running, "failed": counts.failed,
+                    "interrupted": counts.interrupted, "pending": counts.pending,
+                })
+            });
+            fields.push(Field::Nested(described.unwrap_or_default()));
         }
         rows.row(&fields)?;
     }
     rows.finish()?;
     match format {
         Format::Table => {
+            filters.iter().try_for_each(|line| writeln!(io::stdout(), "\n{line}"))?;
             races.iter().try_for_each(SearchRaces::list)?;
             failed.list()?;
             for (experiment, failed) in &estimates {
@@ -175,6 +198,33 @@ fn show(reader: &Reader, format: Format) -> Result<Unfinished, Error> {
         }
     }
     Ok(unfinished)
+}
+
+/// The jobs of an experiment that living commands with filters run, by state, and their remaining work; `None` if
+/// a command runs all jobs.
+fn filtered(reader: &Reader, experiment: &str) -> Result<Option<(Filtered, Counts, Left)>, Error> {
+    let filters = reader.filters(experiment)?;
+    if filters.is_empty() {
+        return Ok(None);
+    }
+    let arms = reader.arms(experiment)?;
+    let Some(filtered) = Filtered::of(filters, &arms) else { return Ok(None) };
+    let (mut counts, mut left, mut seen) = (Counts::default(), Left::default(), HashSet::new());
+    for arm in &arms {
+        // Two agents may share a job.
+        let is_new = |key: &&JobKey| filtered.keys.contains(*key) && seen.insert(**key);
+        let keys: Vec<&JobKey> = arm.keys.iter().filter(is_new).collect();
+        for state in reader.job_states(keys)? {
+            counts.add(state, 1);
+            match state {
+                JobState::Completed | JobState::Failed => {}
+                JobState::Pending | JobState::Interrupted | JobState::Running => {
+                    left.add(&arm.job, 1);
+                }
+            }
+        }
+    }
+    Ok(Some((filtered, counts, left)))
 }
 
 /// The failed jobs of a store, with the swept parameters of their experiments.

@@ -27,6 +27,8 @@ pub struct Estimation {
     /// By person, with the state as outcome: the weight of the last decision, its step, and its row. A weight of 0
     /// stands for none.
     last: Vec<f64>,
+    /// By person, the sum of p (1 - p) over the rows, with p the probability of treatment.
+    variances: Vec<f64>,
     /// The number of decisions with a probability of 0 or 1, and the person and step of the first.
     certain: u64,
     first_certain: [u32; 2],
@@ -106,6 +108,7 @@ impl Estimation {
             layout,
             sums: Sums { columns, ..Sums::default() },
             last: Vec::new(),
+            variances: Vec::new(),
             certain: 0,
             first_certain: [0; 2],
             unknown: 0,
@@ -147,7 +150,10 @@ impl Estimation {
         };
         self.fill_row(decision, treatment);
         match self.layout.as_ref().is_ok_and(|layout| layout.outcome.is_none()) {
-            true => self.sums.add(person, &self.row, weight, decision.reward),
+            true => {
+                self.vary(person, self.row[1 + self.declaration.control.len()], weight);
+                self.sums.add(person, &self.row, weight, decision.reward);
+            }
             false => self.keep(person, decision.step, weight),
         }
     }
@@ -247,7 +253,28 @@ impl Estimation {
         let weight = std::mem::take(&mut own[0]);
         if weight > 0.0 && own[1] + 1.0 == f64::from(next.step) {
             self.sums.add(person, &own[2..], weight, outcome);
+            let centred = own[3 + self.declaration.control.len()];
+            self.vary(person, centred, weight);
         }
+    }
+
+    /// Adds p (1 - p) of a row, from its centred treatment and its weight.
+    fn vary(&mut self, person: usize, centred: f64, weight: f64) {
+        let share = self.declaration.numerator;
+        let numerator = if centred > 0.0 { share } else { 1.0 - share };
+        let probability = numerator / weight;
+        if self.variances.len() <= person {
+            self.variances.resize(person + 1, 0.0);
+        }
+        self.variances[person] += probability * (1.0 - probability);
+    }
+
+    /// The mean of p (1 - p) over the rows; `None` if there are other actions than treatment and no treatment.
+    pub(super) fn treatment_variance(&self) -> Option<f64> {
+        let is_any = self.declaration.treatment == Treatment::Messages(Messages::Any);
+        let mean = self.variances.iter().sum::<f64>() / self.sums.rows() as f64;
+        // Rounding could leave the range.
+        (is_any || self.actions == 2).then_some(mean.clamp(0.0, 0.25))
     }
 
     /// The estimates from all decisions so far.
@@ -299,6 +326,7 @@ impl Estimation {
                 decisions: self.sums.rows(),
                 residual_sd: fit.residual_sd,
                 truth: None,
+                treatment_variance: self.treatment_variance(),
             };
             let standard_error = fit.covariance[place * columns + place].sqrt();
             if standard_error <= fit.rounding[place] {
@@ -397,4 +425,4 @@ pub(crate) fn with_standard_error(effect: Effect, standard_error: f64) -> Result
 
 resumable!([] Sums { grown numbers });
 
-resumable!([] Estimation { parts certain, first_certain, unknown, sums; grown last });
+resumable!([] Estimation { parts certain, first_certain, unknown, sums; grown last, variances });

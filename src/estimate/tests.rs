@@ -101,8 +101,18 @@ fn weights_make_a_difference_of_weighted_means() {
     };
     for numerator in [0.1, 0.5, 0.9] {
         let of = EstimateDeclaration { numerator, ..declared(&[], &[], ANY) };
-        let value = estimates(of, &decisions)[0].effect.as_ref().unwrap().value;
+        let effect = estimates(of.clone(), &decisions)[0].effect.clone().unwrap();
+        let value = effect.value;
         assert!((value - (mean(1) - mean(0))).abs() < 1e-12, "{value}");
+        // Of 0.25, 0.1875, 0.1875, 0.16, 0.16 and 0.24.
+        let variance = effect.treatment_variance.unwrap();
+        assert!((variance - 1.185 / 6.0).abs() < 1e-12, "{variance}");
+        // The first decision of each person has its outcome with the second.
+        let of = EstimateDeclaration { outcome: "mood".to_owned(), ..of };
+        let mut estimation = Estimation::new(Arc::new(of), 2, &["mood".to_owned()]);
+        decisions.iter().for_each(|decision| estimation.add(decision));
+        let variance = estimation.treatment_variance().unwrap();
+        assert!((variance - (0.25 + 0.1875 + 0.16) / 3.0).abs() < 1e-12, "{variance}");
     }
 }
 

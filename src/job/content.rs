@@ -123,12 +123,12 @@ impl Job {
         self.agent.parameters::<External>().is_some() || self.environment.family().is_external()
     }
 
-    /// The commands of the outside programs that take part; empty if there is none.
-    pub fn programs(&self) -> String {
+    /// The words of the commands of the outside programs that take part; empty if there is none.
+    pub fn programs(&self) -> Vec<String> {
         let agent = self.agent.parameters::<External>().map(|external| external.command);
         let model = self.environment.model::<OutsideModel>();
         let environment = model.map(|model| model.launch(Path::new("")).command);
-        agent.into_iter().chain(environment).flatten().collect::<Vec<_>>().join(" ")
+        agent.into_iter().chain(environment).flatten().collect()
     }
 
     /// The names of the numbers in the recorded state of a decision, as far as they are known before the job runs.

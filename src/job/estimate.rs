@@ -174,6 +174,9 @@ pub struct Effect {
     /// What the estimate estimates, in the job's trial: the coefficient of the effects that the simulation has at the
     /// trial's own decisions. `None` where it is not simulated.
     pub truth: Option<f64>,
+    /// The mean of p (1 - p) over the decisions that the estimate uses, with p the probability of treatment. `None`
+    /// if several treatments are compared.
+    pub treatment_variance: Option<f64>,
 }
 
 impl Effect {

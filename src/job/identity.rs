@@ -47,6 +47,12 @@ pub fn without_seed(canonical: &str) -> Cow<'_, str> {
     }
 }
 
+/// The seed in the canonical text of a job.
+pub fn seed_of(canonical: &str) -> Option<u64> {
+    let (_, seed) = canonical.rsplit_once(",\"seed\":")?;
+    seed.split([',', '}']).next()?.parse().ok()
+}
+
 /// The canonical text of a job, from which its identity is derived.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct CanonicalForm {

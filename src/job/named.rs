@@ -20,9 +20,17 @@ pub struct PlannedJob {
 
 impl Described for PlannedJob {
     fn value(&self, parameter: Parameter) -> Option<Scalar> {
+        (&*self.agent, &self.job).value(parameter)
+    }
+}
+
+/// A job with the name of its agent.
+impl Described for (&str, &Job) {
+    fn value(&self, parameter: Parameter) -> Option<Scalar> {
+        let (agent, job) = self;
         match parameter {
-            Parameter::AGENT_NAME => Some(Scalar::Text(self.agent.to_string())),
-            _ => self.job.value(parameter).as_ref().map(Scalar::from),
+            Parameter::AGENT_NAME => Some(Scalar::Text((*agent).to_owned())),
+            _ => job.value(parameter).as_ref().map(Scalar::from),
         }
     }
 }

@@ -180,8 +180,8 @@ fn quoted(value: String) -> String {
 
 impl Filter {
     /// Whether the job meets every condition.
-    pub fn meets(&self, planned: &PlannedJob) -> bool {
-        self.0.iter().all(|condition| condition.meets(planned))
+    pub fn meets(&self, job: &impl Described) -> bool {
+        self.0.iter().all(|condition| condition.meets(job))
     }
 
     /// The reason why no job meets all conditions: the first condition that no job meets together with the
@@ -265,8 +265,8 @@ impl Term {
         self.values.iter().map(|value| Term::written(self.name.clone(), vec![value.clone()]))
     }
 
-    fn meets(&self, planned: &PlannedJob) -> bool {
-        self.met.iter().any(|condition| condition.is_met_by(planned))
+    fn meets(&self, job: &impl Described) -> bool {
+        self.met.iter().any(|condition| condition.is_met_by(job))
     }
 
     fn value_in(&self, planned: &PlannedJob) -> Option<String> {
@@ -297,6 +297,13 @@ impl Term {
             nearest,
             values: printable(&values.join(", ")),
         }
+    }
+}
+
+impl fmt::Display for Filter {
+    /// Writes the filter so that it can be read again.
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(&self.0.iter().map(ToString::to_string).collect::<Vec<_>>().join(","))
     }
 }
 

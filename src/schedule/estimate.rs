@@ -12,7 +12,7 @@ use crate::store::{Reader, StoreError};
 type Kind = (String, String, Duration);
 
 fn kind(job: &Job) -> Kind {
-    (job.algorithm().to_owned(), job.programs(), job.expected_time())
+    (job.algorithm().to_owned(), job.programs().join(" "), job.expected_time())
 }
 
 /// Measured times of jobs, by kind.

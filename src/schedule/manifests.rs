@@ -16,7 +16,7 @@ use super::sweep::{Context, OnFailure, Options, SweepError, Tally};
 use crate::job::{JobKey, counted};
 use crate::key::printable;
 use crate::manifest::{self, Manifest, Runs};
-use crate::plan;
+use crate::plan::{self, Filter};
 use crate::portable::posterior_in;
 use crate::store::{Experiment, Reader, Registered, RetryFailed, Store, StoreError};
 use crate::train;
@@ -115,20 +115,21 @@ pub fn removal(reader: &Reader, manifest: &Manifest) -> Result<Option<String>, S
     }))
 }
 
-/// Runs a queue in its own session until all jobs have ended or `stop` is set. `mark_crash` receives the file
+/// Runs a queue, of the jobs that meet a filter if there is one, in its own session until all jobs have ended or `stop` is set. `mark_crash` receives the file
 /// into which the process must write a byte when it crashes. A process that ends without writing this byte
 /// counts as killed.
 ///
 /// **Errors**: the store fails, or no worker can be started.
 pub fn run_queue(
     store: &mut Store,
-    queue: Vec<Queued>,
+    (queue, filter): (Vec<Queued>, Option<&Filter>),
     options: Options,
     stop: &AtomicBool,
     mark_crash: impl FnOnce(File),
     sink: &mut dyn EventSink,
 ) -> Result<Tally, SweepError> {
-    let session = store.begin_session(&super::of_this_process())?;
+    let filter = filter.map(ToString::to_string);
+    let session = store.begin_filtered_session(&super::of_this_process(), filter.as_deref())?;
     mark_crash(store.crash_mark(session)?);
     let context = Context { options, train: &train::run, stop, curves: None };
     let swept = super::run(store, session, queue, context, sink);
@@ -185,7 +186,7 @@ fn run_stage(
         add_estimates(store, &remaining.lacking, workers, stop, &mut |_: Event<'_>| {})?;
     let tally = match remaining.queue.is_empty() {
         true => Tally::default(),
-        false => run_queue(store, remaining.queue, options, stop, |_| {}, on_event)?,
+        false => run_queue(store, (remaining.queue, None), options, stop, |_| {}, on_event)?,
     };
     Ok(Tally {
         already_completed: tally.already_completed + remaining.completed,

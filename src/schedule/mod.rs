@@ -26,6 +26,7 @@ mod event_log;
 mod manifests;
 mod panic;
 mod preview;
+mod programs;
 mod provenance;
 mod queued;
 mod race;
@@ -45,10 +46,11 @@ pub use manifests::{
     dropped_note, register_experiment, removal, run_manifests, run_queue, stored_manifest,
 };
 pub use preview::Preview;
+pub use programs::ChangedPrograms;
 pub use provenance::{command, of_this_process};
 pub use queued::Queued;
 pub use race::{at_stage, race_lines, race_notes, races, races_ended};
-pub use selection::Selection;
+pub use selection::{Filtered, Selection};
 pub use survey::{Change, Reason, Remaining, Sharing, Survey, Surveyed};
 pub use sweep::{Context, MOST_WORKERS, OnFailure, Options, SweepError, Tally, one_per_core, run};
 pub use worker::Train;

@@ -3,9 +3,11 @@
 use std::collections::HashSet;
 use std::sync::Arc;
 
-use crate::job::{JobKey, PlannedJob};
+use crate::job::{JobKey, PlannedJob, counted};
+use crate::key::printable;
 use crate::manifest::Manifest;
 use crate::plan::{self, Filter, FilterError, Shard};
+use crate::store::StoredArm;
 
 /// A selection of jobs from at least one manifest.
 pub struct Selection<'a> {
@@ -64,6 +66,11 @@ impl<'a> Selection<'a> {
         self.part.as_deref()
     }
 
+    /// The filter.
+    pub fn filter(&self) -> Option<&'a Filter> {
+        self.filter
+    }
+
     /// The manifests.
     pub fn manifests(&self) -> &'a [Manifest] {
         self.manifests
@@ -81,6 +88,44 @@ impl<'a> Selection<'a> {
             filter.is_none_or(|filter| filter.meets(job))
                 && part.as_ref().is_none_or(|keys| keys.contains(&job.form.key()))
         })
+    }
+}
+
+/// The jobs of an experiment that living commands with filters run.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Filtered {
+    /// The filters.
+    pub filters: Vec<String>,
+    /// The jobs that meet one of them.
+    pub keys: HashSet<JobKey>,
+}
+
+impl Filtered {
+    /// The jobs of these arms that meet one of the filters; `None` without filters, or if one cannot be read.
+    pub fn of(filters: Vec<String>, arms: &[StoredArm]) -> Option<Filtered> {
+        if filters.is_empty() {
+            return None;
+        }
+        let parsed: Vec<Filter> =
+            filters.iter().map(|text| text.parse().ok()).collect::<Option<_>>()?;
+        let mut keys = HashSet::new();
+        for arm in arms {
+            let mut job = arm.job.clone();
+            for (key, seed) in arm.keys.iter().zip(&arm.seeds) {
+                job.seed = *seed;
+                if parsed.iter().any(|filter| filter.meets(&(&*arm.agent, &job))) {
+                    keys.insert(*key);
+                }
+            }
+        }
+        Some(Filtered { filters, keys })
+    }
+
+    /// The filters, and how many of `all` jobs meet them.
+    pub fn described(&self, all: u64) -> String {
+        let filters: Vec<String> =
+            self.filters.iter().map(|text| format!("--filter {}", printable(text))).collect();
+        format!("{} selects {} of {}", filters.join(", "), self.keys.len(), counted(all, "job"))
     }
 }
 

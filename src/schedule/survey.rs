@@ -9,6 +9,7 @@ use std::collections::{HashMap, HashSet};
 use std::time::Duration;
 
 use super::checkpoint::CheckpointFolder;
+use super::programs::{ChangedPrograms, files};
 use super::queued::Queued;
 use super::selection::Selection;
 use crate::job::{JobKey, PlannedJob, Versions};
@@ -284,6 +285,8 @@ pub struct Remaining {
     pub lacking: Vec<Queued>,
     /// The number of failed jobs that are not retried.
     pub failed: usize,
+    /// The files of outside programs that have changed since jobs were completed.
+    pub changed: ChangedPrograms,
 }
 
 impl Remaining {
@@ -300,12 +303,17 @@ impl Remaining {
         CheckpointFolder::beside(store.path()).clear(&reader)?;
         store.clear_crash_marks()?;
         let declares = selection.manifests().iter().any(|manifest| !manifest.estimates.is_empty());
+        let is_outside = |manifest: &Manifest| {
+            let mut agents = manifest.agents.iter();
+            manifest.family().is_external() || agents.any(|agent| agent.algorithm.is_external())
+        };
+        let keeps_completed = declares || selection.manifests().iter().any(is_outside);
         let (mut completed, mut failed) = (HashSet::new(), 0);
         let queue = Survey::of(selection, Some(&reader)).queue(|key, state| {
             match (state, retry_failed) {
                 (JobState::Completed, _) => {
                     completed.insert(*key);
-                    declares
+                    keeps_completed
                 }
                 (JobState::Failed, RetryFailed::No) => {
                     failed += 1;
@@ -317,14 +325,21 @@ impl Remaining {
         })?;
         let (done, queue): (Vec<_>, Vec<_>) =
             queue.into_iter().partition(|queued| completed.contains(&queued.key));
-        let mut lacking = Vec::new();
+        let (mut lacking, mut changed) = (Vec::new(), ChangedPrograms::default());
+        let mut now = HashMap::new();
         for queued in done {
+            if queued.job.is_outside() {
+                let command = (queued.job.programs(), queued.folder.clone());
+                let files =
+                    now.entry(command).or_insert_with(|| files(&queued.job, &queued.folder));
+                changed.add(&reader.programs(&queued.key)?, files);
+            }
             let estimates = reader.lacking_estimates(&queued.key, &queued.estimates)?;
             if !estimates.is_empty() {
                 lacking.push(Queued { estimates, ..queued });
             }
         }
-        Ok(Remaining { queue, completed: completed.len(), lacking, failed })
+        Ok(Remaining { queue, completed: completed.len(), lacking, failed, changed })
     }
 }
 

@@ -14,6 +14,7 @@ use crate::kill_point::{self, KillPoint};
 use crate::schedule::checkpoint::CheckpointFolder;
 use crate::schedule::event::{Event, EventSink, Found};
 use crate::schedule::panic;
+use crate::schedule::programs;
 use crate::schedule::queued::Queued;
 use crate::schedule::worker::{Message, Report, Shared, Slot, Train, Worker};
 use crate::store::{
@@ -381,6 +382,10 @@ impl Sweep<'_, '_> {
                 continue;
             }
             let Some((queued, claim)) = self.claim_next(&mut skips)? else { break };
+            let files = programs::files(&queued.job, &queued.folder);
+            if !files.is_empty() {
+                self.store.record_programs(&claim, &files)?;
+            }
             self.sink.on_event(Event::Started { worker: index, queued: &queued });
             self.workers[index].start(queued, claim);
             self.started_at = Instant::now();

@@ -1,5 +1,7 @@
 //! Claims: the right of a session to run a job and to store its outcome.
 
+use std::collections::BTreeMap;
+
 use rusqlite::{Connection, OptionalExtension};
 
 use crate::job::JobKey;
@@ -7,6 +9,7 @@ use crate::job::JobKey;
 use super::crash::{self, Record};
 use super::ending;
 use super::error::{Fault, StoreError};
+use super::read::Reader;
 use super::session::{self, SessionId};
 use super::state::{JobState, state_sql};
 use super::transaction::NOW;
@@ -99,6 +102,46 @@ impl Store {
                     }
                 }
             }
+        })
+    }
+}
+
+impl Store {
+    /// Records the files of the outside programs that a claimed run starts, each with its SHA-256.
+    pub fn record_programs(
+        &mut self,
+        claim: &Claim,
+        files: &BTreeMap<String, String>,
+    ) -> Result<(), StoreError> {
+        let files = serde_json::json!(files).to_string();
+        self.write("record the files of a program", |transaction| {
+            transaction
+                .prepare_cached(
+                    "UPDATE run SET programs = ?3 WHERE id = ?1 AND session = ?2 AND status = 'running'",
+                )?
+                .execute((claim.run, claim.session.0, &files))?;
+            Ok(())
+        })
+    }
+}
+
+impl Reader {
+    /// The files of outside programs with which a completed job ran; empty if they are not known.
+    pub fn programs(&self, key: &JobKey) -> Result<BTreeMap<String, String>, StoreError> {
+        // Stores of earlier versions do not have the column.
+        if !self.has_column("run", "programs")? {
+            return Ok(BTreeMap::new());
+        }
+        self.read("read the files of a program", |connection| {
+            let files: Option<Option<String>> = connection
+                .prepare_cached(
+                    "SELECT programs FROM job JOIN run ON run.job = job.id AND status = 'completed'
+                     WHERE key = ?1",
+                )?
+                .query_row([key.to_string()], |row| row.get(0))
+                .optional()?;
+            let files = files.flatten().and_then(|files| serde_json::from_str(&files).ok());
+            Ok(files.unwrap_or_default())
         })
     }
 }

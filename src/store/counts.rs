@@ -1,6 +1,6 @@
 //! The jobs of experiments, counted by state.
 
-use std::collections::HashMap;
+use std::collections::{BTreeSet, HashMap};
 
 use rusqlite::Connection;
 
@@ -9,6 +9,7 @@ use crate::job::Job;
 use super::error::StoreError;
 use super::read::{Reader, holders};
 use super::seed_group::SeedGroups;
+use super::session::living_filters;
 use super::state::{Counts, JobState, States};
 
 /// The number of an experiment's jobs in each state, and the jobs that remain to be done.
@@ -46,6 +47,30 @@ impl Reader {
         self.read("count running jobs", |connection| {
             let sql = "SELECT count(*) FROM run WHERE status = 'running'";
             Ok(connection.query_row(sql, [], |row| row.get(0))?)
+        })
+    }
+}
+
+impl Reader {
+    /// The filters of the living sessions that run jobs of an experiment; empty if one of them has no filter.
+    pub fn filters(&self, experiment: &str) -> Result<Vec<String>, StoreError> {
+        // Stores of earlier versions do not have the column.
+        if !self.has_column("session", "filter")? {
+            return Ok(Vec::new());
+        }
+        self.read("read the filters of sessions", |connection| {
+            let mut works_on = connection.prepare_cached(
+                "SELECT 1 FROM run JOIN experiment_job ON experiment_job.job = run.job
+                 WHERE run.session = ?1
+                    AND experiment = (SELECT id FROM experiment WHERE name = ?2)",
+            )?;
+            let mut filters = BTreeSet::new();
+            for (session, filter) in living_filters(connection)? {
+                if works_on.exists((session, experiment))? {
+                    filters.insert(filter);
+                }
+            }
+            Ok(filters.into_iter().collect::<Option<_>>().unwrap_or_default())
         })
     }
 }

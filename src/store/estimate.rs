@@ -13,21 +13,29 @@ use crate::job::{Effect, Estimate, EstimateDeclaration, Estimates, JobKey, count
 
 use super::digest::ResultsDigest;
 use super::read::completed_run;
-use super::schema::has_table;
+use super::schema::{has_column, has_table};
 use super::writer::Store;
 use super::{Reader, StoreError};
 
 /// The columns of a row besides run, declaration and digest.
 const COLUMNS: usize = 12;
 
-/// A row of another store: the canonical text of the declaration, its columns, and its digest.
-pub(super) type Row = [Value; COLUMNS + 2];
+/// A row of another store: the canonical text of the declaration, its columns, its digest, and the variance of its
+/// treatment, which rows of earlier versions lack.
+pub(super) type Row = [Value; COLUMNS + 3];
 
 /// The rows of run `?1` in order.
-const SELECT: &str = "SELECT canonical, number, term, estimate, standard_error, degrees_of_freedom, low, high,
-        p_value, decisions, residual_sd, truth, failure, sha256
-    FROM recorded_estimate AS recorded JOIN estimate_declaration AS declared ON declared.id = recorded.declaration
-    WHERE run = ?1 ORDER BY canonical, number";
+fn select(connection: &Connection) -> rusqlite::Result<String> {
+    let is_known = has_column(connection, "recorded_estimate", "treatment_variance")?;
+    let variance = if is_known { "treatment_variance" } else { "NULL" };
+    Ok(format!(
+        "SELECT canonical, number, term, estimate, standard_error, degrees_of_freedom, low, high, p_value, decisions,
+            residual_sd, truth, failure, sha256, {variance}
+         FROM recorded_estimate AS recorded
+         JOIN estimate_declaration AS declared ON declared.id = recorded.declaration
+         WHERE run = ?1 ORDER BY canonical, number"
+    ))
+}
 
 /// Whether the file has the tables, which stores of earlier versions lack.
 pub(super) fn are_known(connection: &Connection) -> rusqlite::Result<bool> {
@@ -62,12 +70,13 @@ fn rows_of<'e>(job_key: &'e str, estimates: &'e Estimates) -> impl Iterator<Item
                 ]
                 .map(Value::Real);
                 let decisions = Value::Integer(of.decisions as i64);
-                let truth = of.truth.map_or(Value::Null, Value::Real);
-                [value, error, freedom, low, high, p_value, decisions, sd, truth]
+                let real = |number: Option<f64>| number.map_or(Value::Null, Value::Real);
+                let (truth, variance) = (real(of.truth), real(of.treatment_variance));
+                [value, error, freedom, low, high, p_value, decisions, sd, truth, variance]
             }
-            Err(_) => [const { Value::Null }; 9],
+            Err(_) => [const { Value::Null }; 10],
         };
-        let [value, error, freedom, low, high, p_value, decisions, sd, truth] = numbers;
+        let [value, error, freedom, low, high, p_value, decisions, sd, truth, variance] = numbers;
         let failure = effect.err().map_or(Value::Null, Value::Text);
         let (canonical, term) = (Value::Text(canonical.clone()), Value::Text(term.clone()));
         let mut row = [
@@ -85,6 +94,7 @@ fn rows_of<'e>(job_key: &'e str, estimates: &'e Estimates) -> impl Iterator<Item
             truth,
             failure,
             Value::Null,
+            variance,
         ];
         row[COLUMNS + 1] = Value::Blob(digest(job_key, &row).into());
         row
@@ -95,6 +105,10 @@ fn rows_of<'e>(job_key: &'e str, estimates: &'e Estimates) -> impl Iterator<Item
 fn digest(job_key: &str, row: &Row) -> [u8; 32] {
     let mut digest = ResultsDigest::new(job_key);
     row[..=COLUMNS].iter().for_each(|value| digest.add(value.into()));
+    // Rows of earlier versions keep their digest.
+    if row[COLUMNS + 2] != Value::Null {
+        digest.add((&row[COLUMNS + 2]).into());
+    }
     digest.finish()
 }
 
@@ -114,7 +128,7 @@ pub(super) fn insert_copied(
         if connection.prepare_cached(known)?.exists([own, declaration])? {
             continue;
         }
-        let places = ["?"; COLUMNS + 3].join(", ");
+        let places = ["?"; COLUMNS + 4].join(", ");
         let mut insert = connection
             .prepare_cached(&format!("INSERT INTO recorded_estimate VALUES ({places})"))?;
         for row in rows {
@@ -145,9 +159,9 @@ pub(super) fn intact(
     if !are_known(connection)? {
         return Ok(Vec::new());
     }
-    let mut statement = connection.prepare_cached(SELECT)?;
+    let mut statement = connection.prepare_cached(&select(connection)?)?;
     let rows = statement.query_map([run], |row| {
-        let mut values = [const { Value::Null }; COLUMNS + 2];
+        let mut values = [const { Value::Null }; COLUMNS + 3];
         for (column, value) in values.iter_mut().enumerate() {
             *value = row.get(column)?;
         }
@@ -187,7 +201,7 @@ pub(super) fn of_run(
     if !are_known(connection)? {
         return Ok(Vec::new());
     }
-    let mut statement = connection.prepare_cached(SELECT)?;
+    let mut statement = connection.prepare_cached(&select(connection)?)?;
     let mut rows = statement.query([run])?;
     let mut all: Vec<(String, Estimates)> = Vec::new();
     while let Some(row) = rows.next()? {
@@ -204,6 +218,7 @@ pub(super) fn of_run(
                 decisions: row.get(9)?,
                 residual_sd: row.get(10)?,
                 truth: row.get(11)?,
+                treatment_variance: row.get(14)?,
             }),
         };
         let estimate = Estimate { term: row.get(2)?, effect };

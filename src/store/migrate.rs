@@ -93,6 +93,10 @@ pub(super) const MIGRATIONS: &[Migration] = &[
         name: "0017_declare_estimates",
         sql: include_str!("../../migrations/0017_declare_estimates.sql"),
     },
+    Migration {
+        name: "0018_keep_filters_and_programs",
+        sql: include_str!("../../migrations/0018_keep_filters_and_programs.sql"),
+    },
 ];
 
 /// The version of the schema that this program writes.

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 
 use rusqlite::{Connection, OptionalExtension};
 
-use crate::job::{CanonicalForm, Job, JobKey, Versions, without_seed};
+use crate::job::{CanonicalForm, Job, JobKey, Versions, seed_of, without_seed};
 use crate::job::{Failure, FailureKind};
 
 use super::command::{self, Command};
@@ -53,6 +53,8 @@ pub struct StoredArm {
     pub job: Job,
     /// The keys of the jobs.
     pub keys: Vec<JobKey>,
+    /// The seeds of the jobs.
+    pub seeds: Vec<u64>,
 }
 
 /// The measured time of jobs that differ only in their seeds.
@@ -97,10 +99,7 @@ impl Reader {
 
     /// Whether a view has a column, which it may lack in stores of earlier versions.
     pub fn has_column(&self, view: &str, name: &str) -> Result<bool, StoreError> {
-        self.read("read the schema", |connection| {
-            let named = "SELECT EXISTS (SELECT 1 FROM pragma_table_info(?1) WHERE name = ?2)";
-            Ok(connection.prepare_cached(named)?.query_row([view, name], |row| row.get(0))?)
-        })
+        self.read("read the schema", |connection| Ok(schema::has_column(connection, view, name)?))
     }
 
     /// The state of each job, in the order of `keys`; a job unknown to the store is pending.
@@ -183,13 +182,20 @@ impl Reader {
             while let Some(row) = rows.next()? {
                 let (agent, canonical): (String, String) = (row.get(0)?, row.get(1)?);
                 let stem = without_seed(&canonical).into_owned();
+                let seed = seed_of(&canonical);
                 let place = places.entry((agent, stem)).or_insert_with_key(|(agent, _)| {
                     let job = Job::from_canonical(&canonical).ok()?;
-                    arms.push(StoredArm { agent: agent.clone(), job, keys: Vec::new() });
+                    arms.push(StoredArm {
+                        agent: agent.clone(),
+                        job,
+                        keys: Vec::new(),
+                        seeds: Vec::new(),
+                    });
                     Some(arms.len() - 1)
                 });
-                if let Some(place) = place {
-                    arms[*place].keys.push(JobKey(row.get(2)?));
+                if let Some((place, seed)) = place.zip(seed) {
+                    arms[place].keys.push(JobKey(row.get(2)?));
+                    arms[place].seeds.push(seed);
                 }
             }
             Ok(arms)

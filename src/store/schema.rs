@@ -34,6 +34,7 @@ const DIGESTS: [&str; MIGRATIONS.len()] = [
     "4b77d6c286b0431f5a81f5c4e1164f51aacc610abf21f8e58644fb2656bd38c3",
     "63eb0a651d46e36d5a7e9610cd807a6c9dc4a7008975f7ccd5e109fb84976ee3",
     "7c9482157bd23b86710a785ae69e4f506aeefafe3e36f7f0dadf95b0543bc7c9",
+    "eefaff41e77bf59d193552fcc36c3f2766412fd4cc72589f35f0f33cebdcf649",
 ];
 
 /// The parts of the schema of every version, from 1, in the order of their names.
@@ -44,6 +45,12 @@ static VERSIONS: LazyLock<Vec<Vec<Part>>> = LazyLock::new(|| {
 /// Whether the file has a table, which stores of earlier versions may lack.
 pub(super) fn has_table(connection: &Connection, name: &str) -> rusqlite::Result<bool> {
     connection.prepare_cached("SELECT 1 FROM sqlite_schema WHERE name = ?1")?.exists([name])
+}
+
+/// Whether a table or view has a column, which stores of earlier versions may lack.
+pub(super) fn has_column(connection: &Connection, of: &str, name: &str) -> rusqlite::Result<bool> {
+    let named = "SELECT 1 FROM pragma_table_info(?1) WHERE name = ?2";
+    connection.prepare_cached(named)?.exists([of, name])
 }
 
 /// A table, view, index or trigger.

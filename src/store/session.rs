@@ -29,14 +29,23 @@ impl Store {
     /// [`Store::heartbeat`] every few seconds. Processes that cannot look up this one consider the session
     /// dead after 30 s without a heartbeat, or after 5 min if they are on another machine.
     pub fn begin_session(&mut self, provenance: &Provenance) -> Result<SessionId, StoreError> {
+        self.begin_filtered_session(provenance, None)
+    }
+
+    /// Like [`Store::begin_session`], for a process that runs only the jobs of a filter.
+    pub fn begin_filtered_session(
+        &mut self,
+        provenance: &Provenance,
+        filter: Option<&str>,
+    ) -> Result<SessionId, StoreError> {
         let process = ProcessTable::of_this_system().this_process();
         self.write("begin a session", |transaction| {
             transaction
                 .prepare(&format!(
                     "INSERT INTO session (host, boot_id, pid_namespace, process_id, process_started,
-                        code_version, git_revision, backend, processor, started_at, heartbeat_at)
+                        code_version, git_revision, backend, processor, filter, started_at, heartbeat_at)
                      VALUES (:host, :boot_id, :pid_namespace, :process_id, :process_started,
-                        :code_version, :git_revision, :backend, :processor, {NOW}, {NOW})"
+                        :code_version, :git_revision, :backend, :processor, :filter, {NOW}, {NOW})"
                 ))?
                 .insert(named_params! {
                     ":host": provenance.host,
@@ -48,6 +57,7 @@ impl Store {
                     ":git_revision": provenance.git_revision,
                     ":backend": provenance.backend,
                     ":processor": provenance.processor,
+                    ":filter": filter,
                 })
                 .map(SessionId)
                 .map_err(Into::into)
@@ -208,6 +218,23 @@ fn liveness(row: &Row<'_>, table: &ProcessTable, this: &Process) -> rusqlite::Re
         true => Liveness::Dead,
         false => table.judge(this, &process(row)?, silence),
     })
+}
+
+/// The living sessions as seen from this process, each with its filter.
+pub(super) fn living_filters(
+    connection: &Connection,
+) -> rusqlite::Result<Vec<(i64, Option<String>)>> {
+    let select = format!("SELECT {SESSION}, filter FROM session WHERE ended_at IS NULL");
+    let mut statement = connection.prepare_cached(&select)?;
+    let mut rows = statement.query([])?;
+    let table = ProcessTable::of_this_system();
+    let (this, mut living) = (table.this_process(), Vec::new());
+    while let Some(row) = rows.next()? {
+        if liveness(row, &table, &this)? == Liveness::Alive {
+            living.push((row.get(0)?, row.get("filter")?));
+        }
+    }
+    Ok(living)
 }
 
 /// The sessions that hold running runs.

@@ -27,8 +27,10 @@ pub struct View {
     pub experiment: String,
     /// All experiments of the store.
     pub experiments: Vec<String>,
-    /// Its jobs by state.
+    /// Its jobs by state; of those that the filter selects, if there is one.
     pub counts: Counts,
+    /// The filter of the commands that run its jobs, and how many it selects; `None` if a command runs all.
+    pub filter: Option<String>,
     /// The estimated time until the last job ends; `None` if no job is left, no process runs one, or it
     /// is not known.
     pub left: Option<Duration>,
@@ -67,7 +69,8 @@ impl View {
         let others = others.iter().filter(|(count, _)| *count > 0);
         words.extend(others.map(|(count, state)| format!("{count} {state}")));
         words.extend(self.left.map(|left| format!("about {} left", spoken(left))));
-        words.join(", ")
+        let filter = self.filter.as_ref().map(|filter| format!(" ({filter})"));
+        words.join(", ") + &filter.unwrap_or_default()
     }
 }
 

@@ -10,7 +10,7 @@ use crate::job::{JobKey, MetricName, MetricPlace, counted};
 use crate::key::printable;
 use crate::manifest::Manifest;
 use crate::plan::Swept;
-use crate::schedule::{self, CheckpointFolder, Left, RunningCurve, Speeds};
+use crate::schedule::{self, CheckpointFolder, Filtered, Left, RunningCurve, Speeds};
 use crate::store::{Counts, FailedJob, JobState, Reader, StoreError, StoredArm};
 use crate::watch::band::band;
 use crate::watch::failures::{self, SameFailure};
@@ -81,6 +81,8 @@ struct Jobs {
     swept: Swept,
     /// The manifest of a search.
     search: Option<Manifest>,
+    /// The jobs that living commands with filters run.
+    filtered: Option<Filtered>,
 }
 
 /// The results that tasks of a cluster have handed in.
@@ -135,7 +137,15 @@ impl Watcher {
                 None => WatchError::Nothing { path: self.path.clone() },
             });
         };
-        let jobs = self.jobs_of(&chosen.experiment, chosen.counts.total())?;
+        let mut jobs = self.jobs_of(&chosen.experiment, chosen.counts.total())?;
+        // Tasks of a cluster run other jobs beside those of a filter.
+        let filters = match self.submissions(&jobs.experiment) {
+            (_, 0) => self.reader.filters(&jobs.experiment)?,
+            _ => Vec::new(),
+        };
+        if jobs.filtered.as_ref().is_none_or(|known| known.filters != filters) {
+            jobs.filtered = Filtered::of(filters, &jobs.arms);
+        }
         self.look_at_cluster()?;
         let live = self.live();
         let states = self.states(&jobs, &live)?;
@@ -168,6 +178,7 @@ impl Watcher {
             names,
             swept,
             search,
+            filtered: None,
         })
     }
 
@@ -276,15 +287,24 @@ impl Watcher {
         let mut running = Vec::new();
         let mut counted_jobs = HashSet::new();
         let mut view = View { experiment: jobs.experiment.clone(), ..View::default() };
+        let will_run = |key: &JobKey| jobs.filtered.as_ref().is_none_or(|of| of.keys.contains(key));
+        view.filter = jobs.filtered.as_ref().map(|of| of.described(jobs.total));
+        let mut left = Left::default();
         for (arm, name) in jobs.arms.iter().zip(&jobs.names) {
             let mut counts = Counts::default();
             for key in &arm.keys {
                 counts.add(state(key), 1);
+                if !will_run(key) {
+                    continue;
+                }
                 // Two agents may share a job.
                 if !counted_jobs.insert(*key) {
                     continue;
                 }
                 view.counts.add(state(key), 1);
+                if matches!(state(key), JobState::Pending | JobState::Interrupted) {
+                    left.add(&arm.job, 1);
+                }
                 if state(key) == JobState::Running {
                     let curve = live.get(key);
                     if let Some(curve) = curve {
@@ -310,11 +330,7 @@ impl Watcher {
         let at_work = running.len().max(std::mem::replace(&mut self.running, running.len()));
         let workers = self.workers(at_work);
         if workers > 0 && view.counts.running + view.counts.pending + view.counts.interrupted > 0 {
-            let mut left = Left::default();
             running.iter().for_each(|(job, part)| left.add_running(job, 1.0 - part));
-            for (arm, shown) in jobs.arms.iter().zip(&view.arms) {
-                left.add(&arm.job, shown.counts.pending + shown.counts.interrupted);
-            }
             view.left = speeds.time(&left, workers);
         }
         view.failures = self.failures(jobs, states)?;

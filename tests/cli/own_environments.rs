@@ -374,6 +374,76 @@ fn a_trial_names_the_broken_clause() {
 }
 
 #[test]
+fn a_trial_names_a_misspelt_state_of_an_estimate() {
+    let folder = folder();
+    let estimate = |moderator: &str| {
+        let agents = "agents = \"random\"";
+        let declared =
+            format!("[[estimate]]\nname = \"e\"\nmoderators = [\"{moderator}\"]\n{agents}\n");
+        folder.write("sweep.toml", format!("{MANIFEST}\n{declared}"));
+    };
+    estimate("twise");
+    folder.jitai(["check", "sweep.toml"]).succeeded();
+    let refused = folder.jitai(["check", "sweep.toml", "--try"]).ended(2);
+    refused.says("the recorded state has no `twise`; it has twice");
+    let json = folder.jitai(["check", "sweep.toml", "--try", "--format", "json"]).ended(2);
+    assert!(json.stdout.contains("has no `twise`"), "{}", json.stdout);
+    estimate("twice");
+    folder.jitai(["check", "sweep.toml", "--try"]).succeeded();
+}
+
+#[test]
+fn a_program_that_changed_under_its_version_is_named() {
+    let folder = folder();
+    folder.write("note.toml", "");
+    let seeds = |seeds: &str, version: &str| {
+        let text = MANIFEST.replace("seeds = 2", &format!("seeds = {seeds}"));
+        let text = text.replace(
+            "[\"python3\", \"counter.py\"]",
+            "[\"python3\", \"counter.py\", \"note.toml\"]",
+        );
+        folder.write(
+            "sweep.toml",
+            text.replace("version = \"1\"", &format!("version = \"{version}\"")),
+        );
+    };
+    let run = || {
+        folder
+            .jitai(["run", "sweep.toml", "--filter", "agent=never|random,pay=1", "--replace"])
+            .succeeded()
+    };
+    seeds("1", "1");
+    run();
+    let said = "has changed since";
+    assert!(!run().stderr.contains(said));
+    // Jobs that run with the new file are no longer different.
+    folder.write("counter.py", format!("{}\n# other\n", counter()));
+    seeds("2", "1");
+    run().says(
+        "counter.py has changed since 4 completed jobs ran with it, under the same `version`",
+    );
+    let again = run();
+    let again = again.says("counter.py has changed since 4 completed jobs");
+    assert!(!again.stderr.contains("note.toml has"), "{}", again.stderr);
+    // Copies know the files, too, and results do not depend on them.
+    let copy = Folder::new();
+    for name in ["sweep.toml", "counter.py", "note.toml"] {
+        copy.write(name, folder.read(name));
+    }
+    let from = folder.path("jitai.sqlite").display().to_string();
+    copy.jitai(["merge", &from]).succeeded();
+    let run_copy = ["run", "sweep.toml", "--filter", "agent=never|random,pay=1"];
+    copy.jitai(run_copy).succeeded().says("counter.py has changed since 4 completed jobs");
+    copy.jitai(["doctor"]).succeeded();
+    folder.jitai(["doctor", "--salvage", "saved.sqlite"]).succeeded();
+    let saved =
+        ["run", "sweep.toml", "--filter", "agent=never|random,pay=1", "--store", "saved.sqlite"];
+    folder.jitai(saved).succeeded().says("counter.py has changed since 4 completed jobs");
+    seeds("2", "2");
+    assert!(!run().stderr.contains(said));
+}
+
+#[test]
 fn a_trial_names_agents_and_scenarios_that_do_not_suit_the_program() {
     let biased = MANIFEST.replace("noise_sd = 1", "noise_sd = 1\naction_bias = [0, 1, 0, 0]");
     let folder = folder();

@@ -36,6 +36,40 @@ fn lines_say_what_has_ended_and_why_jobs_failed() {
 }
 
 #[test]
+fn a_filter_limits_what_is_counted_and_the_time_left() {
+    let folder = Folder::with(&manifest("sweep", "[0.4, 0.6]", "3", Effort::Endless));
+    let filter = "agent=dqn,sigma=0.4,seed=1|3";
+    let plan = ["plan", "sweep.toml", "--filter", filter, "--workers", "2", "--format", "json"];
+    let planned = folder.jitai(plan).json();
+    let run = folder.start(["run", "sweep.toml", "--filter", filter, "--workers", "2"]);
+    let status = || folder.jitai(["status", "--format", "json"]).json()[0].clone();
+    until("both jobs run", || status()["running"] == 2);
+    let found = status();
+    let filtered = &found["filtered"];
+    assert_eq!(filtered["filters"], serde_json::json!([filter]));
+    assert_eq!((&found["jobs"], &filtered["jobs"]), (&12.into(), &2.into()));
+    assert_eq!((&filtered["running"], &filtered["pending"]), (&2.into(), &0.into()));
+    assert_eq!(found["seconds_left"], planned[0]["seconds_left"]);
+    let selects = format!("--filter {filter} selects 2 of 12 jobs");
+    folder
+        .jitai(["status"])
+        .succeeded()
+        .prints(&format!("sweep: {selects}, of which 0 have ended"));
+    let watch = folder.start(["watch", "--plain"]);
+    until("the watch says what runs", || {
+        let said = watch.stdout();
+        said.contains("sweep: 0 of 2 completed, 2 running, about") && said.contains(&selects)
+    });
+    // A command without a filter will run all of them.
+    let all = folder.start(["run", "sweep.toml", "--workers", "1"]);
+    until("a third job runs", || status()["running"] == 3);
+    assert!(status()["filtered"].is_null());
+    run.kill();
+    all.kill();
+    watch.kill();
+}
+
+#[test]
 fn curves_of_running_jobs_are_seen_and_leave_nothing_behind() {
     let folder = Folder::with(&manifest("sweep", "0.6", "1", Effort::Endless));
     let run = folder.start(["run", "sweep.toml", "--workers", "2"]);

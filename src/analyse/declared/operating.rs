@@ -52,7 +52,7 @@ pub struct OperatingRow {
     /// Completed trials whose estimate is not computed yet.
     pub lacking: usize,
     /// The mean number of decisions per person that the estimate uses, the mean residual standard deviation, the
-    /// probability of the numerator, and the number of coefficients of the control model; `None` without an estimate
+    /// mean p (1 - p) of the treatment, and the number of coefficients of the control model; `None` without an estimate
     /// or for several coefficients.
     design: Option<(f64, f64, f64, usize)>,
 }
@@ -162,7 +162,11 @@ fn row(arm: &Arm<'_>, x: Option<f64>, jobs: &[&JobRecord], term: &Term) -> Opera
     let mean = |of: fn(&Effect) -> f64| effects.iter().map(of).sum::<f64>() / effects.len() as f64;
     let design = design.filter(|_| !effects.is_empty()).map(|(people, numerator, controls)| {
         let decisions = mean(|effect| effect.decisions as f64) / people;
-        (decisions, mean(|effect| effect.residual_sd), numerator, controls)
+        // Estimates of earlier releases do not have it.
+        let constant = numerator * (1.0 - numerator);
+        let variances = effects.iter().map(|effect| effect.treatment_variance.unwrap_or(constant));
+        let variance = variances.sum::<f64>() / effects.len() as f64;
+        (decisions, mean(|effect| effect.residual_sd), variance, controls)
     });
     OperatingRow {
         name: arm.name.clone(),
@@ -187,9 +191,9 @@ fn trial(effect: &Effect) -> TrialEstimate {
 impl OperatingRow {
     /// The trial as the formula sees it, with the mean true effect, or the mean estimate where no truth is known.
     fn formula(&self, mean: f64) -> Option<Formula> {
-        let (decisions, sd, probability, controls) = self.design?;
+        let (decisions, sd, treatment_variance, controls) = self.design?;
         let effect = self.operating.truth.map_or(mean, |truth| truth.value);
-        Some(Formula { standardised_effect: effect / sd, decisions, probability, controls })
+        Some(Formula { standardised_effect: effect / sd, decisions, treatment_variance, controls })
     }
 }
 

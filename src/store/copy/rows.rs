@@ -99,6 +99,8 @@ pub(in crate::store) struct CopiedRun {
     /// `ended_at`, `wall_seconds`, `failure_kind`, `failure_message`, `failure_episode`, `suspects`.
     pub(super) end: [Value; 6],
     pub(super) digest: Value,
+    /// The files of outside programs.
+    pub(super) programs: Value,
     pub(super) content: Content,
     /// The intact estimates of a completed run.
     pub(super) estimates: Vec<estimate::Row>,

@@ -10,6 +10,7 @@ use crate::store::conflict;
 use crate::store::digest::{self, Form};
 use crate::store::earlier_manifest;
 use crate::store::estimate;
+use crate::store::schema::has_column;
 use crate::store::verify::{self, CheckWeights, row_ids};
 
 use super::results::{MetricNames, ResultRows};
@@ -121,9 +122,7 @@ impl<'a> Source<'a> {
 
     fn experiments(&self) -> Vec<ExperimentRow> {
         // Stores of earlier versions do not have the column.
-        let known = "SELECT EXISTS (SELECT 1 FROM pragma_table_info('experiment') WHERE name = 'estimates')";
-        let is_known: bool =
-            self.connection.query_row(known, [], |row| row.get(0)).unwrap_or(false);
+        let is_known = has_column(self.connection, "experiment", "estimates").unwrap_or(false);
         let estimates = if is_known { "estimates" } else { "NULL" };
         let select = format!(
             "SELECT name, question, hypothesis, manifest, created_at, updated_at, {estimates}
@@ -215,11 +214,18 @@ impl<'a> Source<'a> {
 
     /// The run with its results, if it has ended and should be copied.
     fn run(&mut self, id: i64) -> Option<CopiedRun> {
-        let select = "SELECT status, job, attempt, session, started_at, results_sha256, ended_at,
+        // Stores of earlier versions do not have the column, and no digest covers it.
+        let programs = match has_column(self.connection, "run", "programs") {
+            Ok(true) => "CASE WHEN json_valid(programs) THEN programs END",
+            Ok(false) | Err(_) => "NULL",
+        };
+        let select = format!(
+            "SELECT status, job, attempt, session, started_at, results_sha256, {programs}, ended_at,
                 wall_seconds, failure_kind, failure_message, failure_episode, suspects
-             FROM run NOT INDEXED WHERE id = ?1";
-        let [status, job, attempt, session, started_at, digest, end @ ..] =
-            read_row::<12>(self.connection, select, id)?;
+             FROM run NOT INDEXED WHERE id = ?1"
+        );
+        let [status, job, attempt, session, started_at, digest, programs, end @ ..] =
+            read_row::<13>(self.connection, &select, id)?;
         let ended = Ended::of(&status).filter(|ended| self.extent.includes(*ended))?;
         let (Value::Integer(job), Value::Integer(session)) = (job, session) else { return None };
         let job_key = self.job_key(job);
@@ -242,6 +248,7 @@ impl<'a> Source<'a> {
             started_at,
             end,
             digest,
+            programs,
             content,
             estimates: estimates.unwrap_or_default(),
         })

@@ -312,11 +312,17 @@ impl Target {
         run: &CopiedRun,
     ) -> rusqlite::Result<Written> {
         // Another attempt at the job may use the same number in the target.
-        let begin = "INSERT INTO run (job, attempt, session, status, started_at)
+        let begin = "INSERT INTO run (job, attempt, session, status, started_at, programs)
              SELECT ?1, CASE WHEN EXISTS (SELECT 1 FROM run WHERE job = ?1 AND attempt = ?2)
                 THEN (SELECT max(attempt) + 1 FROM run WHERE job = ?1) ELSE ?2 END,
-                ?3, 'running', ?4";
-        let begun = [job.into(), run.attempt.clone(), session.into(), run.started_at.clone()];
+                ?3, 'running', ?4, ?5";
+        let begun = [
+            job.into(),
+            run.attempt.clone(),
+            session.into(),
+            run.started_at.clone(),
+            run.programs.clone(),
+        ];
         if let Written::Refused = write(target, begin, &begun)? {
             return Ok(Written::Refused);
         }

@@ -1,0 +1,50 @@
+//! The files of outside programs: whether a program has changed since jobs ran with it, under the same `version`.
+
+use std::collections::BTreeMap;
+use std::fs;
+use std::path::Path;
+
+use data_encoding::HEXLOWER;
+use sha2::{Digest, Sha256};
+
+use crate::job::{Job, counted};
+use crate::key::printable;
+
+/// The largest file that is read. A larger one is data, and no program.
+const LARGEST: u64 = 16 << 20;
+
+/// The words of the job's commands that are files in a folder, each with the SHA-256 of the file.
+pub(super) fn files(job: &Job, folder: &Path) -> BTreeMap<String, String> {
+    let digest = |word: String| {
+        let path = folder.join(&word);
+        let about = fs::metadata(&path).ok()?;
+        let is_read = about.is_file() && about.len() <= LARGEST;
+        let bytes = fs::read(path).ok().filter(|_| is_read)?;
+        Some((word, HEXLOWER.encode(&Sha256::digest(bytes))))
+    };
+    job.programs().into_iter().filter_map(digest).collect()
+}
+
+/// Files that have changed, each with the number of completed jobs that ran with it as it was before.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct ChangedPrograms(BTreeMap<String, usize>);
+
+impl ChangedPrograms {
+    /// Adds a completed job, whose files were these `then` and are these `now`.
+    pub(super) fn add(&mut self, then: &BTreeMap<String, String>, now: &BTreeMap<String, String>) {
+        let changed = then.iter().filter(|(word, was)| now.get(*word).is_some_and(|is| is != *was));
+        changed.for_each(|(word, _)| *self.0.entry(word.clone()).or_default() += 1);
+    }
+
+    /// A warning about each file.
+    pub fn notes(&self) -> impl Iterator<Item = String> {
+        self.0.iter().map(|(file, jobs)| {
+            format!(
+                "{} has changed since {} ran with it, under the same `version`; their results stay as they are: raise \
+                 `version` in the manifest to run them again with the file of today",
+                printable(file),
+                counted(*jobs, "completed job"),
+            )
+        })
+    }
+}
