@@ -10,7 +10,7 @@ use serde_json::{Value as Json, json};
 
 use crate::agent::LinearThompson;
 use crate::cli::{Error, Exit, folder};
-use crate::job::{EstimateDeclaration, PlannedJob, REWARD, distinct};
+use crate::job::{EstimateDeclaration, PlannedJob, distinct};
 use crate::manifest::{self, Manifest};
 use crate::plan::{self, Filter};
 use crate::train::{BanditTrace, Trace, bandit_trace};
@@ -35,7 +35,7 @@ pub(super) fn write(
     let traced = bandit_trace(&planned.job).map_err(|error| refused(error.to_string()))?;
     let agent = planned.job.agent.parameters::<LinearThompson>();
     let agent = agent.ok_or_else(|| refused("the agent is no `linear_thompson`".to_owned()))?;
-    if declaration.outcome != REWARD {
+    if !declaration.is_of_reward() {
         let why = format!(
             "lifejacket analyses the reward, and the outcome of `{}` is `{}`; --estimate chooses another estimate",
             declaration.name, declaration.outcome
@@ -144,7 +144,7 @@ fn decisions(
                 ",1,{policy},{},{},{},{},{learned}",
                 of.action,
                 of.probabilities[1],
-                of.reward,
+                of.reward_for(declaration),
                 u8::from(is_seen)
             );
             one.observed.iter().for_each(|value| text += &format!(",{value}"));

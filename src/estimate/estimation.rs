@@ -5,7 +5,7 @@ use std::sync::Arc;
 use super::student::{t_of_p, two_sided_p};
 use super::wcls::{Correction, NoFit, Sums};
 use crate::job::{
-    CONSTANT, Decision, Effect, Estimate, EstimateDeclaration, Estimates, Messages, REWARD, STEP,
+    CONSTANT, Decision, Effect, Estimate, EstimateDeclaration, Estimates, Messages, STEP,
     Treatment, counted,
 };
 use crate::state::resumable;
@@ -60,6 +60,10 @@ pub enum Feature {
 impl Feature {
     fn named(name: &str, state_names: &[String]) -> Result<Feature, String> {
         match state_names.iter().position(|known| known == name) {
+            Some(_) if name == STEP => Err(format!(
+                "`{STEP}` is the number of steps before the decision and a number of the program's state; give that \
+                 another name"
+            )),
             Some(place) => Ok(Feature::State(place)),
             None if name == STEP => Ok(Feature::Step),
             None => {
@@ -152,7 +156,7 @@ impl Estimation {
         match self.layout.as_ref().is_ok_and(|layout| layout.outcome.is_none()) {
             true => {
                 self.vary(person, self.row[1 + self.declaration.control.len()], weight);
-                self.sums.add(person, &self.row, weight, decision.reward);
+                self.sums.add(person, &self.row, weight, decision.reward_for(&self.declaration));
             }
             false => self.keep(person, decision.step, weight),
         }
@@ -381,7 +385,7 @@ impl Layout {
             list.iter().map(|name| Feature::named(name, names)).collect()
         };
         let outcome = match of.outcome.as_str() {
-            REWARD => None,
+            _ if of.is_of_reward() => None,
             name => match Feature::named(name, names)? {
                 Feature::State(place) => Some(place),
                 Feature::Step => return Err(format!("`{STEP}` is no outcome")),

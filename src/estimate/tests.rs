@@ -16,6 +16,7 @@ fn declared(control: &[&str], moderators: &[&str], treatment: Treatment) -> Esti
     let texts = |list: &[&str]| list.iter().map(|text| (*text).to_owned()).collect();
     EstimateDeclaration {
         control: texts(control),
+        less_costs: false,
         estimator: Estimator::Wcls.word().to_owned(),
         moderators: texts(moderators),
         name: "effect".to_owned(),
@@ -43,6 +44,7 @@ fn decision(episode: u32, step: u32, action: u8, probability: f64, reward: f64) 
         action,
         probabilities: [1.0 - probability, probability].into(),
         reward,
+        cost: 0.0,
         terminated: false,
         truncated: false,
     }
@@ -66,6 +68,29 @@ fn six_rows() -> Vec<Decision> {
         (3, 1, 0, 2.0),
     ];
     rows.map(|(person, step, action, reward)| decision(person, step, action, 0.5, reward)).into()
+}
+
+#[test]
+fn the_cost_of_a_message_lessens_its_effect() {
+    let mut rows = six_rows();
+    rows.iter_mut().for_each(|one| one.cost = 0.5 * f64::from(one.action));
+    let value = |less_costs: bool| {
+        let of = EstimateDeclaration { less_costs, ..declared(&[], &[], ANY) };
+        estimates(of, &rows)[0].effect.as_ref().unwrap().value
+    };
+    // Differences of 3, 2 and 4, and a cost of 1/2.
+    assert!((value(false) - 3.0).abs() < 1e-12 && (value(true) - 2.5).abs() < 1e-12);
+}
+
+#[test]
+fn a_state_called_step_is_no_feature() {
+    let of = Arc::new(declared(&[], &["step"], ANY));
+    let with = |names: &[&str]| {
+        let names: Vec<String> = names.iter().map(|name| (*name).to_owned()).collect();
+        Estimation::new(of.clone(), 2, &names).finish().terms[0].effect.clone().unwrap_err()
+    };
+    assert!(with(&["mood", "step"]).contains("a number of the program's state"));
+    assert!(with(&["mood"]).contains("it needs at least"));
 }
 
 #[test]

@@ -6,8 +6,10 @@ use serde::{Deserialize, Serialize};
 
 use crate::key::choices;
 
-/// The outcome that is the reward of the step.
+/// The outcome that is the reward of the step, less the cost of the message.
 pub const REWARD: &str = "reward";
+/// The outcome that is the reward of the step before the cost of the message, as decisions record it.
+pub const GROSS_REWARD: &str = "gross_reward";
 /// The feature that counts the steps that a person took before the decision.
 pub const STEP: &str = "step";
 /// The term of the constant 1.
@@ -49,13 +51,16 @@ pub struct EstimateDeclaration {
     pub control: Vec<String>,
     /// The word of the [`Estimator`].
     pub estimator: String,
+    /// Whether messages have a cost in any job of the manifest, which the outcome [`REWARD`] then counts.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub less_costs: bool,
     /// The features that the effect depends on, beside the constant 1.
     pub moderators: Vec<String>,
     /// The name.
     pub name: String,
     /// The probability of treatment in the numerator of the weights, in (0, 1); several treatments share it equally.
     pub numerator: f64,
-    /// [`REWARD`], or a name of the recorded state, whose value before the person's next decision is the outcome.
+    /// [`REWARD`], [`GROSS_REWARD`], or a name of the recorded state, whose value before the person's next decision is the outcome.
     pub outcome: String,
     /// What its standard errors account for.
     #[serde(default, skip_serializing_if = "StandardErrors::is_nominal")]
@@ -118,6 +123,11 @@ impl EstimateDeclaration {
     /// The declaration of a canonical text.
     pub fn from_canonical(text: &str) -> Option<EstimateDeclaration> {
         serde_json::from_str(text).ok()
+    }
+
+    /// Whether the outcome is a reward of the step.
+    pub fn is_of_reward(&self) -> bool {
+        [REWARD, GROSS_REWARD].contains(&self.outcome.as_str())
     }
 
     /// The terms of the effect in an environment with this number of actions: 1 and the moderators, for each treatment.

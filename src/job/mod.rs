@@ -20,8 +20,8 @@ mod trial;
 pub use condition::{Condition, Described, short_beside, short_name};
 pub use content::{Job, JobError, NoWeights};
 pub use estimate::{
-    CONSTANT, Effect, Estimate, EstimateDeclaration, Estimates, Estimator, Messages, REWARD, STEP,
-    StandardErrors, Treatment,
+    CONSTANT, Effect, Estimate, EstimateDeclaration, Estimates, Estimator, GROSS_REWARD, Messages,
+    REWARD, STEP, StandardErrors, Treatment,
 };
 pub use evaluation::{EvaluatedOn, Evaluation, RecordedDecisions, RecordedEpisodes, TestActions};
 pub use identity::{

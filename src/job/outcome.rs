@@ -4,7 +4,7 @@
 
 use std::fmt;
 
-use super::{Estimates, MetricName, ParticipantRange};
+use super::{EstimateDeclaration, Estimates, MetricName, ParticipantRange};
 use crate::agent::features_of_state;
 use crate::key::choices;
 
@@ -82,8 +82,10 @@ pub struct Decision {
     /// Probabilities of all actions when the agent chose. All but the chosen action's are NaN where only
     /// this one is known.
     pub probabilities: Box<[f64]>,
-    /// Reward.
+    /// Reward, without the cost of the message.
     pub reward: f64,
+    /// Cost of the message, 0 for none. Where it differs between people or moments, a store does not have it.
+    pub cost: f64,
     /// Whether the episode ended with this step in a terminal state.
     pub terminated: bool,
     /// Whether the episode was cut off after this step, and not by the end of the training.
@@ -91,6 +93,11 @@ pub struct Decision {
 }
 
 impl Decision {
+    /// The reward that is the outcome of an estimate.
+    pub fn reward_for(&self, estimate: &EstimateDeclaration) -> f64 {
+        if estimate.less_costs { self.reward - self.cost } else { self.reward }
+    }
+
     /// The first number that no store accepts; see [`Results::unusable_number`].
     fn unusable_number(&self, state_names: &[String]) -> Option<String> {
         let of = |name: &str, value: f64| {

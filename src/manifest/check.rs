@@ -2,12 +2,14 @@
 //! populations and algorithms.
 
 use std::collections::{HashMap, HashSet};
+use std::sync::Arc;
 
 use crate::agent::Algorithm;
-use crate::job::{Condition, EvaluatedOn, TestActions, Trial};
+use crate::job::{Condition, EvaluatedOn, REWARD, TestActions, Trial};
 use crate::key::{Assignment, Constraint, Keyed, Parameter, Size, Value, Violation};
 use crate::manifest::declared::{DeclaredAgent, Exclusion, Manifest};
 use crate::manifest::draft::Draft;
+use crate::manifest::estimate::declared::DeclaredEstimate;
 use crate::manifest::grid::{Axis, Grid, axes, size, zipped};
 use crate::manifest::limits::{MOST_COMPARISONS, MOST_JOBS};
 use crate::manifest::presence::absent;
@@ -70,6 +72,13 @@ pub(super) fn check(
     }
     if exclusions_hold && broken.is_empty() && !draft.invalid_cells {
         matches(draft, &grids, faults);
+    }
+    let costs = |grid: &Grid| grid.environments().any(|one| one.message_cost().is_some());
+    let estimates = !manifest.estimates.is_empty() && faults.is_empty();
+    if estimates && grids.iter().any(costs) {
+        for DeclaredEstimate { declaration, .. } in &mut manifest.estimates {
+            Arc::make_mut(declaration).less_costs = declaration.outcome == REWARD;
+        }
     }
     (manifest, lost)
 }

@@ -39,9 +39,12 @@ pub struct Estimated {
     pub failures: Vec<String>,
 }
 
-/// Whether a completed job must be trained again for estimates: its decisions are not recorded.
+/// Whether a completed job must be trained again for estimates: its decisions, or the costs of its messages, are not
+/// recorded.
 pub fn trains_again(job: &Job) -> bool {
-    !job.evaluation.record_decisions.of_test()
+    let environment = &job.environment;
+    let differ = environment.differing() > 0 || environment.costs_vary();
+    !job.evaluation.record_decisions.of_test() || (differ && environment.message_cost().is_some())
 }
 
 /// The estimates of a job, and the digest of its results if it was trained again; `None` if it was stopped, the reason if

@@ -30,6 +30,7 @@ impl Reader {
         let names = job.state_names();
         let key = job.key().to_string();
         let actions = job.task().interface().actions;
+        let cost = job.environment.message_cost().unwrap_or(0.0);
         self.read("read decisions", |connection| {
             let run = completed_run(connection, &key)?;
             let is_packed = match run {
@@ -71,6 +72,7 @@ impl Reader {
                     action,
                     probabilities: probabilities.into(),
                     reward: row.get(8)?,
+                    cost: if action > 0 { cost } else { 0.0 },
                     terminated: row.get::<_, Option<bool>>(9)?.unwrap_or_default(),
                     truncated: row.get::<_, Option<bool>>(10)?.unwrap_or_default(),
                 });

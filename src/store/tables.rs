@@ -70,6 +70,7 @@ mod tests {
             action: 1,
             probabilities: [0.25, 0.75].into(),
             reward: 1.5,
+            cost: 0.0,
             terminated: false,
             truncated: true,
         };

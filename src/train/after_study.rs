@@ -16,7 +16,7 @@ use std::sync::Arc;
 use crate::agent::{BanditSums, LinearThompson, Made, NoSlopes, Unavailable};
 use crate::env::Action;
 use crate::estimate::{Correction, Estimation};
-use crate::job::{EstimateDeclaration, Job, Pooling, REWARD};
+use crate::job::{EstimateDeclaration, Job, Pooling};
 use crate::train::trace::{NoTrace, Trace, TracedDecision, trace};
 
 /// Why standard errors cannot account for the learning.
@@ -109,7 +109,7 @@ pub fn after_study_covariance(
     correction: Correction,
     stop: &dyn Fn() -> bool,
 ) -> Result<Vec<f64>, NoAfterStudy> {
-    if declaration.outcome != REWARD {
+    if !declaration.is_of_reward() {
         return Err(NoAfterStudy::Outcome);
     }
     let sums = sums_of(job)?;
@@ -143,9 +143,10 @@ fn rows(estimation: &mut Estimation, trace: &Trace, coefficients: &[f64]) -> Vec
     let row = |one: &TracedDecision| {
         let decision = &one.decision;
         let compared = estimation.compared(decision)?;
+        let reward = decision.reward_for(estimation.declaration());
         let (weight, row) = estimation.weighted_row(decision)?;
         let explained: f64 = row.iter().zip(coefficients).map(|(one, other)| one * other).sum();
-        let residual = weight * (decision.reward - explained);
+        let residual = weight * (reward - explained);
         Some(Row { score: row.iter().map(|value| value * residual).collect(), compared })
     };
     trace.decisions.iter().map(row).collect()

@@ -144,6 +144,8 @@ impl StepObserver<Simulated> for DecisionLog {
             lanes.record_state(lane, &mut state);
             let width = self.beside.len() / lanes.lanes();
             state.extend(&self.beside[lane * width..(lane + 1) * width]);
+            let action = lanes.taken(lane, chosen);
+            let is_sent = action != Action::default();
             let decision = Decision {
                 phase: self.phase,
                 episode,
@@ -152,9 +154,10 @@ impl StepObserver<Simulated> for DecisionLog {
                 available: lanes.is_available(lane),
                 can_send: lanes.can_send(lane),
                 chosen: chosen.index() as u8,
-                action: lanes.taken(lane, chosen).index() as u8,
+                action: action.index() as u8,
                 probabilities: row.into(),
                 reward: 0.0,
+                cost: if is_sent { lanes.message_cost(lane) } else { 0.0 },
                 terminated: false,
                 truncated: false,
             };
@@ -187,7 +190,7 @@ resumable!([] DecisionLog {
 });
 
 resumable!([] Decision {
-    parts episode, step, state, available, can_send, chosen, action, probabilities, reward, terminated, truncated
+    parts episode, step, state, available, can_send, chosen, action, probabilities, reward, cost, terminated, truncated
 });
 
 resumable!([] ParticipantValue { parts episode, parameter, value });

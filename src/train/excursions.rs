@@ -7,14 +7,16 @@ use crate::env::{Action, EpisodeStatus, LaneStreams, Simulated, VectorEnvironmen
 pub(super) struct Excursions {
     /// The place of the outcome in the recorded state; `None` for the reward.
     outcome: Option<usize>,
+    /// Whether the reward counts the cost of the message.
+    less_costs: bool,
     /// Episode from 1 and step of a decision, and the outcomes, \[actions\]; NaN where the episode ends before the outcome.
     rows: Vec<(u32, u32, Vec<f64>)>,
 }
 
 impl Excursions {
     /// No decision yet.
-    pub(super) fn new(outcome: Option<usize>) -> Excursions {
-        Excursions { outcome, rows: Vec::new() }
+    pub(super) fn new(outcome: Option<usize>, less_costs: bool) -> Excursions {
+        Excursions { outcome, less_costs, rows: Vec::new() }
     }
 
     /// The rows by episode and step.
@@ -43,7 +45,7 @@ impl Excursions {
             let mut copy = environment.copied().expect("a state is saved in memory");
             let actions = vec![action; rewards.len()];
             copy.step(&actions, &mut rewards, &mut streams.clone());
-            let outcomes = copy.outcomes(&rewards);
+            let outcomes = if self.less_costs { &rewards[..] } else { copy.outcomes(&rewards) };
             for ((.., row), lane) in self.rows[first..].iter_mut().zip(&due) {
                 row.push(match self.outcome {
                     None => outcomes[*lane],

@@ -182,7 +182,7 @@ impl<'d> Paired<'d> {
         add: &mut dyn FnMut(&[f64], &[f64]),
         stop: &dyn Fn() -> bool,
     ) -> Result<(), NoTruth> {
-        let excursions = Excursions::new(self.layout.outcome);
+        let excursions = Excursions::new(self.layout.outcome, self.declaration.less_costs);
         let mut training = Training::new(&self.job)?.with_excursions(excursions);
         while training.stage() != Stage::Over {
             training.advance(stop).map_err(NoTruth::Failed)?;
@@ -275,6 +275,7 @@ mod tests {
     fn estimate(treatment: Treatment, moderators: &[&str]) -> EstimateDeclaration {
         EstimateDeclaration {
             control: Vec::new(),
+            less_costs: false,
             estimator: "wcls".to_owned(),
             moderators: moderators.iter().map(|name| (*name).to_owned()).collect(),
             name: "effect".to_owned(),

@@ -95,6 +95,46 @@ fn adding_an_estimate_to_completed_jobs_that_recorded_decisions_trains_nothing()
 }
 
 #[test]
+fn the_reward_is_less_the_cost_of_messages() {
+    let both = "\n[[estimate]]\nname = \"net\"\n\n[[estimate]]\nname = \"gross\"\noutcome = \"gross_reward\"\n";
+    let with = |cost: &str| recorded().replace("sigma = 0.4", &format!("sigma = 0.4\n{cost}"));
+    let differences = |folder: &Folder| {
+        texts(
+            folder,
+            "SELECT printf('%.9f %.9f', g.estimate - n.estimate, g.standard_error - n.standard_error)
+             FROM estimate AS n JOIN estimate AS g ON g.job_key = n.job_key AND g.term = n.term
+             WHERE n.name = 'net' AND g.name = 'gross'",
+        )
+    };
+    // A message that costs everybody 30 steps has an effect that is smaller by exactly 30.
+    let all = with("environment.message_cost = [0, 30]");
+    let folder = Folder::completed(&format!("{all}{both}"));
+    let differing = differences(&folder);
+    let of = |cost: f64| {
+        differing
+            .iter()
+            .filter(|row| row.trim_start_matches('-').starts_with(&format!("{cost:.9} ")))
+            .count()
+    };
+    assert_eq!((differing.len(), of(30.0), of(0.0)), (8, 4, 4), "{differing:?}");
+    assert!(
+        differing.iter().all(|row| row.trim_end_matches(['0', '.']).ends_with([' ', '-'])),
+        "{differing:?}"
+    );
+    for cost in
+        ["environment.message_cost = 30", "population.message_cost = { uniform = [20, 40] }"]
+    {
+        let folder = Folder::completed(&with(cost));
+        folder.write("sweep.toml", format!("{}{both}", with(cost)));
+        folder.jitai(["run", "sweep.toml"]).succeeded();
+        assert_eq!(
+            estimates(&folder),
+            estimates(&Folder::completed(&format!("{}{both}", with(cost))))
+        );
+    }
+}
+
+#[test]
 fn jobs_without_recorded_decisions_have_the_same_estimates() {
     let folder = Folder::completed(&format!("{MANIFEST}{ESTIMATES}"));
     assert_eq!(folder.number("SELECT count(*) FROM decision"), 0);

@@ -18,7 +18,7 @@ fn trial(agent: &str) -> String {
          [environment]\nfamily = \"oralytics\"\npeople = \"synthetic_v2.csv\"\ndays = 14\n\
          [evaluation]\non = \"trial\"\n\
          [[agent]]\nname = \"thompson\"\nalgorithm = \"linear_thompson\"\nprior_sd = 60\nnoise_sd = 60\n{agent}\n\
-         [[estimate]]\nname = \"effect\"\ncontrol = [\"average_brushing\"]\nmoderators = [\"app_before\"]\n\
+         [[estimate]]\nname = \"effect\"\noutcome = \"gross_reward\"\ncontrol = [\"average_brushing\"]\nmoderators = [\"app_before\"]\n\
          standard_errors = \"after_study\"\n"
     )
 }

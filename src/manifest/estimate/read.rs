@@ -106,6 +106,7 @@ impl Reader<'_> {
         });
         let declaration = Arc::new(EstimateDeclaration {
             control,
+            less_costs: false,
             estimator: estimator.unwrap_or(words[0]).to_owned(),
             moderators,
             name,
@@ -213,8 +214,8 @@ impl Checked<'_> {
         if declaration.standard_errors == StandardErrors::Nominal {
             return;
         }
-        let reason = match declaration.outcome == REWARD {
-            false => Some("they are known for `outcome` = \"reward\" alone"),
+        let reason = match declaration.is_of_reward() {
+            false => Some("they are known for `outcome` = \"reward\" and \"gross_reward\" alone"),
             true => {
                 let estimated = self.grids.iter().filter(|grid| self.is_estimated(grid));
                 let mut jobs = estimated.filter_map(|grid| Some(grid.job(&grid.first()?)));
@@ -265,7 +266,8 @@ impl Checked<'_> {
         let lists = [("control", &declaration.control), ("moderators", &declaration.moderators)];
         let features =
             lists.into_iter().flat_map(|(key, list)| list.iter().map(move |one| (key, one)));
-        let outcome = Some(("outcome", &declaration.outcome)).filter(|(_, one)| **one != REWARD);
+        let outcome = Some(("outcome", &declaration.outcome));
+        let outcome = outcome.filter(|_| !declaration.is_of_reward());
         for (key, name) in features.chain(outcome).filter(|(_, name)| !known.contains(name)) {
             let message = format!("`{key}`: the recorded state has no `{name}`");
             let known: Vec<&str> = known.iter().map(String::as_str).collect();
@@ -367,7 +369,7 @@ pub(in crate::manifest) fn schema() -> Json {
             },
             "outcome": described(
                 json!({ "type": "string", "minLength": 1, "default": REWARD }),
-                "\"reward\" of the step, or a name of the recorded state: its value before the next decision",
+                "\"reward\" of the step less the cost of the message, \"gross_reward\" before it, or a name of the recorded state: its value before the next decision",
             ),
             "treatment": described(
                 json!({ "anyOf": [{ "enum": Treatment::WORDS }, value(ACTION)], "default": Treatment::WORDS[0] }),

@@ -116,6 +116,7 @@ fn decisions() -> Vec<Decision> {
             action: 3,
             probabilities: [0.125, 0.25, 0.125, 0.5].into(),
             reward: f64::from(step),
+            cost: 0.0,
             terminated: false,
             truncated: step == 12,
         })
