@@ -1,10 +1,12 @@
 //! The progress of a long command on standard error: a bar on a terminal, a line every ten seconds
 //! elsewhere, and nothing for a command that ends within two seconds.
 
-use std::io::{self, IsTerminal, Write};
+use std::io::{self, IsTerminal};
 use std::time::{Duration, Instant};
 
 use indicatif::{ProgressBar, ProgressStyle};
+
+use crate::cli::reader::say;
 
 /// Time before the first line or bar.
 const PATIENCE: Duration = Duration::from_secs(2);
@@ -53,8 +55,7 @@ impl Counting {
         self.said = true;
         self.due = Instant::now() + BETWEEN_LINES;
         if !self.terminal {
-            // A closed standard error is no failure.
-            let _ = writeln!(io::stderr(), "{} of {} {}", self.done, self.of, self.what);
+            say(&format!("{} of {} {}", self.done, self.of, self.what));
         } else if self.bar.is_hidden() {
             self.bar.set_draw_target(indicatif::ProgressDrawTarget::stderr_with_hz(10));
         }

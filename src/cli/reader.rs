@@ -5,7 +5,7 @@
 
 use std::io::{self, Write};
 use std::sync::Arc;
-use std::sync::atomic::{AtomicUsize, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::sync::mpsc::{self, RecvTimeoutError};
 use std::thread;
 use std::time::Duration;
@@ -90,20 +90,27 @@ pub(super) fn say(line: &str) {
     say_within(PATIENCE, line);
 }
 
-/// Like [`say`], with another time.
+/// Like [`say`], with another time. Does not wait for a reader for whom an earlier message waits.
 pub(super) fn say_within(patience: Duration, line: &str) {
+    static HANGS: AtomicBool = AtomicBool::new(false);
     let line = format!("{line}\n");
-    within(patience, move || drop(io::stderr().write_all(line.as_bytes())));
+    let write = move || {
+        drop(io::stderr().write_all(line.as_bytes()));
+        HANGS.store(false, Ordering::Relaxed);
+    };
+    let patience = if HANGS.load(Ordering::Relaxed) { Duration::ZERO } else { patience };
+    if !within(patience, write) {
+        HANGS.store(true, Ordering::Relaxed);
+    }
 }
 
-/// Does a write in a thread of its own, and waits for it for this time.
-pub(super) fn within(patience: Duration, write: impl FnOnce() + Send + 'static) {
+/// Does a write in a thread of its own, and waits for it for this time; whether it is done.
+pub(super) fn within(patience: Duration, write: impl FnOnce() + Send + 'static) -> bool {
     let (end, done) = mpsc::channel();
     let work = move || {
         write();
         let _ = end.send(());
     };
-    if thread::Builder::new().name("writer".to_owned()).spawn(work).is_ok() {
-        let _ = done.recv_timeout(patience);
-    }
+    let started = thread::Builder::new().name("writer".to_owned()).spawn(work);
+    started.is_ok() && done.recv_timeout(patience).is_ok()
 }

@@ -1,10 +1,11 @@
 //! Shows and collects submissions, for `status`, `submit` and `cancel`.
 
 use std::collections::HashSet;
-use std::io::{self, Write};
+use std::io;
 
 use crate::cli::counting::Counting;
 use crate::cli::output::{Field, Format, Rows, counted};
+use crate::cli::reader::say;
 use crate::cli::{Error, StoreArgument};
 use crate::cluster::{self, Chunk, ChunkState, ChunkSurvey, Cluster, Look, Loss, Stop, Submission};
 use crate::job::JobKey;
@@ -147,7 +148,7 @@ pub(super) fn show(look: &Look, ended: &HashSet<JobKey>, format: Format) -> Resu
     }
     rows.finish()?;
     if let Some(silence) = &look.silence {
-        writeln!(io::stderr(), "the state on the cluster is unknown: {silence}")?;
+        say(&format!("the state on the cluster is unknown: {silence}"));
     }
     for (submission, survey) in &look.surveys {
         if survey.stopped.is_none() {
@@ -177,7 +178,6 @@ pub(super) fn list_lost(
             | ChunkState::Unknown => {}
         }
     }
-    let mut err = io::stderr();
     for (loss, chunks) in lost.iter().take(LOST_SHOWN) {
         let reason = match loss {
             Loss::NotBegun => "its task never started".to_owned(),
@@ -191,17 +191,16 @@ pub(super) fn list_lost(
             all => format!(" and {}", counted(all - 1, "more chunk")),
         };
         let left: usize = chunks.iter().map(|chunk| left_of(chunk, ended).count()).sum();
-        writeln!(
-            err,
+        say(&format!(
             "lost: chunk {number}{others} of {name}, {} left: {}; log: {}",
             counted(left, "job"),
             printable(&reason),
             printable(&submission.log(number).display().to_string())
-        )?;
+        ));
     }
     let more: usize = lost.iter().skip(LOST_SHOWN).map(|(_, chunks)| chunks.len()).sum();
     if more > 0 {
-        writeln!(err, "and {} lost", counted(more, "more chunk"))?;
+        say(&format!("and {} lost", counted(more, "more chunk")));
     }
     Ok(())
 }
@@ -215,18 +214,16 @@ pub(super) fn collect(look: &Look, store: &mut Store) -> Result<Merged, Error> {
     });
     drop(counting);
     let merged = merged?;
-    let mut err = io::stderr();
     for Conflict { source, job_key, .. } in &merged.conflicts {
         let part = printable(&source.display().to_string());
-        writeln!(
-            err,
+        say(&format!(
             "conflict: job {job_key} has different results in {part}; the store keeps its own \
              (`jitai merge {part}` shows both)"
-        )?;
+        ));
     }
     for Damage { source, what, .. } in &merged.damaged {
         let part = printable(&source.display().to_string());
-        writeln!(err, "{part} is damaged; not merged: {}", printable(what))?;
+        say(&format!("{part} is damaged; not merged: {}", printable(what)));
     }
     Ok(merged)
 }

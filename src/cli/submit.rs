@@ -14,6 +14,7 @@ use serde_json::json;
 use crate::cli::check::ManifestArguments;
 use crate::cli::on_end::{Jobs, OnEnd};
 use crate::cli::output::{TextOrJson, counted};
+use crate::cli::reader::say;
 use crate::cli::replacing::Replacing;
 use crate::cli::{Error, Exit, StoreArgument, run, signals, submissions};
 use crate::cluster::{
@@ -179,10 +180,7 @@ impl Submitting<'_> {
             return Err(ClusterError::from(silence).into());
         }
         for name in self.cluster.abandon_unknown(&mut look)? {
-            writeln!(
-                io::stderr(),
-                "{name} never reached the cluster; its jobs can be submitted again"
-            )?;
+            say(&format!("{name} never reached the cluster; its jobs can be submitted again"));
         }
         self.collect(&look)?;
         let reader = self.store.reader()?;
@@ -207,7 +205,7 @@ impl Submitting<'_> {
         let merged = submissions::collect(look, &mut self.store)?;
         if merged.completed + merged.failed > 0 && !self.arguments.wait {
             let runs = counted(merged.completed + merged.failed, "run");
-            writeln!(io::stderr(), "merged {runs} from earlier submissions")?;
+            say(&format!("merged {runs} from earlier submissions"));
         }
         let crashed = self.cluster.record_crashes(look, &mut self.store)?;
         if let Some(key) = crashed.first() {
@@ -215,11 +213,10 @@ impl Submitting<'_> {
                 1 => String::new(),
                 all => format!(" and {}", failures::more(all - 1)),
             };
-            writeln!(
-                io::stderr(),
+            say(&format!(
                 "job {key}{others} failed (crashed): three tasks died while running it; \
                  `jitai submit --retry-failed` submits it again"
-            )?;
+            ));
         }
         Ok(())
     }
@@ -251,7 +248,7 @@ impl Submitting<'_> {
             )?,
             None => writeln!(out, "nothing to submit")?,
         }
-        writeln!(io::stderr(), "{}", others(draft))?;
+        say(&others(draft));
         self.say_races()
     }
 
@@ -259,14 +256,11 @@ impl Submitting<'_> {
     fn say_races(&self) -> Result<(), Error> {
         let reader = self.store.reader()?;
         for note in schedule::race_notes(self.manifests, Some(&reader))? {
-            writeln!(io::stderr(), "{note}")?;
+            say(&note);
         }
         let again = !self.arguments.wait && !schedule::races_ended(self.manifests, &reader)?;
         if again {
-            writeln!(
-                io::stderr(),
-                "submit again when the tasks have ended: the races may want more jobs"
-            )?;
+            say("submit again when the tasks have ended: the races may want more jobs");
         }
         Ok(())
     }
@@ -281,7 +275,7 @@ impl Submitting<'_> {
             let begun = Instant::now();
             while begun.elapsed() < pause {
                 if self.stop.load(Ordering::Relaxed) {
-                    writeln!(io::stderr(), "stopped waiting; the tasks continue on the cluster")?;
+                    say("stopped waiting; the tasks continue on the cluster");
                     return Ok(Exit::Interrupted);
                 }
                 thread::sleep(Duration::from_millis(50));
@@ -290,7 +284,7 @@ impl Submitting<'_> {
             let look = self.cluster.look()?;
             let line = progress(&look);
             if line != said && said_at.is_none_or(|at| at.elapsed() >= SAY) {
-                writeln!(io::stderr(), "{line}")?;
+                say(&line);
                 (said_at, said) = (Some(Instant::now()), line);
             }
             if look.silence.is_some() {
@@ -324,7 +318,7 @@ impl Submitting<'_> {
                 // The jobs of a race's next rung are new.
                 let is_race = self.manifests.iter().any(|manifest| manifest.search.is_some());
                 let again = if is_race { "submitted as" } else { "submitted again as" };
-                writeln!(io::stderr(), "{again} {name}: {jobs} in {chunks}")?;
+                say(&format!("{again} {name}: {jobs} in {chunks}"));
                 self.say_races()?;
             }
             pause = LOOK.0;
@@ -368,7 +362,7 @@ impl Submitting<'_> {
     }
 
     fn end(&self, draft: &Draft) -> Exit {
-        let _ = writeln!(io::stderr(), "{} completed, {} failed", draft.completed, draft.failed);
+        say(&format!("{} completed, {} failed", draft.completed, draft.failed));
         if draft.failed > 0 { Exit::JobsFailed } else { Exit::Done }
     }
 
@@ -380,7 +374,7 @@ impl Submitting<'_> {
                 submissions::list_lost(submission, survey, &ended)?;
             }
         }
-        writeln!(io::stderr(), "jobs are left; run `jitai submit` to submit them again")?;
+        say("jobs are left; run `jitai submit` to submit them again");
         Ok(Exit::System)
     }
 }
@@ -450,7 +444,7 @@ fn dry_run(
     let limits = cluster.limits(engine).or_else(|error| {
         let usual = engine.usual_limits();
         let most = usual.most_tasks;
-        writeln!(io::stderr(), "{error}; assuming arrays of at most {most} tasks")?;
+        say(&format!("{error}; assuming arrays of at most {most} tasks"));
         Ok::<_, Error>(usual)
     })?;
     let look = cluster.look()?;
@@ -472,12 +466,12 @@ fn dry_run(
     }
     let Some(script) = script else {
         writeln!(out, "nothing to submit")?;
-        writeln!(io::stderr(), "{}", others(&draft))?;
+        say(&others(&draft));
         return Ok(Exit::Done);
     };
     writeln!(out, "{script}")?;
     show_chunks(&mut out, &draft)?;
-    writeln!(io::stderr(), "{}", others(&draft))?;
+    say(&others(&draft));
     Ok(Exit::Done)
 }
 

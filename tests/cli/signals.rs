@@ -1,5 +1,6 @@
 //! A sweep stops on request, and resumes when it is run again.
 
+use std::io::Write;
 use std::process::{Child, ChildStderr, Command, Stdio};
 use std::thread;
 use std::time::{Duration, Instant};
@@ -125,11 +126,9 @@ fn signals_that_are_ignored_at_the_start_stay_ignored() {
     heeds_only_the_last(run, &["HUP"]);
 }
 
-#[test]
+/// Adds a cluster on which every task waits forever.
 #[cfg(target_os = "linux")]
-fn a_wait_for_a_cluster_ignores_and_heeds_the_same_signals() {
-    let folder = Folder::with(&manifest("sweep", "0.6", "1", Effort::Trivial));
-    // A cluster on which every task waits forever.
+fn add_idle_cluster(folder: &Folder) {
     std::fs::create_dir(folder.path("bin")).unwrap();
     for (name, body) in [
         ("sbatch", "echo 17"),
@@ -144,6 +143,36 @@ fn a_wait_for_a_cluster_ignores_and_heeds_the_same_signals() {
         let mode = std::os::unix::fs::PermissionsExt::from_mode(0o755);
         std::fs::set_permissions(&path, mode).unwrap();
     }
+}
+
+#[test]
+#[cfg(target_os = "linux")]
+fn a_reader_that_stalls_does_not_keep_a_wait_for_a_cluster() {
+    let folder = Folder::with(&manifest("sweep", "0.6", "1", Effort::Trivial));
+    add_idle_cluster(&folder);
+    // A pipe that is full from the beginning, and that nobody reads.
+    let (_unread, mut full) = std::io::pipe().unwrap();
+    full.write_all(&[b'\n'; 1 << 16]).unwrap();
+    let path = format!("{}:{}", folder.path("bin").display(), std::env::var("PATH").unwrap());
+    let submit = ["submit", "sweep.toml", "--wait", "--on-end", "cat > called"];
+    let mut command = folder.command_of(env!("CARGO_BIN_EXE_jitai"), submit);
+    let mut wait = command.env("PATH", path).stdout(Stdio::null()).stderr(full).spawn().unwrap();
+    let submissions = folder.path("jitai.sqlite.submissions");
+    until("it has submitted", || submissions.exists());
+    thread::sleep(Duration::from_secs(3));
+    let asked = Instant::now();
+    let kill = format!("kill -TERM {}", wait.id());
+    assert!(Command::new("sh").args(["-c", &kill]).status().unwrap().success());
+    assert_eq!(wait.wait().unwrap().code(), Some(130));
+    assert_prompt(asked);
+    until("the command has read", || folder.read("called").contains("\"stopped\""));
+}
+
+#[test]
+#[cfg(target_os = "linux")]
+fn a_wait_for_a_cluster_ignores_and_heeds_the_same_signals() {
+    let folder = Folder::with(&manifest("sweep", "0.6", "1", Effort::Trivial));
+    add_idle_cluster(&folder);
     let program = env!("CARGO_BIN_EXE_jitai");
     let waiting = |ignored: &str| {
         let script = format!(
