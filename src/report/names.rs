@@ -68,7 +68,9 @@ impl Names {
     pub fn subject(&self, subject: &str, has_agents: bool) -> String {
         let is_implied = |word: &&str| {
             let key = word.split_once('=').map(|(key, _)| key);
-            key.is_some_and(|key| self.implied.iter().any(|one| short_name(one) == key))
+            key.is_some_and(|key| {
+                self.implied.iter().any(|one| one == key || short_name(one) == key)
+            })
         };
         let words = subject.split(' ').filter(|word| !is_implied(word));
         self.words(&words.collect::<Vec<_>>().join(" "), has_agents)

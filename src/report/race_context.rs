@@ -1,7 +1,7 @@
 //! A race with what its words, its table and its figure need.
 
 use crate::analyse::{Moments, Undefined};
-use crate::job::{Measure, Score, short_name};
+use crate::job::{Measure, Score, short_beside};
 use crate::key::{Parameter, Value, printable, shortened};
 use crate::manifest::{Manifest, Search};
 use crate::plan::{Fate, Outcome, Race, Reference};
@@ -29,10 +29,12 @@ impl RaceContext<'_> {
 
     /// The drawn values of an arm: `learning_rate=0.001 batch=32`.
     pub fn settings(&self, arm: usize) -> String {
-        let written = |(parameter, value): &(Parameter, Value)| {
-            format!("{}={}", short_name(&parameter.to_string()), shortened(&value.to_string()))
+        let settings = &self.race.settings[arm];
+        let names: Vec<String> = settings.iter().map(|(one, _)| one.to_string()).collect();
+        let written = |(name, (_, value)): (&String, &(Parameter, Value))| {
+            format!("{}={}", short_beside(name, &names), shortened(&value.to_string()))
         };
-        self.race.settings[arm].iter().map(written).collect::<Vec<_>>().join(" ")
+        names.iter().zip(settings).map(written).collect::<Vec<_>>().join(" ")
     }
 
     /// The label of an agent for readers.

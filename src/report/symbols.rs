@@ -1,7 +1,7 @@
 //! The names of keys as papers write them: symbols and quantities.
 
 use crate::env::{SYMBOLS, Symbol};
-use crate::job::short_name;
+use crate::job::{short_beside, short_name};
 
 /// The discount of learners, which papers write as a symbol.
 const DISCOUNT: Symbol = Symbol { key: "gamma", symbol: "γ", quantity: Some("discount") };
@@ -28,6 +28,11 @@ pub fn key(dotted: &str) -> String {
 /// The last part of a dotted name, as a symbol if it has one.
 pub fn short(dotted: &str) -> String {
     short_name(&key(dotted)).to_owned()
+}
+
+/// The last parts of dotted names that stand beside each other, as symbols; dotted where last parts are equal.
+pub fn beside<const N: usize>(dotted: [&str; N]) -> [String; N] {
+    dotted.map(|name| key(short_beside(name, dotted)))
 }
 
 /// The name of a parameter's quantity, as axes have it.

@@ -3,7 +3,7 @@
 use crate::job::metric::NET_RETURN;
 use std::fmt::Write as _;
 
-use crate::job::{Condition, DataPart, ParticipantRange, Scalar, short_name};
+use crate::job::{Condition, DataPart, ParticipantRange, Scalar, short_beside, short_name};
 use crate::key::Parameter;
 use crate::record::JobRecord;
 
@@ -118,7 +118,7 @@ pub fn mean_returns(experiments: &[&str], shown: &[String]) -> String {
         columns.push(format!(
             "(SELECT value FROM parameter AS p WHERE p.job_key = run_summary.job_key AND name = {}) AS {}",
             text(name),
-            alias(name)
+            alias(name, shown)
         ));
     }
     format!(
@@ -166,9 +166,9 @@ fn key(name: &str) -> String {
 }
 
 /// The name of a parameter's column, without quotes. A name of one word may be a word of SQL, such as `update`; the
-/// column then has the name of the table, too.
-fn alias(dotted: &str) -> String {
-    let short = short_name(dotted);
+/// column then has the name of the table, too, as where two columns have the same name.
+fn alias(dotted: &str, shown: &[String]) -> String {
+    let short = short_beside(dotted, shown);
     let name = if short.contains('_') { short } else { dotted };
     name.replace(|letter: char| !letter.is_ascii_alphanumeric(), "_")
 }
@@ -195,10 +195,13 @@ mod tests {
 
     #[test]
     fn no_column_of_a_parameter_is_a_word_of_sql() {
-        assert_eq!(alias("agent.update"), "agent_update");
-        assert_eq!(alias("environment.parameters.order"), "environment_parameters_order");
-        assert_eq!(alias("agent.learning_rate"), "learning_rate");
-        assert_eq!(alias("population.delta_d"), "population_delta_d");
+        assert_eq!(alias("agent.update", &[]), "agent_update");
+        assert_eq!(alias("environment.parameters.order", &[]), "environment_parameters_order");
+        assert_eq!(alias("agent.learning_rate", &[]), "learning_rate");
+        assert_eq!(alias("population.delta_d", &[]), "population_delta_d");
+        let both = ["agent.batch_size", "environment.parameters.batch_size"].map(str::to_owned);
+        let aliases = both.each_ref().map(|name| alias(name, &both));
+        assert_eq!(aliases, ["agent_batch_size", "environment_parameters_batch_size"]);
     }
 
     #[test]

@@ -7,7 +7,7 @@ use super::pairs::{Pair, pairs};
 use super::published;
 use super::{Arm, ArmId};
 use crate::analyse::{Contrast, Design, Interval, Sample, Undefined};
-use crate::job::{Condition, MetricName, short_name};
+use crate::job::{Condition, MetricName, short_beside};
 use crate::manifest::{HeatMap, Published, PublishedRow, Sides};
 use crate::record::JobRecord;
 
@@ -173,7 +173,9 @@ fn figure(
             tiles.push(HeatTile { x: column, y: row, value, interval, seeds, published });
         }
     }
-    let settings = name.settings.iter().map(|(key, value)| format!(" {}={value}", short_name(key)));
+    let names: Vec<&String> = name.settings.iter().map(|(key, _)| key).chain([x, y]).collect();
+    let short = |key: &str| short_beside(key, &names).to_owned();
+    let settings = name.settings.iter().map(|(key, value)| format!(" {}={value}", short(key)));
     HeatFigure {
         scale: if sides.is_some() { Scale::Difference } else { Scale::Mean },
         x: (x.clone(), columns),

@@ -76,12 +76,11 @@ impl Drawn for Vec<HeatFigure> {
         }
         let tied = tiles().filter(|(_, _, value)| amount(*value, metric) == most).count();
         let [agent, subject] = named(map, names);
+        let [x, y] = axes(map);
         let place = match tied {
             1 => format!(
-                "at {} = {} and {} = {} of {agent} {}",
-                symbols::short(&map.x.0),
+                "at {x} = {} and {y} = {} of {agent} {}",
                 parameter(tile.x),
-                symbols::short(&map.y.0),
                 parameter(tile.y),
                 subject.replace(" - ", " − ")
             ),
@@ -123,23 +122,35 @@ impl Drawn for Vec<HeatFigure> {
     }
 }
 
+/// The names of both axes.
+fn axes(map: &HeatFigure) -> [String; 2] {
+    symbols::beside([&map.x.0, &map.y.0])
+}
+
+/// The title of an axis beside the other one.
+fn axis_title(axis: &str, other: &str) -> String {
+    match symbols::beside([axis, other]) {
+        [name, _] if name == symbols::short(axis) => symbols::quantity(axis),
+        [name, _] => name,
+    }
+}
+
 /// The lead of the largest mean, as a clause.
 fn ahead(map: &HeatFigure, lead: &Lead, metric: Measure) -> String {
     let Lead { tiles: [_, closest], difference, interval, is_paired, neighbours, tested, behind } =
         lead;
     let tile = &map.tiles[*closest];
+    let [x, y] = axes(map);
     let test = if *is_paired { "t interval paired by seed" } else { "t interval" };
     let interval = match interval {
         Ok(interval) => format!("{}, {test}", gap_ends(*interval, metric)),
         Err(reason) => format!("no interval: {reason}"),
     };
     format!(
-        ". It is {} ({interval}) ahead of the closest of its {neighbours} neighbours, at {} = {} and {} = {}, and {behind} \
+        ". It is {} ({interval}) ahead of the closest of its {neighbours} neighbours, at {x} = {} and {y} = {}, and {behind} \
          of the {tested} intervals exclude 0; the same seeds chose the tile, which makes its lead too large on average",
         gap(*difference, metric),
-        symbols::short(&map.x.0),
         parameter(tile.x),
-        symbols::short(&map.y.0),
         parameter(tile.y),
     )
 }
@@ -384,11 +395,10 @@ fn tile_marks(
         None => spread.map_or_else(String::new, |half| format!(" ± {}", in_unit(half))),
     };
     let published = tile.published.map(|value| format!("publ. {}", in_unit(value)));
+    let [x, y] = axes(figure);
     let tip = format!(
-        "{agent} {subject}, {} = {}, {} = {}: {value}{spread_words} (95 %), {}{}",
-        symbols::short(&figure.x.0),
+        "{agent} {subject}, {x} = {}, {y} = {}: {value}{spread_words} (95 %), {}{}",
         parameter(tile.x),
-        symbols::short(&figure.y.0),
         parameter(tile.y),
         seeds(std::iter::once(tile.seeds)),
         published.as_ref().map_or_else(String::new, |words| format!("; {words}"))
@@ -453,10 +463,10 @@ fn frame(
         marks.push(text(at, words, (size, Weight::Regular), FAINT, Anchor::End).into());
     }
     let at = (left + tile_width * columns.len() as f64 / 2.0, bottom + 27.0);
-    marks.push(text(at, symbols::quantity(&figure.x.0), plain, INK, Anchor::Middle).into());
+    marks.push(text(at, axis_title(&figure.x.0, &figure.y.0), plain, INK, Anchor::Middle).into());
     let title = rising_title(
         (12.0, (over + bottom) / 2.0),
-        symbols::quantity(&figure.y.0),
+        axis_title(&figure.y.0, &figure.x.0),
         bottom - over + 30.0,
     );
     marks.push(title.into());
@@ -482,8 +492,7 @@ fn narrowed(words: &str, (size, weight): (f64, Weight), room: f64) -> f64 {
 
 fn table(title: &str, figures: &[HeatFigure], metric: Measure, names: &Names) -> DataTable {
     let name = metric.title();
-    let axes = figures.first().map_or(("", ""), |map| (map.x.0.as_str(), map.y.0.as_str()));
-    let (x, y) = (symbols::short(axes.0), symbols::short(axes.1));
+    let [x, y] = figures.first().map(axes).unwrap_or_default();
     let columns = [
         ("agent", "Agent"),
         ("subject", "Subject"),
