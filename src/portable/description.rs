@@ -49,6 +49,16 @@ pub fn describe_observations(job: &Job) -> Vec<Json> {
     features.chain(times).collect()
 }
 
+/// The bits of each number that an agent observes: 64 for bandits in a trial whose simulation shows its full precision.
+fn observation_bits(job: &Job) -> u32 {
+    let is_bandit = job.agent.parameters::<LinearThompson>().is_some();
+    if !is_bandit || job.trial.is_none() || job.environment.family().is_external() {
+        return 32;
+    }
+    let simulation = job.task().simulation(1);
+    if simulation.exact_features_read_observations() { 32 } else { 64 }
+}
+
 /// The SHA-256 of some bytes, in hexadecimal.
 pub fn digest(bytes: &[u8]) -> String {
     HEXLOWER.encode(&Sha256::digest(bytes))
@@ -76,6 +86,7 @@ fn describe_job_with(stored: &StoredWeights, others: Json) -> Json {
         },
         "job": serde_json::from_str::<Json>(&job.canonical()).unwrap_or_default(),
         "features": describe_observations(job),
+        "observation_bits": observation_bits(job),
         "actions": job.environment.actions(),
     });
     if let (Json::Object(all), Json::Object(others)) = (&mut described, others) {

@@ -297,6 +297,11 @@ fn every_fault_in_an_episode_is_named() {
              in step 5 of phase \"train\"",
         ),
         ([("lanes[lane][1].random()]", "1e300]")], "expected `chance` from -inf to inf in lane 0"),
+        (
+            [("lanes[lane][1].random()]", "16777217]")],
+            "expected `chance` in lane 0 as a number that 32 bits hold, found 16777217: whole numbers above 16,777,216 \
+             are rounded",
+        ),
         ([("observations=rows, rew", "observations=rows[:1], rew")], "found 1 rows of 2"),
         (
             [("observations=rows, rew", "observations=[[0.1], [0.1]], rew")],
