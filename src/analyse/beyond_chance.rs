@@ -6,12 +6,13 @@ use super::monte_carlo::monte_carlo_p;
 use super::noncentral::normal;
 use super::operating::Simulated;
 use super::undefined::Undefined;
+use crate::manifest::DidItLearn;
 
 /// Trials whose p-value is at most this show more than chance.
 pub const ALPHA: f64 = 0.05;
 
-/// The fewest other trials without the effect that can give a p-value of [`ALPHA`]: 2 / (1 + 39).
-const FEWEST: usize = 39;
+/// The fewest other trials without the effect that can give a p-value of [`ALPHA`].
+const FEWEST: usize = DidItLearn::FEWEST;
 
 /// Trials judged by trials without an effect.
 #[derive(Clone, Debug, PartialEq)]

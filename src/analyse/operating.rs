@@ -76,6 +76,14 @@ impl Operating {
             power: share(trials, |trial| !trial.interval.contains(0.0)),
         }
     }
+
+    /// How many times the standard deviation of the estimates their mean standard error is, where that is clearly three
+    /// times or more.
+    pub fn excess(&self) -> Option<f64> {
+        let (error, deviation) = (self.mean_error.ok()?, self.empirical_error.ok()?);
+        let is_clear = error.value >= 3.0 * deviation.interval.ok()?.high;
+        is_clear.then_some(error.value / deviation.value)
+    }
 }
 
 fn mean(values: &[f64]) -> Result<Simulated, Undefined> {
@@ -235,6 +243,14 @@ mod tests {
             (bias.low - -2.951_449).abs() < 1e-5 && (bias.high - 4.951_449).abs() < 1e-5,
             "{bias:?}"
         );
+        // Three times the upper end of the deviation, 9.627068, is 28.88.
+        let wide = |half: f64| {
+            let trials =
+                trials.each_ref().map(|one| TrialEstimate { standard_error: half, ..*one });
+            Operating::of(&trials).excess()
+        };
+        assert_eq!((found.excess(), wide(28.8)), (None, None));
+        assert_eq!(wide(29.0), Some(29.0 / (20.0_f64 / 3.0).sqrt()));
         let error = found.empirical_error.unwrap().interval.unwrap();
         assert!(
             (error.low - 1.462_670).abs() < 1e-5 && (error.high - 9.627_068).abs() < 1e-5,

@@ -9,13 +9,16 @@ pub fn printable(text: &str) -> String {
     text.chars().flat_map(escape).collect()
 }
 
+/// The kind of characters that turn the text around them.
+pub const DIRECTION: &str = "a text-direction mark";
+
 /// The kind of a character that is invisible or changes the display of the text around it; `None` for all
 /// other characters.
 pub fn hidden(character: char) -> Option<&'static str> {
     match character {
         c if c.is_control() => Some("a control character"),
         '\u{61c}' | '\u{200e}' | '\u{200f}' | '\u{202a}'..='\u{202e}' | '\u{2066}'..='\u{2069}' => {
-            Some("a text-direction mark")
+            Some(DIRECTION)
         }
         '\u{2028}' | '\u{2029}' => Some("a line separator"),
         '\u{ad}' | '\u{34f}' | '\u{180b}'..='\u{180e}' | '\u{200b}'..='\u{200d}' => {

@@ -9,7 +9,7 @@ use crate::job::{Condition, MetricUnit};
 use crate::key::printable;
 use crate::key::{Constraint, Key, Parameter, Value, Violation};
 use crate::manifest::analysis::declared::Analysis;
-use crate::manifest::analysis::kind::{AnalysisKind, LearningCurve, SelectionRule};
+use crate::manifest::analysis::kind::{AnalysisKind, DidItLearn, LearningCurve, SelectionRule};
 use crate::manifest::declared::{DeclaredAgent, Manifest};
 use crate::manifest::estimate::declared::DeclaredEstimate;
 use crate::manifest::grid::Grid;
@@ -38,6 +38,7 @@ pub fn hints(manifest: &Manifest) -> Vec<String> {
     hints.extend(missing_programs(manifest, "the environment", &manifest.environment));
     hints.extend(manifest.analyses.iter().flat_map(|one| long_windows(manifest, one)));
     hints.extend(manifest.analyses.iter().filter_map(highest_rate));
+    hints.extend(manifest.analyses.iter().filter_map(|one| few_references(manifest, one)));
     hints.extend(manifest.estimates.iter().flat_map(|one| certain_choices(manifest, one)));
     let lists = decimal_lists(&manifest.source);
     let hint = |list: &Fault| {
@@ -73,6 +74,28 @@ fn highest_rate(analysis: &Analysis) -> Option<String> {
             printable(&analysis.name),
             analysis.metric,
             SelectionRule::LowestMean.word()
+        )
+    })
+}
+
+/// A hint for trials without an effect that are too few to judge others.
+fn few_references(manifest: &Manifest, analysis: &Analysis) -> Option<String> {
+    let AnalysisKind::DidItLearn(kind) = &analysis.kind else { return None };
+    let removing = match &kind.without {
+        Some(conditions) => conditions.iter().map(|condition| condition.parameter).collect(),
+        None => vec![Parameter::Environment("no_effect_at")],
+    };
+    let is_swept = |place| removing.iter().any(|one| Grid::of(manifest, place).is_swept(*one));
+    // Otherwise another manifest has the other side.
+    let has_both = (0..manifest.agents.len()).any(is_swept);
+    let (seeds, least) = (manifest.seeds().count(), DidItLearn::FEWEST);
+    (has_both && seeds <= least).then(|| {
+        format!(
+            "analysis {} judges a trial by {} without the effect, the twin of its seed left out, and a p-value of 0.05 needs \
+             {least}; write seeds = {} or more",
+            printable(&analysis.name),
+            seeds - 1,
+            least + 1
         )
     })
 }

@@ -5,7 +5,7 @@ use toml::de::{DeTable, DeValue};
 
 use crate::agent::Algorithm;
 use crate::env::{Family, Scenario, ScenarioError};
-use crate::key::hidden;
+use crate::key::{DIRECTION, hidden};
 use crate::key::{Kind, Value};
 use crate::manifest::draft::{AgentDraft, Draft, Settings};
 use crate::manifest::limits::MOST_JOBS;
@@ -112,8 +112,8 @@ impl Reader<'_> {
                 draft.has_format = true;
             }
             "name" => draft.name = Some(self.name("name", node)),
-            "question" => draft.question = self.text("question", node),
-            "hypothesis" => draft.hypothesis = self.text("hypothesis", node),
+            "question" => draft.question = self.prose("question", node),
+            "hypothesis" => draft.hypothesis = self.prose("hypothesis", node),
             "published" => draft.published = self.text("published", node),
             "time_limit_seconds" => draft.time_limit_seconds = self.time_limit(node),
             "scenarios" => {
@@ -259,6 +259,13 @@ impl Reader<'_> {
             self.expected(name, "text in quotes", node);
         }
         node.get_ref().as_str().map(str::to_owned)
+    }
+
+    /// A text without marks of text direction, which would turn the text around it.
+    pub fn prose(&mut self, name: &str, node: &Node) -> Option<String> {
+        let mut text = self.text(name, node)?;
+        text.retain(|c| hidden(c) != Some(DIRECTION));
+        Some(text)
     }
 
     /// A name that tables and figures can show; empty if faulty.

@@ -10,7 +10,7 @@ use super::winner::winners;
 use crate::analyse::declared::{carry_out, condense, reproduce, summarise_arms, varying};
 use crate::job::metric::LOWER_QUARTILE_RETURN;
 use crate::job::{Condition, DataPart, RecordedEpisodes, distinct};
-use crate::key::{Parameter, Value};
+use crate::key::{DIRECTION, Parameter, Value, hidden};
 use crate::manifest::{Analysis, Faults, Manifest, Parameters, Published};
 use crate::plan;
 use crate::record::{DataSet, JobRecord, JobStatus};
@@ -63,11 +63,16 @@ pub fn assemble(
         let analyses = manifest.analyses.iter().zip(concerned).collect::<Vec<_>>();
         let words = Words::of(manifest, data.description.as_deref());
         let findings = carry_out(&analyses, published.as_ref(), words.return_unit);
+        // As TOML writes them; they would turn the text around them.
+        let escaped = |c: char| match hidden(c) {
+            Some(DIRECTION) => format!("\\u{:04X}", u32::from(c)),
+            _ => c.to_string(),
+        };
         Ok(ReportedExperiment {
             name: manifest.name.clone(),
             question: manifest.question.clone(),
             hypothesis: manifest.hypothesis.clone(),
-            manifest: manifest.source.clone(),
+            manifest: manifest.source.chars().map(escaped).collect(),
             winners: winners(reader, manifest, words.return_unit, &findings)?,
             race: race(reader, manifest, words.return_unit)?,
             findings: findings.into_iter().zip(queries.iter().map(sql)).collect(),

@@ -91,6 +91,9 @@ fn what_cannot_be_compared_says_what_to_do() {
         .says("write record_posteriors = true in [evaluation]");
     faults("without = { environment.rho_1 = 0 }\n", "")
         .says("kind \"did_it_learn\" needs trials without an effect");
+    let few = faults("seeds = 40", "seeds = 39").succeeded();
+    few.says("judges a trial by 38 without the effect").says("write seeds = 40 or more");
+    assert!(!faults("seeds = 40", "seeds = 40").succeeded().stderr.contains("without the effect"));
     faults("[1, 0.5]", "[1]").says("the state [1.0] does not have a value for each feature");
     faults("states = [[0, 0.1], [1, 0.5]]", "states = [0, 1]")
         .says("`states`: expected a list of states, each a list of numbers");

@@ -206,7 +206,10 @@ fn a_report_on_harmful_names_and_prose_stays_in_its_folder_and_runs_nothing() {
         let bytes = fs::read(path).unwrap();
         let text = String::from_utf8_lossy(&bytes);
         match format.as_str() {
-            "html" | "svg" | "md" => assert_no_foreign_markup(name, &text),
+            "html" | "svg" | "md" => {
+                assert_no_foreign_markup(name, &text);
+                assert!(!text.contains('\u{202e}'), "{name} turns its text around");
+            }
             "csv" => assert_no_formulas(name, &text),
             "tex" => assert!(!text.contains("\\input"), "{name}: {text}"),
             "sql" => {

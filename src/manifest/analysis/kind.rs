@@ -506,3 +506,7 @@ impl AnalysisKind {
         }
     }
 }
+impl DidItLearn {
+    /// The fewest other trials without the effect that can give a p-value of 0.05: 2 / (1 + 39).
+    pub const FEWEST: usize = 39;
+}

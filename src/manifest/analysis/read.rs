@@ -79,7 +79,7 @@ impl Reader<'_> {
         span: Span,
         table: &DeTable,
     ) -> AnalysisDraft {
-        let title = table.get("title").and_then(|node| self.text("title", node));
+        let title = table.get("title").and_then(|node| self.prose("title", node));
         let metric = table.get("metric").map(|node| self.metric(node));
         let jobs = table.get("where").and_then(|node| self.table("where", node));
         let located = jobs.map(|jobs| self.conditions(jobs, "`where`")).unwrap_or_default();

@@ -3,7 +3,7 @@
 use super::{Drawn, Sheet, parameter};
 use crate::analyse::declared::{ArmId, FEW_TRIALS, OperatingFigure, OperatingRow, Sought, Term};
 use crate::analyse::{Interval, LEVEL, Simulated, Undefined};
-use crate::job::{CONSTANT, Measure, MetricUnit, REWARD, counted, distinct};
+use crate::job::{CONSTANT, GROSS_REWARD, Measure, MetricUnit, REWARD, counted, distinct};
 use crate::report::data_table::{DataTable, Entry, shown};
 use crate::report::figure::{
     AxisScale, Chart, Line, Numbers, Panels, Place, Spread, arm_label, axes_of, draw, facets,
@@ -132,9 +132,21 @@ impl Drawn for OperatingFigure {
     }
 
     fn finds(&self, _: Measure, names: &Names) -> Option<String> {
-        let Some((power, sought)) = &self.sought else { return self.covers() };
-        let sizes: Vec<String> = sought.iter().map(|one| self.size(one, *power, names)).collect();
-        (!sizes.is_empty()).then(|| sizes.join(". "))
+        let mut found: Vec<String> = match &self.sought {
+            None => self.covers().into_iter().collect(),
+            Some((power, sought)) => {
+                sought.iter().map(|one| self.size(one, *power, names)).collect()
+            }
+        };
+        let wide = self.rows.iter().filter_map(|row| Some((row.operating.excess()?, &row.term)));
+        found.extend(wide.max_by(|a, b| a.0.total_cmp(&b.0)).map(|(times, term)| {
+            format!(
+                "The mean SE of {} is up to {} times the SD of estimates: these standard errors have no use here",
+                term.estimate,
+                shown(times, 0)
+            )
+        }));
+        (!found.is_empty()).then(|| found.join(". "))
     }
 
     fn lacks(&self) -> Option<String> {
@@ -328,7 +340,7 @@ fn coverage_of(rows: &[&OperatingRow]) -> Option<String> {
 /// The title of the axis of a bias, with its unit: that of the outcome, for a moderator per unit of the moderator.
 fn bias_title(term: &Term, metric: Measure) -> String {
     let unit = match term.outcome.as_str() {
-        REWARD => metric.unit_word().unwrap_or("reward"),
+        REWARD | GROSS_REWARD => metric.unit_word().unwrap_or("reward"),
         state => state,
     };
     // With several treatments, the name of a term begins with its action.
