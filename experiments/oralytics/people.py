@@ -5,7 +5,7 @@
     python3 people.py oralytics_algorithm_design oralytics-post-deployment-analysis
 
 writes v2.csv, v2_daily.csv, v3.csv, v3_daily.csv and v4.csv into this folder, and which people the published trials
-had: v2_trials.csv, v3_trials.csv and v4_trial.csv. The second clone is needed for V4 alone. It needs NumPy. The files
+had: v2_trials.csv, v3_trials.csv and v4_trial.csv; v3_chance.csv repeats those of V3 five times. The second clone is needed for V4 alone. It needs NumPy. The files
 have the terms of use of their repositories (GPL-3.0); do not share them with your manifests. Cite Trella et al.,
 "Oralytics Reinforcement Learning Algorithm", arXiv 2406.13127, for V2 and V3, and Trella et al., "A Deployed Online
 Reinforcement Learning Algorithm In An Oral Health Clinical Trial", arXiv 2409.02069, for V4. The files were last changed in the commits dd9947aa and f7154719.
@@ -118,17 +118,20 @@ def later(folder, bed, base, name, dates=None):
     write(name, rows)
 
 
-def trials(name, people):
-    """The people of the published trials 0 to 99, as those of seeds 1 to 100: 70 rows, drawn by NumPy's legacy generator."""
+def trials(name, people, times=1):
+    """The people of the published trials 0 to 99, as those of seeds 1 to 100: 70 rows, drawn by NumPy's legacy generator.
+
+    The next hundred seeds repeat them, ``times`` in all.
+    """
     import numpy
 
     with open(pathlib.Path(__file__).parent / name, "w", encoding="utf-8", newline="\n") as file:
         file.write("seed,person,row\n")
-        for seed in range(100):
-            numpy.random.seed(seed)
+        for seed in range(100 * times):
+            numpy.random.seed(seed % 100)
             for person, row in enumerate(numpy.random.choice(people, 70)):
                 file.write(f"{seed + 1},{person},{row}\n")
-    print(f"{name}: 100 trials")
+    print(f"{name}: {100 * times} trials")
 
 
 def everybody(name, people):
@@ -149,6 +152,7 @@ def main():
     later(design, "v3", "non_stat", "v3_daily.csv")
     trials("v2_trials.csv", 31)
     trials("v3_trials.csv", 9)
+    trials("v3_chance.csv", 9, times=5)
     if len(sys.argv) == 3:
         dates = {row["user_id"]: row for row in table(sys.argv[2], "v4_start_end_dates.csv")}
         later(sys.argv[2], "v4", "non_stat", "v4.csv", dates)
