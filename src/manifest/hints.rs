@@ -10,11 +10,11 @@ use crate::key::printable;
 use crate::key::{Constraint, Key, Parameter, Value, Violation};
 use crate::manifest::analysis::declared::Analysis;
 use crate::manifest::analysis::kind::{AnalysisKind, DidItLearn, LearningCurve, SelectionRule};
+use crate::manifest::commas::decimal_commas;
 use crate::manifest::declared::{DeclaredAgent, Manifest};
 use crate::manifest::estimate::declared::DeclaredEstimate;
 use crate::manifest::grid::Grid;
 use crate::manifest::parameter::Parameters;
-use crate::manifest::repair::decimal_lists;
 use crate::manifest::text::fault::Fault;
 use crate::manifest::text::written::share;
 
@@ -40,7 +40,7 @@ pub fn hints(manifest: &Manifest) -> Vec<String> {
     hints.extend(manifest.analyses.iter().filter_map(highest_rate));
     hints.extend(manifest.analyses.iter().filter_map(|one| few_references(manifest, one)));
     hints.extend(manifest.estimates.iter().flat_map(|one| certain_choices(manifest, one)));
-    let lists = decimal_lists(&manifest.source);
+    let lists = decimal_commas(&manifest.source);
     let hint = |list: &Fault| {
         let remedy = list.hint().unwrap_or_default();
         format!("a comma between digits separates two values; if it is a decimal comma, {remedy}")

@@ -4,9 +4,9 @@ use std::fs::{self, File};
 use std::io::{self, Read};
 use std::path::Path;
 
+use crate::manifest::commas::decimal_commas;
 use crate::manifest::declared::Manifest;
 use crate::manifest::read::newer_format;
-use crate::manifest::repair::{Repaired, decimal_lists, repaired};
 use crate::manifest::text::document::{Document, document};
 use crate::manifest::text::fault::{Fault, FaultList, Faults};
 use crate::manifest::text::source::{Source, Span};
@@ -82,47 +82,30 @@ pub(super) type Checked = (Manifest, FaultList, Vec<(usize, FaultList)>);
 /// # Errors
 /// Every fault of a text whose notation or format is too faulty for a check of its content.
 pub(super) fn read_text(path: &str, text: &str, runs: Runs) -> Result<Checked, Faults> {
-    let repaired = repaired(text);
-    let readable = repaired.as_ref().map_or(text, |repaired| &repaired.text);
-    let Document { root, repeats, syntax, broken_at } = document(readable);
+    let Document { root, repeats, syntax, broken_at } = document(text);
     if let Some(fault) = newer_format(root.get_ref()) {
         return Err(Faults::of_text(path, text, fault));
     }
-    let mut reader = Reader { runs, ..Reader::new(readable) };
+    let mut reader = Reader { runs, ..Reader::new(text) };
     reader.folder = Path::new(path).parent().unwrap_or(Path::new("")).to_owned();
     let mut draft = reader.draft(root.get_ref());
     let mut faults = reader.faults;
     faults.append(repeats);
+    let source = Source::new(text);
     if !syntax.is_empty() {
         // A syntax fault can cause missing keys, and faults on its line or after a break.
-        faults.retain_off_lines_of(&syntax, &Source::new(readable));
+        faults.retain_off_lines_of(&syntax, &source);
         faults.retain_before(broken_at);
         faults.append(syntax);
-        return Err(in_original(faults, repaired, text).of(path, Source::new(text)));
+        faults.explain(decimal_commas(text), &source);
+        return Err(faults.of(path, source));
     }
     let named_runs = std::mem::take(&mut reader.named_runs);
     let manifest = complete::complete(&mut draft, path, text, &mut faults);
     let manifest = Manifest { named_runs, ..manifest };
     let (manifest, lost) = check::check(&draft, manifest, &mut faults);
-    if repaired.is_none() {
-        if !faults.is_empty() {
-            faults.explain(decimal_lists(text), &Source::new(text));
-        }
-        return Ok((manifest, faults, lost));
-    }
-    lost.into_iter().for_each(|(_, lost)| faults.append(lost));
-    Ok((manifest, in_original(faults, repaired, text), Vec::new()))
-}
-
-/// The faults of a repaired text with their positions in the original, and the faults that were repaired.
-fn in_original(mut faults: FaultList, repaired: Option<Repaired>, text: &str) -> FaultList {
-    let Some(Repaired { edits, slips, erased, .. }) = repaired else { return faults };
-    faults.trace(&edits);
-    faults.explain(decimal_lists(text), &Source::new(text));
-    faults.retain_off_lines_of(&erased, &Source::new(text));
-    faults.append(slips);
-    faults.append(erased);
-    faults
+    faults.explain(decimal_commas(text), &source);
+    Ok((manifest, faults, lost))
 }
 
 /// The bytes as text, without a byte-order mark.

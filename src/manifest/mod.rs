@@ -14,6 +14,7 @@
 mod analysis;
 mod cells;
 mod check;
+mod commas;
 mod companions;
 mod complete;
 mod declared;
@@ -27,7 +28,6 @@ mod parameter;
 mod presence;
 mod preset;
 mod read;
-mod repair;
 mod resolved;
 mod schema;
 mod search;

@@ -13,10 +13,10 @@ use toml_edit::{Array, ArrayOfTables, DocumentMut, Item, Table, TableLike, Value
 use crate::job::short_name;
 use crate::key::printable;
 use crate::key::{Parameter, free_key};
+use crate::manifest::commas::decimal_comma;
 use crate::manifest::declared::Manifest;
 use crate::manifest::load::{load_from, parse_from, read_text};
 use crate::manifest::parameter::{is_in, parameters};
-use crate::manifest::repair::slip;
 use crate::manifest::search;
 use crate::manifest::text::edits::Edits;
 use crate::manifest::text::fault::{Fault, Faults, nearest};
@@ -184,10 +184,10 @@ fn with<'s>(manifest: &Manifest, overrides: &'s [Override]) -> Result<Edited<'s>
     for set in overrides {
         let place = place(manifest, set)?;
         if !matches!(place, Place::Top("name" | "question" | "hypothesis"))
-            && let Some(slip) = slip(short_name(&set.key), &set.value)
+            && let Some(comma) = decimal_comma(short_name(&set.key), &set.value)
         {
-            let fault = Fault::whole(format!("--set {set}: {}", slip.message()));
-            return Err(slip.hint().map_or(fault.clone(), |hint| fault.help(hint)));
+            let fault = Fault::whole(format!("--set {set}: {}", comma.message()));
+            return Err(fault.help(comma.hint().unwrap_or_default()));
         }
         match place {
             Place::Top(key) => put(document.as_table_mut(), key, set.value_of(key)),

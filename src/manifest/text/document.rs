@@ -36,22 +36,17 @@ pub(crate) fn document(text: &str) -> Document<'_> {
 }
 
 /// A fault that the parser found.
-pub(in crate::manifest) struct Broken<'t> {
-    pub span: Span,
-    /// The text at its position.
-    pub written: &'t str,
-    pub fault: Fault,
+struct Broken {
+    span: Span,
+    fault: Fault,
     /// Whether a key is set a second time.
-    pub is_repeat: bool,
+    is_repeat: bool,
     /// Whether the parser loses the structure of the document after the fault.
-    pub breaks_structure: bool,
+    breaks_structure: bool,
 }
 
 /// The faults that the parser found in a text, by position; at most one per line.
-pub(in crate::manifest) fn broken<'t>(
-    text: &'t str,
-    errors: &[toml::de::Error],
-) -> Vec<Broken<'t>> {
+fn broken(text: &str, errors: &[toml::de::Error]) -> Vec<Broken> {
     let span = |error: &toml::de::Error| error.span().map_or(Span { start: 0, end: 0 }, Span::from);
     let mut errors: Vec<(Span, &str)> =
         errors.iter().map(|error| (span(error), error.message())).collect();
@@ -81,7 +76,7 @@ pub(in crate::manifest) fn broken<'t>(
             true => fault.help("check that every earlier list and table is closed"),
             false => fault,
         };
-        all.push(Broken { span, written, fault, is_repeat, breaks_structure });
+        all.push(Broken { span, fault, is_repeat, breaks_structure });
     }
     all
 }

@@ -16,23 +16,6 @@ struct Edit {
 }
 
 impl Edits {
-    /// Replaces stretches of `text`, which are in ascending order and do not overlap.
-    pub fn replace<'p>(
-        text: &str,
-        stretches: impl IntoIterator<Item = (Span, &'p str)>,
-    ) -> (String, Edits) {
-        let (mut changed, mut edits, mut end) = (String::new(), Edits::default(), 0);
-        for (span, put) in stretches {
-            changed.push_str(&text[end..span.start]);
-            let (old, new) = (span.end - span.start, put.len());
-            edits.0.push(Edit { start: changed.len(), old, new });
-            changed.push_str(put);
-            end = span.end;
-        }
-        changed.push_str(&text[end..]);
-        (changed, edits)
-    }
-
     /// Adds the change from `before` to `after`, as the shortest stretch that covers all differences.
     pub fn add(&mut self, before: &str, after: &str) {
         let same = |(one, other): &(u8, u8)| one == other;
@@ -41,11 +24,6 @@ impl Edits {
         let pairs = old.iter().rev().copied().zip(new.iter().rev().copied());
         let end = pairs.take_while(same).count();
         self.0.push(Edit { start, old: old.len() - end, new: new.len() - end });
-    }
-
-    /// Adds changes that were made after these.
-    pub fn append(&mut self, mut later: Edits) {
-        self.0.append(&mut later.0);
     }
 
     /// The span in the original text, and the index of the last change that the span touches.
@@ -81,17 +59,6 @@ mod tests {
     fn span_of(text: &str, part: &str) -> Span {
         let start = text.find(part).unwrap();
         Span { start, end: start + part.len() }
-    }
-
-    #[test]
-    fn positions_around_replaced_stretches_are_those_of_the_original() {
-        let text = "a = 0,4\nb = 1, 2\nc = 3\n";
-        let put = [(span_of(text, "0,4"), "0.4"), (span_of(text, "1, 2"), "[1, 2]")];
-        let (changed, edits) = Edits::replace(text, put);
-        assert_eq!(changed, "a = 0.4\nb = [1, 2]\nc = 3\n");
-        assert_eq!(edits.original(span_of(&changed, "c")), (span_of(text, "c"), None));
-        assert_eq!(edits.original(span_of(&changed, "[1, 2]")), (span_of(text, "1, 2"), Some(1)));
-        assert_eq!(edits.original(span_of(&changed, "b")), (span_of(text, "b"), None));
     }
 
     #[test]

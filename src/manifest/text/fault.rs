@@ -28,6 +28,11 @@ impl Fault {
         Fault { span: None, message: message.into(), help: None }
     }
 
+    /// The fault at this position.
+    pub(crate) fn at_span(self, span: Span) -> Fault {
+        Fault { span: Some(span), ..self }
+    }
+
     pub(crate) fn help(self, help: impl Into<String>) -> Fault {
         Fault { help: Some(help.into()), ..self }
     }
@@ -175,13 +180,6 @@ impl FaultList {
         known.list.retain(|fault| faulty.contains(&line(fault)));
         self.retain_off_lines_of(&known, source);
         self.append(known);
-    }
-
-    /// Traces the faults of a changed text back to their positions in the original text.
-    pub fn trace(&mut self, edits: &Edits) {
-        for fault in &mut self.list {
-            fault.span = fault.span.map(|span| edits.original(span).0);
-        }
     }
 
     /// Keeps the faults that begin before `offset`.
