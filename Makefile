@@ -74,15 +74,15 @@ test-slow: ## whole trainings of ten seeds, of both engines and against an indep
 	$(CARGO) test --release $(FEATURES) --test slow -- learning:: --nocapture --test-threads 1
 
 test-features: export RUST_TEST_THREADS ?= 4
-test-features: ## lints, and the tests that features concern: the other tensor backend, and no Parquet files
-	$(CARGO) clippy --release --all-targets $(FEATURES) --quiet -- -D warnings
+test-features: ## lints without any feature, and the tests that features concern: the other tensor backend, and no Parquet files
+	$(CARGO) clippy --release --all-targets --no-default-features --quiet -- -D warnings
 	$(CARGO) test --release --quiet $(FEATURES) --lib
 	$(CARGO) test --release --quiet $(FEATURES) --test library --test slow -- \
 		checkpoints:: determinism:: environments:: remembering:: without_parquet::
 
 test-times: ## what users were promised in seconds, such as a stop within two; nothing else should run (minutes)
 	JITAI_TIMED=1 $(CARGO) test --release --quiet --test cli --test slow -- --test-threads 1 \
-		signals:: checkpoints::a_stop an_interrupt_ends_a_program plan_knows_what_is_done times::
+		signals:: checkpoints::a_stop a_wait_for_a_silent_program an_interrupt_ends_a_program plan_knows_what_is_done times::
 
 test-kill: ## sweeps killed 500 times, and merges, compared with undisturbed ones (minutes; KILLS=n, SEED=n)
 	$(CARGO) test --release --quiet --test slow -- kill:: kill_merge:: --nocapture --test-threads 1

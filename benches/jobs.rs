@@ -67,13 +67,13 @@ fn reinforce_of_50(time_one_hot: bool) {
 }
 
 /// A tenth of the budget, to compare Burn with the kernels.
-#[divan::bench(sample_count = 5, sample_size = 1, args = [Engine::Fused, Engine::Burn])]
+#[divan::bench(sample_count = 5, sample_size = 1, args = Engine::BUILT)]
 fn a_tenth_of_dueling_dqn(engine: Engine) {
     run(Agent::of(&DuelingDqn { episodes: 100, engine, ..DuelingDqn::default() }), false);
 }
 
 /// A tenth of the budget, to compare Burn with the kernels.
-#[divan::bench(sample_count = 5, sample_size = 1, args = [Engine::Fused, Engine::Burn])]
+#[divan::bench(sample_count = 5, sample_size = 1, args = Engine::BUILT)]
 fn a_tenth_of_reinforce(engine: Engine) {
     run(Agent::of(&Reinforce { episodes: 1500, engine, ..Reinforce::default() }), false);
 }
@@ -147,20 +147,20 @@ fn train_ppo(parameters: &Ppo) {
 }
 
 /// 100,000 steps, 64 lanes of 50 steps in minibatches of 800, 4 epochs.
-#[divan::bench(sample_count = 5, sample_size = 1, args = [Engine::Fused, Engine::Burn])]
+#[divan::bench(sample_count = 5, sample_size = 1, args = Engine::BUILT)]
 fn ppo_of_64_lanes(engine: Engine) {
     train_ppo(&ppo(engine, LARGE));
 }
 
 /// 100,000 steps, 8 lanes of 256 steps in minibatches of 64, 10 epochs.
-#[divan::bench(sample_count = 5, sample_size = 1, args = [Engine::Fused, Engine::Burn])]
+#[divan::bench(sample_count = 5, sample_size = 1, args = Engine::BUILT)]
 fn ppo_of_8_lanes(engine: Engine) {
     train_ppo(&ppo(engine, SMALL));
 }
 
 /// 32,000 steps with a GRU of 64 units behind a layer of 64, 64 lanes of 50 steps in minibatches of
 /// 800, 4 epochs.
-#[divan::bench(sample_count = 5, sample_size = 1, args = [Engine::Fused, Engine::Burn])]
+#[divan::bench(sample_count = 5, sample_size = 1, args = Engine::BUILT)]
 fn ppo_with_a_gru(engine: Engine) {
     let layers = vec![64];
     let recurrent = Recurrent::Gru;

@@ -4,10 +4,10 @@
 //! run to reproducible results.
 //!
 //! ```text
-//! env, agent ──► manifest ──► plan ──► train ──► store ──► schedule ──► analyse ──► report
-//!  what can       what an     what     one job,  one        who runs     pure        tables
-//!  be simulated   author      should   from its  SQLite     it and       numbers     and
-//!  and learned    declares    run      content   file       when                     figures
+//! env, agent ─► job ─► manifest ─► plan ─► train ─► store ─► schedule ─► analyse ─► report
+//!  what can     one     what an     what    a job,   one      who runs    pure       tables
+//!  be simulated job's   author      should  with its SQLite   it and      numbers    and
+//!  and learned  content declares    run     estimates file    when                   figures
 //! ```
 //!
 //! A **manifest** is a TOML file that declares an experiment. It expands into **jobs**, each with one
@@ -202,15 +202,19 @@ pub mod policy {
 /// Algorithms: train them in any environment, declare their keys, and register new ones.
 pub mod algorithm {
     pub use crate::agent::{
-        Activation, Agent, Algorithm, AlgorithmParameters, AtHorizon, AutodiffPolicy, BanditDraw,
-        BanditFeatures, BanditPosterior, BanditUpdate, Diverged, DuelingDqn, Engine, Learner,
-        LearnerError, LinearThompson, LinearThompsonLearner, Losses, Minibatch, OutOfMemory,
-        PolicyGradient, Ppo, PpoEngine, PpoLearner, Recurrent, RegistrationError, Reinforce,
-        ReinforceEngine, ReinforceLearner, Shape, Span, Start, StartError, Task, TerminalTarget,
-        Trained, TrainedEpisode, Trajectories, Trunk, Unavailable, WeightTensor, Weights,
-        WeightsError, Work, action_tensor, dueling_dqn_learner, inference_device,
-        linear_thompson_learner, observation_tensor, ppo_learner, register_algorithm,
-        reinforce_learner, trained_linear_thompson, training_device,
+        Activation, Agent, Algorithm, AlgorithmParameters, AtHorizon, BanditDraw, BanditFeatures,
+        BanditPosterior, BanditUpdate, Diverged, DuelingDqn, Engine, Learner, LearnerError,
+        LinearThompson, LinearThompsonLearner, Losses, Minibatch, OutOfMemory, Ppo, PpoEngine,
+        PpoLearner, Recurrent, RegistrationError, Reinforce, ReinforceEngine, ReinforceLearner,
+        Shape, Span, Start, StartError, Task, TerminalTarget, Trained, TrainedEpisode,
+        Trajectories, Trunk, Unavailable, WeightTensor, Weights, WeightsError, Work,
+        dueling_dqn_learner, linear_thompson_learner, ppo_learner, register_algorithm,
+        reinforce_learner, trained_linear_thompson,
+    };
+    #[cfg(feature = "burn")]
+    pub use crate::agent::{
+        AutodiffPolicy, PolicyGradient, action_tensor, inference_device, observation_tensor,
+        training_device,
     };
     pub use crate::kernel::Isa;
     pub use crate::key::{

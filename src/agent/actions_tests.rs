@@ -154,17 +154,16 @@ fn buttons_keep_the_contract() {
     }
 }
 
-const NETWORKS: [(Engine, Recurrent); 4] = [
-    (Engine::Fused, Recurrent::None),
-    (Engine::Fused, Recurrent::Gru),
-    (Engine::Burn, Recurrent::None),
-    (Engine::Burn, Recurrent::Gru),
-];
+/// Every engine of this build, with and without a memory.
+fn networks() -> impl Iterator<Item = (Engine, Recurrent)> {
+    let with = |engine: &Engine| [Recurrent::None, Recurrent::Gru].map(|memory| (*engine, memory));
+    Engine::BUILT.iter().flat_map(with)
+}
 
 #[test]
 fn dueling_dqns_learn_with_any_number_of_actions() {
     for actions in COUNTS {
-        for (engine, recurrent) in NETWORKS {
+        for (engine, recurrent) in networks() {
             for trunk in [Trunk::Shared, Trunk::Separate] {
                 if trunk == Trunk::Separate && recurrent == Recurrent::Gru {
                     continue;
@@ -196,7 +195,7 @@ fn dueling_dqns_learn_with_any_number_of_actions() {
 #[test]
 fn reinforce_learns_with_any_number_of_actions() {
     for actions in COUNTS {
-        for engine in [Engine::Fused, Engine::Burn] {
+        for &engine in Engine::BUILT {
             let parameters = Reinforce {
                 layers: vec![16],
                 learning_rate: 2e-2,
@@ -215,7 +214,7 @@ fn reinforce_learns_with_any_number_of_actions() {
 #[test]
 fn ppo_learns_with_any_number_of_actions() {
     for actions in COUNTS {
-        for (engine, recurrent) in NETWORKS {
+        for (engine, recurrent) in networks() {
             let parameters = Ppo {
                 episodes: 320,
                 layers: vec![16],

@@ -3,6 +3,7 @@
 //! In: the values of some keys in one cell of a grid, or sizes of networks and buffers. Out: the
 //! violation, or the size with its limit. Each algorithm lists its own constraints.
 
+use crate::agent::network::NoEngine;
 use crate::key::{Assignment, Constraint, Parameter, Size, Value, Violation};
 
 /// Maximum number of parameters of a network. Training holds five 4-byte numbers per parameter: its
@@ -27,6 +28,8 @@ const MOST_DECISIONS: u64 = 5_000_000;
 pub const HORIZON: Parameter = Parameter::Environment("horizon");
 /// Whether a step without reward follows the horizon.
 pub const UNPAID_LAST_STEP: Parameter = Parameter::Environment("unpaid_last_step");
+/// The engine that computes the network.
+const ENGINE: Parameter = Parameter::Agent("engine");
 /// Number of training episodes.
 pub const EPISODES: Parameter = Parameter::Agent("episodes");
 /// Widths of hidden layers.
@@ -52,6 +55,15 @@ const CURVE_FITS: Constraint = Constraint {
         let size = assignment.whole(EPISODES).div_ceil(assignment.whole(CURVE_STRIDE));
         let (what, unit) = ("the learning curve has", "points");
         Size { what, unit, size, most: MOST_CURVE_POINTS }.violation()
+    },
+};
+
+/// The engine is part of this build.
+pub const ENGINE_IS_BUILT: Constraint = Constraint {
+    parameters: &[ENGINE],
+    violation: |assignment| {
+        let is_missing = !cfg!(feature = "burn") && assignment.is_word(ENGINE, "burn");
+        is_missing.then(|| Violation::Contradiction(NoEngine.to_string()))
     },
 };
 

@@ -264,6 +264,7 @@ pub(super) fn draw(stacks: &[Stack], stream: &mut Stream) -> Weights {
 }
 
 /// Initial matrices: uniform in ±1/sqrt(rows), drawn one after the other from the seed's own stream.
+#[cfg(feature = "burn")]
 pub(super) fn draw_matrices(shapes: &[[usize; 2]], seed: u64) -> Vec<Tensor> {
     let mut stream = Stream::new(seed, Purpose::InitialWeights);
     shapes.iter().map(|shape| uniform(shape.to_vec(), shape[0], &mut stream)).collect()

@@ -1,9 +1,9 @@
 //! The algorithms: how agents learn and how they act.
 //!
 //! In: hyper-parameters, a [`crate::env::VectorEnvironment`], named random streams. Out: trained
-//! episodes, actors and weights. Each algorithm has its own file, written against a trait for the
-//! engine that computes its network: `fused` with kernels, `burn` with Burn modules and automatic
-//! differentiation. A [`Learner`] is an algorithm in training on an engine. An [`Actor`] chooses
+//! episodes, actors and weights. An algorithm with a network is written against a trait for the
+//! engine that computes it: `fused` with kernels, `burn` with Burn modules and automatic
+//! differentiation (a feature of the build). Rules, bandits and outside programs have no network. A [`Learner`] is an algorithm in training on an engine. An [`Actor`] chooses
 //! the actions of episodes. Trained networks and decision rules are actors, and rollouts depend
 //! only on this trait. The registry holds every [`Algorithm`]: name, version, keys, constraints and
 //! constructor. An [`Agent`] is an algorithm with values of its keys. The module uses no job keys,
@@ -16,12 +16,13 @@
 mod actions_tests;
 mod actor;
 mod architecture;
+#[cfg(feature = "burn")]
 mod burn;
 mod constraint;
 mod control_group;
 mod dueling_dqn;
 mod effect_posterior;
-#[cfg(test)]
+#[cfg(all(test, feature = "burn"))]
 mod engine_tests;
 mod external;
 mod fused;
@@ -34,13 +35,13 @@ mod network;
 mod orthogonal;
 mod policy;
 mod ppo;
-#[cfg(test)]
+#[cfg(all(test, feature = "burn"))]
 mod ppo_tests;
-#[cfg(test)]
+#[cfg(all(test, feature = "burn"))]
 mod recurrent_dqn_tests;
-#[cfg(test)]
+#[cfg(all(test, feature = "burn"))]
 mod recurrent_tests;
-#[cfg(test)]
+#[cfg(all(test, feature = "burn"))]
 mod reference_tests;
 mod registry;
 mod reinforce;
@@ -51,12 +52,15 @@ mod weights;
 
 pub use actor::{Actor, StepObserver, StudyUpdate};
 pub use architecture::{Architecture, GruNames, NetworkPolicy, StackNames};
-pub use burn::device::{backend_name, inference as inference_device, training as training_device};
+#[cfg(feature = "burn")]
+pub use burn::device::{inference as inference_device, training as training_device};
+#[cfg(feature = "burn")]
 pub use burn::{
     ActorCritic, AutodiffPolicy, BurnActorCritic, BurnDuelingDqn, BurnPpo, BurnRecurrentDqn,
     BurnReinforce, DuelingQNetwork, PolicyGradient, PolicyNetwork, RecurrentActorCritic,
     RecurrentDuelingQNetwork,
 };
+#[cfg(feature = "burn")]
 pub use burn::{column as action_tensor, input as observation_tensor};
 pub use constraint::{HORIZON, longest_episode, recorded_decisions};
 pub use dueling_dqn::{
@@ -77,7 +81,7 @@ pub use linear_thompson::{
     Made, NoSlopes, SmoothPolicy, features_of_state,
 };
 pub use memory::{OutOfMemory, reserve, reserve_exact};
-pub use network::{Activation, Engine, Recurrent};
+pub use network::{Activation, Engine, NoEngine, Recurrent, backend_name};
 pub use policy::{ActionNetwork, Choice, NetworkActor};
 pub use ppo::{
     AtHorizon, Losses, Minibatch, Ppo, PpoEngine, PpoLearner, Sequences,

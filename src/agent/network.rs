@@ -42,7 +42,29 @@ choices! {
     }
 }
 
+/// The program was built without the engine that an agent asks for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+#[error(
+    "this program was built without `engine = \"burn\"`; build it with the feature `burn`, which is on by default"
+)]
+pub struct NoEngine;
+
+/// Name and version of the tensor backend, for the provenance of a run.
+pub fn backend_name() -> &'static str {
+    match (cfg!(feature = "burn"), cfg!(feature = "burn-flex")) {
+        (_, true) => "burn-flex 0.22.1",
+        (true, false) => "burn-ndarray 0.22.1",
+        (false, false) => "none",
+    }
+}
+
 impl Engine {
+    /// The engines of this build.
+    pub const BUILT: &'static [Engine] = match cfg!(feature = "burn") {
+        true => &[Engine::Fused, Engine::Burn],
+        false => &[Engine::Fused],
+    };
+
     /// Copies of the trained weights in memory beside those that every engine has.
     pub fn further_copies(self) -> usize {
         match self {

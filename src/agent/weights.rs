@@ -3,8 +3,9 @@
 use std::collections::BTreeMap;
 use std::collections::HashMap;
 
-use burn::tensor::{Device, Tensor as BurnTensor, TensorData};
 use safetensors::tensor::{Dtype, SafeTensors, TensorView};
+
+use crate::agent::network::NoEngine;
 
 /// A named array of weights.
 #[derive(Clone, Debug, PartialEq)]
@@ -13,23 +14,6 @@ pub struct Tensor<Number = f32> {
     pub shape: Vec<usize>,
     /// Values, row by row.
     pub values: Vec<Number>,
-}
-
-impl Tensor {
-    /// Copies a tensor of Burn.
-    pub fn of_burn<const AXES: usize>(tensor: BurnTensor<AXES>) -> Tensor {
-        let data = tensor.into_data();
-        let shape = data.shape().as_slice().to_vec();
-        Tensor { shape, values: data.try_to_vec().expect("networks compute in f32") }
-    }
-
-    /// The same array as a tensor of Burn.
-    ///
-    /// # Panics
-    /// Panics if the number of axes differs.
-    pub fn to_burn<const AXES: usize>(&self, device: &Device) -> BurnTensor<AXES> {
-        BurnTensor::from_data(TensorData::new(self.values.clone(), self.shape.clone()), device)
-    }
 }
 
 /// The weights of a network by name (`trunk.0.weight`), with additional numbers that a policy needs
@@ -67,6 +51,9 @@ pub enum WeightsError {
     /// The agent is a rule or has no network for another reason.
     #[error("the agent has no network")]
     NoNetwork,
+    /// The program was built without the engine of the network.
+    #[error(transparent)]
+    NoEngine(#[from] NoEngine),
     /// The agent is a user's program.
     #[error("the policy of an outside program is not stored")]
     Outside,

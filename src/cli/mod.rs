@@ -37,6 +37,7 @@ mod replay;
 mod report;
 mod run;
 mod schema;
+#[cfg(feature = "screen")]
 mod screen;
 mod self_test;
 mod setting;

@@ -1,17 +1,14 @@
 //! `jitai status`: the state of every experiment in a store.
 
 use std::collections::{HashMap, HashSet};
-use std::io::{self, IsTerminal, Write};
-use std::mem;
-use std::thread;
-use std::time::Duration;
+use std::io::{self, Write};
 
 use serde_json::{Value, json};
 
 use crate::cli::changes::Changes;
 use crate::cli::output::{Field, Format, Rows, counted};
 use crate::cli::races::SearchRaces;
-use crate::cli::{Error, Exit, StoreArgument, counts, submissions, summary};
+use crate::cli::{Error, Exit, StoreArgument, counts, submissions, summary, watch};
 use crate::cluster::{self, Cluster, Look};
 use crate::job::JobKey;
 use crate::key::{Parameter, printable};
@@ -27,8 +24,8 @@ use crate::watch::failures::{self, SameFailure};
 /// their number; the format json lists every failed job.
 #[derive(clap::Args)]
 pub(super) struct Arguments {
-    /// Refresh every two seconds until all jobs have ended or no process is running a job
-    #[arg(long)]
+    /// The former name of `jitai watch --plain`
+    #[arg(long, hide = true)]
     watch: bool,
     /// Output format
     #[arg(long, value_enum, default_value = "table")]
@@ -37,14 +34,13 @@ pub(super) struct Arguments {
     #[arg(long)]
     merge: bool,
     /// Show only the submissions to a cluster: chunks by state, jobs done and left, core-hours
-    #[arg(long, conflicts_with = "watch")]
+    #[arg(long)]
     submissions: bool,
     #[command(flatten)]
     store: StoreArgument,
 }
 
 pub(super) fn run(arguments: &Arguments) -> Result<Exit, Error> {
-    let mut rested = false;
     if arguments.merge {
         let look = look(arguments)?;
         submissions::collect(&look, &mut arguments.store.open()?)?;
@@ -55,32 +51,15 @@ pub(super) fn run(arguments: &Arguments) -> Result<Exit, Error> {
         submissions::show(&look, &submissions::ended(&reader)?, arguments.format)?;
         return Ok(Exit::Done);
     }
-    loop {
-        let reader = Reader::open(&arguments.store.store)?;
-        if arguments.watch && io::stdout().is_terminal() {
-            // Clears the screen and moves the cursor to the top left.
-            write!(io::stdout(), "\u{1b}[2J\u{1b}[H")?;
-        }
-        let Unfinished { running, waiting } = show(&reader, arguments.format)?;
-        if arguments.format == Format::Table {
-            show_submissions(arguments, &reader)?;
-        }
-        if !arguments.watch || running + waiting == 0 {
-            return Ok(Exit::Done);
-        }
-        // Between two jobs, a process runs no job for a moment, so the state is read twice.
-        if running == 0 && mem::replace(&mut rested, true) {
-            let jobs = counted(waiting, "job");
-            writeln!(
-                io::stderr(),
-                "{jobs} left, but no process is running; resume with `jitai run`"
-            )?;
-            return Ok(Exit::Done);
-        }
-        rested &= running == 0;
-        drop(reader);
-        thread::sleep(Duration::from_secs(2));
+    if arguments.watch {
+        return watch::run(&watch::Arguments::plain(arguments.store.clone()));
     }
+    let reader = Reader::open(&arguments.store.store)?;
+    show(&reader, arguments.format)?;
+    if arguments.format == Format::Table {
+        show_submissions(arguments, &reader)?;
+    }
+    Ok(Exit::Done)
 }
 
 /// The submissions of the store, with their states on the cluster.
@@ -98,16 +77,8 @@ fn show_submissions(arguments: &Arguments, reader: &Reader) -> Result<(), Error>
     submissions::show(&look, &submissions::ended(reader)?, Format::Table)
 }
 
-/// Numbers of unfinished jobs.
-#[derive(Default)]
-struct Unfinished {
-    running: u64,
-    /// Pending or interrupted.
-    waiting: u64,
-}
-
 /// Prints the state of the store.
-fn show(reader: &Reader, format: Format) -> Result<Unfinished, Error> {
+fn show(reader: &Reader, format: Format) -> Result<(), Error> {
     let speeds = Speeds::of(reader)?;
     let failed = Failed::read(reader)?;
     // CSV output has no place for changes and races.
@@ -131,10 +102,8 @@ fn show(reader: &Reader, format: Format) -> Result<Unfinished, Error> {
         );
     }
     let mut rows = Rows::new(format, &columns, io::stdout().lock())?;
-    let (mut unfinished, mut filters) = (Unfinished::default(), Vec::new());
+    let mut filters = Vec::new();
     for ExperimentCounts { experiment, counts, left: jobs_left } in experiments {
-        unfinished.running += counts.running;
-        unfinished.waiting += counts.pending + counts.interrupted;
         let filtered = filtered(reader, &experiment)?;
         let left = filtered.as_ref().map_or_else(
             || {
@@ -197,7 +166,7 @@ fn show(reader: &Reader, format: Format) -> Result<Unfinished, Error> {
             )?;
         }
     }
-    Ok(unfinished)
+    Ok(())
 }
 
 /// The jobs of an experiment that living commands with filters run, by state, and their remaining work; `None` if

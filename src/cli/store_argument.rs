@@ -12,7 +12,7 @@ use crate::store::{Command, Store, StoreError};
 const DEFAULT_STORE: &str = "jitai.sqlite";
 
 /// The store of a command.
-#[derive(Args)]
+#[derive(Args, Clone)]
 pub(super) struct StoreArgument {
     /// The store: a SQLite file
     #[arg(long, value_name = "FILE", env = "JITAI_STORE", default_value = DEFAULT_STORE)]

@@ -1,13 +1,17 @@
 //! `jitai watch`: an experiment while its jobs run, full-screen or as lines.
 
 use std::collections::HashSet;
-use std::io::{self, IsTerminal, Write};
+#[cfg(feature = "screen")]
+use std::io::IsTerminal;
+use std::io::{self, Write};
 use std::sync::atomic::Ordering;
 use std::thread;
 use std::time::{Duration, Instant};
 
 use crate::cli::output::{counted, no_experiment};
-use crate::cli::{Error, Exit, StoreArgument, screen, signals};
+#[cfg(feature = "screen")]
+use crate::cli::screen;
+use crate::cli::{Error, Exit, StoreArgument, signals};
 use crate::key::printable;
 use crate::watch::{Choice, FailureView, View, WatchError, Watcher};
 
@@ -29,6 +33,13 @@ pub(super) struct Arguments {
     store: StoreArgument,
 }
 
+impl Arguments {
+    /// Lines about the experiment that runs, or else the latest.
+    pub(super) fn plain(store: StoreArgument) -> Arguments {
+        Arguments { experiment: None, plain: true, store }
+    }
+}
+
 pub(super) fn run(arguments: &Arguments) -> Result<Exit, Error> {
     let stop = signals::lasting_stop_flag()
         // A terminal that nobody reads must not keep the program from ending.
@@ -45,9 +56,8 @@ pub(super) fn run(arguments: &Arguments) -> Result<Exit, Error> {
         other => other.into(),
     })?;
     choice.experiment = Some(view.experiment.clone());
-    let dumb = std::env::var_os("TERM").is_some_and(|term| term == "dumb");
-    let has_screen = io::stdin().is_terminal() && io::stdout().is_terminal();
-    if has_screen && !dumb && !arguments.plain {
+    #[cfg(feature = "screen")]
+    if !arguments.plain && is_screen() {
         return screen::show(watcher, view, choice, &stop);
     }
     let mut lines = Lines::default();
@@ -65,6 +75,13 @@ pub(super) fn run(arguments: &Arguments) -> Result<Exit, Error> {
         }
         (view, pause) = watcher.look(&choice)?;
     }
+}
+
+/// Whether a view can fill the terminal.
+#[cfg(feature = "screen")]
+fn is_screen() -> bool {
+    let is_dumb = std::env::var_os("TERM").is_some_and(|term| term == "dumb");
+    !is_dumb && io::stdin().is_terminal() && io::stdout().is_terminal()
 }
 
 /// The view as lines.

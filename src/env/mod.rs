@@ -1,12 +1,12 @@
-//! Environments: the contract that learners and actors rely on, and the simulation of the paper.
+//! Environments: the contract that learners and actors rely on, and the families that implement it.
 //!
 //! In: parameters, actions and random streams. Out: rewards, episode statuses and observations.
 //! [`VectorEnvironment`] is the contract: many episodes, one per lane, stepped together as structures of
 //! arrays. Any lane can be reset while others continue, and the whole state can be saved. The module
-//! [`contract`] tests any implementation. [`PhysicalActivity`] implements the contract: the simulation of
-//! Karine et al. (2023), section 3.1, in f64 as in the authors' simulator, with the stochastic dynamics of
-//! StepCountJITAI (2024). `docs/environment.md` states the model. The module does not depend on
-//! agents or training.
+//! [`contract`] tests any implementation. A family declares keys and makes environments: `step_count`, the
+//! simulation of Karine et al. (2023) with the dynamics of StepCountJITAI (2024); [`oralytics`], a trial of
+//! oral health; and [`outside`], programs of users. `docs/environment.md`, `docs/oralytics.md` and
+//! `docs/outside-environments.md` state the models. The module does not depend on agents or training.
 
 mod companion_words;
 pub mod contract;

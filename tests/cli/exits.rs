@@ -268,7 +268,7 @@ fn every_verb_explains_its_options() {
                 "--format",
             ],
         ),
-        ("status", &["--watch", "--format"]),
+        ("status", &["--submissions", "--format"]),
         ("query", &["<SQL>", "--format", "csv", "json", "table"]),
         ("export", &["--out", "--format"]),
         (

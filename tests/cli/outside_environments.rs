@@ -15,6 +15,8 @@ use jitai::rng::{Purpose, Stream};
 use serde_json::json;
 use tempfile::TempDir;
 
+use crate::support::assert_within;
+
 /// A counter: the observation is the number of steps over 10, action 1 pays 1, and the sixth step ends the
 /// episode. Faults replace lines of this program.
 pub const COUNTER: &str = r#"
@@ -408,7 +410,7 @@ fn a_wait_for_a_silent_program_ends_with_a_stop() {
     });
     assert_eq!(program.failure().unwrap().to_string(), "stopped");
     program.stop();
-    assert!(begun.elapsed() < Duration::from_secs(2), "{:?}", begun.elapsed());
+    assert_within(Duration::from_secs(2), begun);
 }
 
 #[test]

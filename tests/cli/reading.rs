@@ -30,14 +30,14 @@ fn status_shows_every_experiment_to_people_and_programs() {
     assert_eq!(words[..7], ["sweep", "8", "8", "0", "0", "0", "0"]);
     // All jobs have ended, so there is nothing to watch.
     folder.jitai(["run", "other.toml"]).succeeded();
-    folder.jitai(["status", "--watch"]).succeeded().prints("other");
+    folder.jitai(["watch", "--plain"]).succeeded().prints("other");
 }
 
 #[test]
 fn a_watch_ends_when_no_process_runs_what_is_left() {
     let folder = Folder::with(&manifest("sweep", "0.6", "2", Effort::Trivial));
     folder.jitai(["run", "sweep.toml", "--filter", "seed=1"]).succeeded();
-    let watch = folder.jitai(["status", "--watch"]).succeeded();
+    let watch = folder.jitai(["watch", "--plain"]).succeeded();
     watch.says("2 jobs left, but no process is running; resume with `jitai run`");
 }
 

@@ -5,7 +5,7 @@ use std::io::Write;
 use std::os::unix::fs::PermissionsExt;
 use std::path::PathBuf;
 use std::process::Stdio;
-use std::time::{Duration, Instant};
+use std::time::Instant;
 
 use jitai::schedule::RunningCurve;
 use serde_json::Value;
@@ -85,11 +85,9 @@ fn curves_of_running_jobs_are_seen_and_leave_nothing_behind() {
     let read = || files.iter().map(of).collect::<Vec<_>>();
     let before = read();
     assert!(before.iter().all(|curve| curve.episode > 0 && curve.seconds > 1.0), "{before:?}");
-    let begun = Instant::now();
     until("points are added to both", || {
         read().iter().zip(&before).all(|(now, before)| now.episode > before.episode)
     });
-    assert!(begun.elapsed() < Duration::from_secs(60));
     // A killed process leaves its files; nobody takes them for running jobs.
     run.kill();
     assert_eq!(curves(&folder, checkpoints).len(), 2);

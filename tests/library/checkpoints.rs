@@ -255,7 +255,7 @@ fn in_trial(job: Job, pooling: Pooling) -> Job {
 /// Short jobs that cover every kind of state.
 fn small_jobs() -> Vec<(String, Job)> {
     let mut jobs = Vec::new();
-    for engine in [Engine::Fused, Engine::Burn] {
+    for &engine in Engine::BUILT {
         let shared = Agent::of(&dueling_dqn(engine));
         let separate = Agent::of(&DuelingDqn {
             trunk: Trunk::Separate,

@@ -94,6 +94,7 @@ fn reinforce_learns_l_h_d_as_the_port_does() {
 }
 
 /// Compares two ways to train the same agent, in joint standard errors.
+#[cfg(feature = "burn")]
 fn agree(fused: &Agent, burn: &Agent) {
     let [fused, burn] = [fused, burn].map(|agent| returns(agent, "P-H-D", 0.6));
     let ((a, sd_a), (b, sd_b)) = (mean_and_sd(&fused), mean_and_sd(&burn));
@@ -105,12 +106,14 @@ fn agree(fused: &Agent, burn: &Agent) {
     assert!(distance.abs() < 2.0, "{distance:+.2} joint standard errors between the engines");
 }
 
+#[cfg(feature = "burn")]
 #[test]
 fn both_engines_teach_the_dueling_dqn_equally_well() {
     let burn = DuelingDqn { engine: Engine::Burn, ..DuelingDqn::default() };
     agree(&Agent::of(&DuelingDqn::default()), &Agent::of(&burn));
 }
 
+#[cfg(feature = "burn")]
 #[test]
 fn both_engines_teach_reinforce_equally_well() {
     let burn = Reinforce { engine: Engine::Burn, ..Reinforce::default() };

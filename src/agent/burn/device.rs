@@ -20,8 +20,3 @@ pub fn inference() -> Device {
 pub fn training() -> Device {
     inference().autodiff()
 }
-
-/// Name and version of the backend, for the provenance of a run.
-pub fn backend_name() -> &'static str {
-    if cfg!(feature = "burn-flex") { "burn-flex 0.22.1" } else { "burn-ndarray 0.22.1" }
-}

@@ -18,6 +18,7 @@ mod trainer;
 use burn::tensor::{Device, Int, Tensor, TensorData};
 
 use crate::agent::policy::ActionNetwork;
+use crate::agent::weights::Tensor as WeightTensor;
 use crate::env::{Action, Observations};
 
 pub use autodiff::{AutodiffPolicy, PolicyGradient};
@@ -28,6 +29,23 @@ pub use network::{ActorCritic, BurnNetwork, DuelingQNetwork, PolicyNetwork};
 pub use ppo::{BurnActorCritic, BurnPpo};
 pub use recurrent::{RecurrentActorCritic, RecurrentDuelingQNetwork};
 pub use reinforce::BurnReinforce;
+
+impl WeightTensor {
+    /// Copies a tensor of Burn.
+    pub fn of_burn<const AXES: usize>(tensor: Tensor<AXES>) -> WeightTensor {
+        let data = tensor.into_data();
+        let shape = data.shape().as_slice().to_vec();
+        WeightTensor { shape, values: data.try_to_vec().expect("networks compute in f32") }
+    }
+
+    /// The same array as a tensor of Burn.
+    ///
+    /// # Panics
+    /// Panics if the number of axes differs.
+    pub fn to_burn<const AXES: usize>(&self, device: &Device) -> Tensor<AXES> {
+        Tensor::from_data(TensorData::new(self.values.clone(), self.shape.clone()), device)
+    }
+}
 
 /// Observations as a matrix with the one-hots expanded: \[rows, inputs\].
 pub fn input(observations: &Observations, device: &Device) -> Tensor<2> {

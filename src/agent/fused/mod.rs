@@ -28,7 +28,7 @@ pub use actor_critic::FusedActorCritic;
 pub use dueling_dqn::{FusedDuelingDqn, FusedDuelingNetwork};
 pub use network::FusedNetwork;
 pub use ppo::FusedPpo;
-#[cfg(test)]
+#[cfg(all(test, feature = "burn"))]
 pub use ppo_network::FusedPpoNetwork;
 pub use recurrent_actor_critic::FusedRecurrentActorCritic;
 pub use recurrent_dqn::FusedRecurrentDuelingNetwork;

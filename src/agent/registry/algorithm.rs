@@ -11,7 +11,7 @@ use crate::agent::constraint::{OF_TESTING, OF_TRAINING};
 use crate::agent::layers::Shape;
 use crate::agent::learner::{Actions, Learner};
 use crate::agent::memory::OutOfMemory;
-use crate::agent::network::Engine;
+use crate::agent::network::{Engine, NoEngine};
 use crate::agent::rule::{DecisionRule, RuleParameters};
 use crate::agent::unavailable::{UNAVAILABLE, Unavailable};
 use crate::agent::weights::{Weights, WeightsError};
@@ -102,6 +102,9 @@ pub enum StartError {
         /// The rule.
         rule: &'static str,
     },
+    /// The program was built without the engine of the agent.
+    #[error(transparent)]
+    NoEngine(#[from] NoEngine),
     /// The environment has too few or too many actions.
     #[error("an environment needs 2 to 256 actions for its agents; this one has {actions}")]
     Actions {

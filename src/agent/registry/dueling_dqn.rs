@@ -1,12 +1,15 @@
 //! The registration of the dueling DQN.
 
 use crate::agent::architecture::NetworkPolicy;
+#[cfg(feature = "burn")]
 use crate::agent::burn::device::inference;
+#[cfg(feature = "burn")]
 use crate::agent::burn::{
     BurnDuelingDqn, BurnNetwork, BurnRecurrentDqn, DuelingQNetwork, RecurrentDuelingQNetwork,
 };
 use crate::agent::constraint::{
-    GRU_HAS_ITS_LAYERS, HORIZON, RECURRENT, UNPAID_LAST_STEP, has_gru, longest_episode, replay_size,
+    ENGINE_IS_BUILT, GRU_HAS_ITS_LAYERS, HORIZON, RECURRENT, UNPAID_LAST_STEP, has_gru,
+    longest_episode, replay_size,
 };
 use crate::agent::dueling_dqn::{DuelingDqn, DuelingDqnEngine, DuelingDqnLearner};
 use crate::agent::fused::{
@@ -15,6 +18,8 @@ use crate::agent::fused::{
 };
 use crate::agent::layers::{self, Shape};
 use crate::agent::learner::Learner;
+#[cfg(not(feature = "burn"))]
+use crate::agent::network::NoEngine;
 use crate::agent::network::{Engine, Recurrent};
 use crate::agent::orthogonal;
 use crate::agent::policy::{ActionNetwork, Choice};
@@ -58,6 +63,7 @@ impl AlgorithmParameters for DuelingDqn {
                 })
             },
         },
+        ENGINE_IS_BUILT,
         GRU_HAS_ITS_LAYERS,
         Constraint {
             parameters: &[RECURRENT, TRUNK],
@@ -170,7 +176,7 @@ impl AlgorithmParameters for DuelingDqn {
     }
 
     fn network(&self, shape: Shape, weights: &Weights) -> Result<NetworkPolicy, WeightsError> {
-        let (isa, device) = (Isa::chosen(), inference());
+        let isa = Isa::chosen();
         let network: Box<dyn ActionNetwork + Send> = match (self.engine, self.recurrent) {
             (Engine::Fused, Recurrent::None) => {
                 Box::new(FusedDuelingNetwork::from_weights(self, shape, weights, isa)?)
@@ -178,12 +184,17 @@ impl AlgorithmParameters for DuelingDqn {
             (Engine::Fused, Recurrent::Gru) => {
                 Box::new(FusedRecurrentDuelingNetwork::from_weights(self, shape, weights, isa)?)
             }
+            #[cfg(feature = "burn")]
             (Engine::Burn, Recurrent::None) => {
-                Box::new(DuelingQNetwork::from_weights(self, shape, weights, &device)?)
+                Box::new(DuelingQNetwork::from_weights(self, shape, weights, &inference())?)
             }
+            #[cfg(feature = "burn")]
             (Engine::Burn, Recurrent::Gru) => {
+                let device = inference();
                 Box::new(RecurrentDuelingQNetwork::from_weights(self, shape, weights, &device)?)
             }
+            #[cfg(not(feature = "burn"))]
+            (Engine::Burn, _) => return Err(NoEngine.into()),
         };
         // The exploration rate at the end of training.
         let choice = Choice::EpsilonGreedy { epsilon: weights.number("epsilon")? };
@@ -229,12 +240,16 @@ pub fn learner_in<Env: VectorEnvironment + 'static>(
         (Engine::Fused, Recurrent::Gru) => {
             boxed(FusedRecurrentDqn::new(parameters, shape, &weights, isa), of)
         }
+        #[cfg(feature = "burn")]
         (Engine::Burn, Recurrent::None) => {
             boxed(BurnDuelingDqn::new(parameters, shape, &weights), of)
         }
+        #[cfg(feature = "burn")]
         (Engine::Burn, Recurrent::Gru) => {
             boxed(BurnRecurrentDqn::new(parameters, shape, &weights), of)
         }
+        #[cfg(not(feature = "burn"))]
+        (Engine::Burn, _) => return Err(NoEngine.into()),
     })
 }
 

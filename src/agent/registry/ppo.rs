@@ -1,12 +1,16 @@
 //! The registration of PPO.
 
 use crate::agent::architecture::NetworkPolicy;
+#[cfg(feature = "burn")]
 use crate::agent::burn::device::{inference, training};
+#[cfg(feature = "burn")]
 use crate::agent::burn::{ActorCritic, BurnNetwork, BurnPpo, RecurrentActorCritic};
-use crate::agent::constraint::{GRU_HAS_ITS_LAYERS, RECURRENT, has_gru};
+use crate::agent::constraint::{ENGINE_IS_BUILT, GRU_HAS_ITS_LAYERS, RECURRENT, has_gru};
 use crate::agent::fused::{FusedActorCritic, FusedNetwork, FusedPpo, FusedRecurrentActorCritic};
 use crate::agent::layers::{self, Shape};
 use crate::agent::learner::Learner;
+#[cfg(not(feature = "burn"))]
+use crate::agent::network::NoEngine;
 use crate::agent::network::{Engine, Recurrent};
 use crate::agent::orthogonal;
 use crate::agent::policy::{ActionNetwork, Choice};
@@ -50,6 +54,7 @@ impl AlgorithmParameters for Ppo {
                 })
             },
         },
+        ENGINE_IS_BUILT,
         GRU_HAS_ITS_LAYERS,
     ];
 
@@ -91,7 +96,7 @@ impl AlgorithmParameters for Ppo {
     }
 
     fn network(&self, shape: Shape, weights: &Weights) -> Result<NetworkPolicy, WeightsError> {
-        let (isa, device) = (Isa::chosen(), inference());
+        let isa = Isa::chosen();
         let network: Box<dyn ActionNetwork + Send> = match (self.engine, self.recurrent) {
             (Engine::Fused, Recurrent::None) => {
                 Box::new(FusedActorCritic::from_weights(self, shape, weights, isa)?)
@@ -99,12 +104,16 @@ impl AlgorithmParameters for Ppo {
             (Engine::Fused, Recurrent::Gru) => {
                 Box::new(FusedRecurrentActorCritic::from_weights(self, shape, weights, isa)?)
             }
+            #[cfg(feature = "burn")]
             (Engine::Burn, Recurrent::None) => {
-                Box::new(ActorCritic::from_weights(self, shape, weights, &device)?)
+                Box::new(ActorCritic::from_weights(self, shape, weights, &inference())?)
             }
+            #[cfg(feature = "burn")]
             (Engine::Burn, Recurrent::Gru) => {
-                Box::new(RecurrentActorCritic::from_weights(self, shape, weights, &device)?)
+                Box::new(RecurrentActorCritic::from_weights(self, shape, weights, &inference())?)
             }
+            #[cfg(not(feature = "burn"))]
+            (Engine::Burn, _) => return Err(NoEngine.into()),
         };
         let architecture = match self.recurrent {
             Recurrent::None => {
@@ -138,7 +147,7 @@ pub fn learner_in<Env: VectorEnvironment + 'static>(
         COPIES + parameters.engine.further_copies(),
         seed,
     )?;
-    let (isa, device) = (Isa::chosen(), training());
+    let isa = Isa::chosen();
     Ok(match (parameters.engine, parameters.recurrent) {
         (Engine::Fused, Recurrent::None) => {
             let engine = FusedPpo::<FusedActorCritic>::new(parameters, shape, &weights, isa);
@@ -149,16 +158,21 @@ pub fn learner_in<Env: VectorEnvironment + 'static>(
                 FusedPpo::<FusedRecurrentActorCritic>::new(parameters, shape, &weights, isa);
             learner(engine, parameters, environment, seed)
         }
+        #[cfg(feature = "burn")]
         (Engine::Burn, Recurrent::None) => {
-            let network = ActorCritic::from_weights(parameters, shape, &weights, &device);
+            let network = ActorCritic::from_weights(parameters, shape, &weights, &training());
             let engine = network.map(|network| BurnPpo::new(parameters, network));
             learner(engine, parameters, environment, seed)
         }
+        #[cfg(feature = "burn")]
         (Engine::Burn, Recurrent::Gru) => {
+            let device = training();
             let network = RecurrentActorCritic::from_weights(parameters, shape, &weights, &device);
             let engine = network.map(|network| BurnPpo::new(parameters, network));
             learner(engine, parameters, environment, seed)
         }
+        #[cfg(not(feature = "burn"))]
+        (Engine::Burn, _) => return Err(NoEngine.into()),
     })
 }
 

@@ -1,14 +1,17 @@
 //! The registration of REINFORCE.
 
 use crate::agent::architecture::NetworkPolicy;
-use crate::agent::burn::BurnNetwork;
+#[cfg(feature = "burn")]
 use crate::agent::burn::device::inference;
-use crate::agent::burn::{BurnReinforce, PolicyNetwork};
-use crate::agent::constraint::EPISODES;
+#[cfg(feature = "burn")]
+use crate::agent::burn::{BurnNetwork, BurnReinforce, PolicyNetwork};
+use crate::agent::constraint::{ENGINE_IS_BUILT, EPISODES};
 use crate::agent::fused::{FusedPolicyNetwork, FusedReinforce};
 use crate::agent::layers::{self, Shape};
 use crate::agent::learner::Learner;
 use crate::agent::network::Engine;
+#[cfg(not(feature = "burn"))]
+use crate::agent::network::NoEngine;
 use crate::agent::policy::{ActionNetwork, Choice};
 use crate::agent::reinforce::{Reinforce, ReinforceLearner};
 use crate::agent::weights::{Weights, WeightsError};
@@ -22,16 +25,23 @@ const TRAJECTORIES_PER_UPDATE: Parameter = Parameter::Agent("trajectories_per_up
 
 impl AlgorithmParameters for Reinforce {
     const NAME: &'static str = "reinforce";
-    const CONSTRAINTS: &'static [Constraint] = &[Constraint {
-        parameters: &[EPISODES, TRAJECTORIES_PER_UPDATE],
-        violation: |assignment| {
-            let each = assignment.whole(TRAJECTORIES_PER_UPDATE);
-            let violated = !assignment.whole(EPISODES).is_multiple_of(each);
-            violated.then(|| {
-                assignment.contradiction(EPISODES, "must be a multiple of", TRAJECTORIES_PER_UPDATE)
-            })
+    const CONSTRAINTS: &'static [Constraint] = &[
+        ENGINE_IS_BUILT,
+        Constraint {
+            parameters: &[EPISODES, TRAJECTORIES_PER_UPDATE],
+            violation: |assignment| {
+                let each = assignment.whole(TRAJECTORIES_PER_UPDATE);
+                let violated = !assignment.whole(EPISODES).is_multiple_of(each);
+                violated.then(|| {
+                    assignment.contradiction(
+                        EPISODES,
+                        "must be a multiple of",
+                        TRAJECTORIES_PER_UPDATE,
+                    )
+                })
+            },
         },
-    }];
+    ];
 
     fn sizes(&self, task: &Task) -> Vec<Size> {
         let layers = layers::listed(&[layers::policy(self, task.shape())]);
@@ -74,9 +84,12 @@ impl AlgorithmParameters for Reinforce {
             Engine::Fused => {
                 Box::new(FusedPolicyNetwork::new(self, shape, weights, Isa::chosen())?)
             }
+            #[cfg(feature = "burn")]
             Engine::Burn => {
                 Box::new(PolicyNetwork::from_weights(self, shape, weights, &inference())?)
             }
+            #[cfg(not(feature = "burn"))]
+            Engine::Burn => return Err(NoEngine.into()),
         };
         let stacks = [layers::policy(self, shape)];
         let architecture = Some(layers::architecture(self.activation, stacks));
@@ -104,10 +117,13 @@ pub fn learner_in<Env: VectorEnvironment + 'static>(
             let engine = engine.expect(layers::DRAWN);
             Box::new(ReinforceLearner::new(engine, parameters, environment, seed))
         }
+        #[cfg(feature = "burn")]
         Engine::Burn => {
             let engine = BurnReinforce::new(parameters, shape, &weights).expect(layers::DRAWN);
             Box::new(ReinforceLearner::new(engine, parameters, environment, seed))
         }
+        #[cfg(not(feature = "burn"))]
+        Engine::Burn => return Err(NoEngine.into()),
     })
 }
 
