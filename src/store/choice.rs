@@ -8,8 +8,7 @@ use serde_json::Value as Json;
 use crate::job::Decision;
 
 use super::decision::{blocks, row_id};
-use super::insert::{insert_renumbered, insert_rows};
-use super::schema::has_table;
+use super::insert::insert_rows;
 
 const TABLE: &str = "recorded_choice";
 
@@ -18,15 +17,6 @@ const BITS: usize = 3;
 
 /// The number of columns of the table.
 const COLUMNS: usize = 3;
-
-/// The rows of run `?1` in order. The first column is the row id without the run.
-pub(super) const SELECT: &str = "SELECT id & 549755813887, bits, probabilities FROM recorded_choice
-    WHERE id BETWEEN ?1 << 39 AND (?1 << 39) + 549755813887 ORDER BY id";
-
-/// Whether the file has the table, which stores of earlier versions lack.
-pub(super) fn are_known(connection: &Connection) -> rusqlite::Result<bool> {
-    has_table(connection, "recorded_choice")
-}
 
 /// Inserts the choices of a run in progress, which must be sorted by phase, episode and step.
 ///
@@ -57,15 +47,4 @@ fn probabilities(steps: &[Decision]) -> rusqlite::Result<String> {
     });
     let failed = |error: serde_json::Error| Error::ToSqlConversionFailure(error.into());
     serde_json::to_string(&each.collect::<Vec<_>>()).map_err(failed)
-}
-
-/// Inserts the rows of another store's run, as read by [`SELECT`], as the choices of run `own`.
-///
-/// **Errors**: the target rejects the rows.
-pub(super) fn insert_copied(
-    target: &Connection,
-    own: i64,
-    values: &[Value],
-) -> rusqlite::Result<()> {
-    insert_renumbered::<COLUMNS>(target, TABLE, own, values)
 }

@@ -1,14 +1,13 @@
-//! Recorded decisions as rows: their ids, insertion and copying.
+//! Recorded decisions as rows: their ids and insertion.
 
 use std::sync::LazyLock;
 
-use rusqlite::types::{Null, Value};
+use rusqlite::types::Null;
 use rusqlite::{CachedStatement, Connection, Error};
 
 use crate::job::{Decision, Phase, Results};
 
-use super::insert::{RUN, insert_renumbered};
-use super::schema::has_table;
+use super::tables::RUN;
 
 /// The number of steps per row.
 const STEPS: usize = 10;
@@ -22,28 +21,10 @@ const COLUMNS: usize = 3 + STEPS * NUMBERS;
 // The lowest bits of the parts of a row id; the bits below the episode are the step.
 const PHASE: u32 = 38;
 const EPISODE: u32 = 14;
-/// The bits of a row id besides the run.
-const STEP_OF_RUN: i64 = (1 << RUN) - 1;
 
 static INSERT: LazyLock<String> = LazyLock::new(|| {
     format!("INSERT INTO recorded_decision VALUES ({})", ["?"; COLUMNS].join(", "))
 });
-
-/// The rows of run `?1` in order. The first column is the row id without the run.
-pub(super) static SELECT: LazyLock<String> = LazyLock::new(|| {
-    let numbers = ["probability", "habituation", "disengagement", "action_probability", "reward"];
-    let columns = (0..STEPS).flat_map(|step| numbers.map(|name| format!("{name}_{step}")));
-    format!(
-        "SELECT id & {STEP_OF_RUN}, steps, bits, {} FROM recorded_decision
-         WHERE id BETWEEN ?1 << {RUN} AND (?1 << {RUN}) + {STEP_OF_RUN} ORDER BY id",
-        columns.collect::<Vec<_>>().join(", ")
-    )
-});
-
-/// Whether the file has the table, which stores of earlier versions lack.
-pub(super) fn are_known(connection: &Connection) -> rusqlite::Result<bool> {
-    has_table(connection, "recorded_decision")
-}
 
 /// The names of the states that rows can hold. Decisions with other states are rows of
 /// [`family`](super::family).
@@ -54,17 +35,6 @@ pub(super) const STATE: [&str; 5] =
 /// numbers; its actions have no strata.
 pub(super) fn packs(results: &Results) -> bool {
     results.state_names == STATE && results.actions.iter().all(|choice| choice.stratum.is_some())
-}
-
-/// Whether the file has decisions of a run in this table.
-pub(super) fn has_rows(connection: &Connection, run: i64) -> rusqlite::Result<bool> {
-    if !are_known(connection)? {
-        return Ok(false);
-    }
-    let rows = format!(
-        "SELECT 1 FROM recorded_decision WHERE id BETWEEN ?1 << {RUN} AND (?1 << {RUN}) + {STEP_OF_RUN}"
-    );
-    connection.prepare_cached(&rows)?.exists([run])
 }
 
 /// Inserts the decisions of a run in progress, which must be sorted by phase, episode and step, and whose states
@@ -140,15 +110,4 @@ pub(super) fn row_id(run: i64, first: &Decision) -> rusqlite::Result<i64> {
         Phase::Test => 1,
     };
     Ok(run << RUN | phase << PHASE | i64::from(episode) << EPISODE | i64::from(step))
-}
-
-/// Inserts the rows of another store's run, as read by [`SELECT`], as the decisions of run `own`.
-///
-/// **Errors**: the target rejects the rows.
-pub(super) fn insert_copied(
-    target: &Connection,
-    own: i64,
-    values: &[Value],
-) -> rusqlite::Result<()> {
-    insert_renumbered::<COLUMNS>(target, "recorded_decision", own, values)
 }

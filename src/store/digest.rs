@@ -8,35 +8,18 @@ use rusqlite::types::ValueRef;
 use rusqlite::{Connection, Params};
 use sha2::{Digest, Sha256};
 
-use super::schema::has_table;
-use super::{choice, decision, episode_ending, family, participant, posterior};
+use super::tables::{InDigest, ResultTable, digested};
 
-/// The metrics of run `?1`. This query and the following ones use orders that do not depend on the row ids of
-/// one file.
-const METRICS: &str = "SELECT name, value FROM run_metric JOIN metric_name
-    ON metric_name.id = metric WHERE run = ?1 ORDER BY name";
 /// The ids of metrics by name. Reads the table, as readers of the names do, and not its index, because damage
 /// may affect only one of the two.
 const METRIC_IDS: &str = "SELECT id FROM metric_name NOT INDEXED ORDER BY name";
-/// The curve of metric `?2` of run `?1`. The rows of one metric are in order in the file, whereas SQLite
-/// would have to sort the whole curve.
-const CURVE: &str = "SELECT name, episode, value FROM curve_point JOIN metric_name
-    ON metric_name.id = metric WHERE run = ?1 AND metric = ?2 ORDER BY episode";
-/// The other results of run `?1`.
-const OTHERS: [&str; 3] = [
-    "SELECT episode, total_reward, length, disengaged FROM test_episode
-     WHERE run = ?1 ORDER BY episode",
-    "SELECT bin, context, action, count FROM action_count
-     WHERE run = ?1 ORDER BY bin, context, action",
-    "SELECT safetensors FROM trained_weights WHERE run = ?1",
-];
 
 /// What a digest covers.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Form {
     /// All results.
     Whole,
-    /// All but the tables of [`family`]: the form of release 0.1.0 for trials in the family `step_count`.
+    /// All but the tables for any environment: the form of release 0.1.0 for trials in the family `step_count`.
     WithoutSteps,
 }
 
@@ -78,44 +61,20 @@ pub(super) fn of_run_in(
     form: Form,
 ) -> rusqlite::Result<[u8; 32]> {
     let mut digest = ResultsDigest::new(&key_of(connection, run)?);
-    digest.begin_table();
-    add_rows(&mut digest, connection, METRICS, [run])?;
-    digest.begin_table();
-    let mut metrics = connection.prepare_cached(METRIC_IDS)?;
-    for metric in metrics.query_map([], |row| row.get::<_, i64>(0))? {
-        add_rows(&mut digest, connection, CURVE, [run, metric?])?;
-    }
-    for sql in OTHERS {
-        digest.begin_table();
-        add_rows(&mut digest, connection, sql, [run])?;
-    }
-    // Runs without decisions keep the digest that they had before decisions could be recorded.
-    if decision::are_known(connection)? {
-        add_rows(&mut digest, connection, &decision::SELECT, [run])?;
-    }
-    // The same holds for runs without participants.
-    if participant::are_known(connection)? {
-        add_rows(&mut digest, connection, participant::SELECT, [run])?;
-    }
-    // And for runs whose decisions were recorded before their choices.
-    if choice::are_known(connection)? {
-        add_rows(&mut digest, connection, choice::SELECT, [run])?;
-    }
-    // And for runs whose training was recorded before the endings of its episodes.
-    if episode_ending::are_known(connection)? {
-        add_rows(&mut digest, connection, episode_ending::SELECT, [run])?;
-    }
-    // And for runs without rows in these tables.
-    if form == Form::Whole {
-        for (table, sql) in family::selects() {
-            if has_table(connection, table)? {
-                add_rows(&mut digest, connection, &sql, [run])?;
+    for (table, statements) in digested() {
+        if !digest.begin(table, form) || !table.is_in(connection)? {
+            continue;
+        }
+        match table.is_by_metric {
+            false => add_rows(&mut digest, connection, &statements.select, [run])?,
+            // The rows of one metric are in order in the file, whereas SQLite would have to sort all of them.
+            true => {
+                let mut metrics = connection.prepare_cached(METRIC_IDS)?;
+                for metric in metrics.query_map([], |row| row.get::<_, i64>(0))? {
+                    add_rows(&mut digest, connection, &statements.of_metric, [run, metric?])?;
+                }
             }
         }
-    }
-    // Runs without posteriors keep their digest, too.
-    if posterior::are_known(connection)? {
-        add_rows(&mut digest, connection, posterior::SELECT, [run])?;
     }
     Ok(digest.finish())
 }
@@ -133,9 +92,15 @@ impl ResultsDigest {
         ResultsDigest(hasher)
     }
 
-    /// Begins the next table.
-    pub(super) fn begin_table(&mut self) {
-        self.0.update("\n");
+    /// Begins the next table; false if the digest does not cover it in this form.
+    pub(super) fn begin(&mut self, table: &ResultTable, form: Form) -> bool {
+        match table.digest {
+            InDigest::Marked => self.0.update("\n"),
+            InDigest::Unmarked => {}
+            InDigest::UnmarkedSince => return form == Form::Whole,
+            InDigest::No => return false,
+        }
+        true
     }
 
     /// Adds a value with its type and length, so that different rows never give the same bytes.
@@ -212,16 +177,19 @@ mod tests {
 
     use super::*;
     use crate::store::Store;
+    use crate::store::tables::Statements;
 
     #[test]
     fn a_kept_statement_is_compiled_once_whatever_is_bound_to_it() {
         let folder = tempfile::tempdir().unwrap();
         let store = Store::open(&folder.path().join("jitai.sqlite")).unwrap();
         for run in 0..3 {
-            add_rows(&mut ResultsDigest::new(""), &store.connection, METRICS, [run]).unwrap();
-            add_rows(&mut ResultsDigest::new(""), &store.connection, CURVE, [run, 1]).unwrap();
+            for (_, statements) in digested() {
+                let mut digest = ResultsDigest::new("");
+                add_rows(&mut digest, &store.connection, &statements.select, [run]).unwrap();
+            }
         }
-        for sql in [METRICS, CURVE] {
+        for (_, Statements { select: sql, .. }) in digested() {
             let statement = store.connection.prepare_cached(sql).unwrap();
             assert_eq!(statement.get_status(StatementStatus::Run), 3, "{sql}");
             assert_eq!(statement.get_status(StatementStatus::RePrepare), 0, "{sql}");

@@ -15,9 +15,7 @@ use super::implied::{self, Known};
 use super::schema::has_table;
 use super::tables::RESULT_TABLES;
 use super::verify::{CheckWeights, failure_fault, job_fault, leaves_out_steps, row_ids, run_fault};
-use super::{
-    choice, decision, earlier_manifest, episode_ending, estimate, file, participant, schema,
-};
+use super::{earlier_manifest, estimate, file, schema};
 
 /// The result of an examination.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
@@ -111,8 +109,17 @@ const INVARIANTS: [Invariant; 6] = [
     },
 ];
 
+/// What has to hold for the rows of tables that stores of earlier versions lack.
+const OF_TABLES: [(&str, &[Invariant]); 5] = [
+    ("recorded_decision", OF_DECISIONS),
+    ("recorded_choice", OF_CHOICES),
+    ("recorded_participant", OF_PARTICIPANTS),
+    ("recorded_step", OF_STEPS),
+    ("recorded_ending", OF_ENDINGS),
+];
+
 /// The invariants of recorded decisions, which stores of earlier versions lack.
-const OF_DECISIONS: [Invariant; 1] = [Invariant {
+const OF_DECISIONS: &[Invariant] = &[Invariant {
     violation: "its recorded decisions do not match its declaration: one per step",
     sql: "SELECT job.key FROM run JOIN job ON job.id = run.job
               WHERE status = 'completed' AND json_type(canonical, '$.environment.family') IS NULL
@@ -266,15 +273,15 @@ impl Examination<'_> {
 
     fn runs_without_results(&mut self) {
         let mut jobs = BTreeSet::new();
-        for (table, rows) in RESULT_TABLES {
-            // Stores of earlier versions lack some of the tables.
-            if !has_table(self.connection, table).unwrap_or(false) {
+        for table in &RESULT_TABLES {
+            if !table.is_in(self.connection).unwrap_or(false) {
                 continue;
             }
+            let (name, rows) = (table.name, table.rows());
             let sql = format!(
                 "SELECT job.key FROM (SELECT run.id AS number, run.job, run.status FROM run) AS ended
                  JOIN job ON job.id = ended.job
-                 WHERE status <> 'completed' AND EXISTS (SELECT 1 FROM {table} WHERE {})",
+                 WHERE status <> 'completed' AND EXISTS (SELECT 1 FROM {name} WHERE {})",
                 rows.replace("?1", "ended.number")
             );
             jobs.extend(self.texts("job", &sql));
@@ -285,28 +292,12 @@ impl Examination<'_> {
     }
 
     fn invariants(&mut self) {
-        let of_decisions = match decision::are_known(self.connection) {
-            Ok(true) => &OF_DECISIONS[..],
-            Ok(false) | Err(_) => &[],
-        };
-        let of_participants = match participant::are_known(self.connection) {
-            Ok(true) => OF_PARTICIPANTS,
-            Ok(false) | Err(_) => &[],
-        };
-        let of_choices = match choice::are_known(self.connection) {
-            Ok(true) => OF_CHOICES,
-            Ok(false) | Err(_) => &[],
-        };
-        let of_endings = match episode_ending::are_known(self.connection) {
-            Ok(true) => OF_ENDINGS,
-            Ok(false) | Err(_) => &[],
-        };
-        let of_steps = match has_table(self.connection, "recorded_step") {
-            Ok(true) => OF_STEPS,
-            Ok(false) | Err(_) => &[],
-        };
-        let all = INVARIANTS.iter().chain(of_decisions).chain(of_choices).chain(of_participants);
-        let all = all.chain(of_steps).chain(of_endings);
+        let of_tables = OF_TABLES.iter().filter(|(table, _)| {
+            // Stores of earlier versions lack some of the tables.
+            has_table(self.connection, table).unwrap_or(false)
+        });
+        let all: Vec<&Invariant> =
+            INVARIANTS.iter().chain(of_tables.flat_map(|(_, of)| *of)).collect();
         for Invariant { violation, sql } in all {
             for key in self.texts("job", sql) {
                 self.find("job", Some(key), *violation);

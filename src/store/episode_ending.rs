@@ -6,22 +6,12 @@ use rusqlite::types::Value;
 use crate::job::{Decision, Phase};
 
 use super::decision::row_id;
-use super::insert::{insert_renumbered, insert_rows};
-use super::schema::has_table;
+use super::insert::insert_rows;
 
 const TABLE: &str = "recorded_ending";
 
 /// The number of columns of the table.
 const COLUMNS: usize = 3;
-
-/// The rows of run `?1` in order. The first column is the row id without the run.
-pub(super) const SELECT: &str = "SELECT id & 549755813887, length, ending FROM recorded_ending
-    WHERE id BETWEEN ?1 << 39 AND (?1 << 39) + 549755813887 ORDER BY id";
-
-/// Whether the file has the table, which stores of earlier versions lack.
-pub(super) fn are_known(connection: &Connection) -> rusqlite::Result<bool> {
-    has_table(connection, TABLE)
-}
 
 /// Inserts the endings of the training episodes of a run in progress, whose decisions must be sorted by phase, episode
 /// and step.
@@ -42,15 +32,4 @@ pub(super) fn insert(
     });
     let rows: Vec<[Value; COLUMNS]> = rows.collect::<rusqlite::Result<_>>()?;
     insert_rows(connection, TABLE, rows.into_iter())
-}
-
-/// Inserts the rows of another store's run, as read by [`SELECT`], as the endings of run `own`.
-///
-/// **Errors**: the target rejects the rows.
-pub(super) fn insert_copied(
-    target: &Connection,
-    own: i64,
-    values: &[Value],
-) -> rusqlite::Result<()> {
-    insert_renumbered::<COLUMNS>(target, TABLE, own, values)
 }

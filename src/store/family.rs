@@ -11,43 +11,8 @@ use super::insert::insert_rows;
 use super::read::completed_run;
 use super::schema::has_table;
 
-/// The tables of such results, in the order of the digest: name, columns besides the run, and how many of these
-/// belong to the key.
-pub(super) const TABLES: [(&str, &[&str], usize); 3] = [
-    ("action_total", &["action", "count"], 1),
-    (
-        "recorded_step",
-        &[
-            "phase",
-            "episode",
-            "step",
-            "available",
-            "can_send",
-            "chosen_action",
-            "action",
-            "action_probability",
-            "action_probabilities",
-            "reward",
-            "state",
-        ],
-        3,
-    ),
-    ("recorded_description", &["description"], 0),
-];
-
 /// The number of columns of `recorded_step`.
 const STEP_COLUMNS: usize = 12;
-
-/// Each of [`TABLES`] with the query for its rows of run `?1` in order.
-pub(super) fn selects() -> impl Iterator<Item = (&'static str, String)> {
-    TABLES.iter().map(|(name, columns, in_key)| {
-        let order = match in_key {
-            0 => String::new(),
-            _ => format!(" ORDER BY {}", columns[..*in_key].join(", ")),
-        };
-        (*name, format!("SELECT {} FROM {name} WHERE run = ?1{order}", columns.join(", ")))
-    })
-}
 
 /// Inserts the choices of action without strata, and the description, of a run in progress.
 pub(super) fn insert(connection: &Connection, run: i64, results: &Results) -> rusqlite::Result<()> {

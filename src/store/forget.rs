@@ -132,9 +132,9 @@ fn without_guards(
 /// Deletes the jobs that only this experiment holds, with their runs and results.
 fn delete_jobs(connection: &Connection, held: &Held) -> rusqlite::Result<()> {
     let mut runs = connection.prepare("SELECT id FROM run WHERE job = ?1")?;
-    let mut of_run = RESULT_TABLES
-        .iter()
-        .chain(&[("run", "id = ?1")])
+    let results = RESULT_TABLES.iter().map(|table| (table.name, table.rows()));
+    let mut of_run = results
+        .chain([("run", "id = ?1".to_owned())])
         .map(|(table, rows)| connection.prepare(&format!("DELETE FROM {table} WHERE {rows}")))
         .collect::<rusqlite::Result<Vec<_>>>()?;
     let mut conflicts = connection.prepare("DELETE FROM recorded_conflict WHERE job = ?1")?;

@@ -3,31 +3,7 @@
 use rusqlite::types::Value;
 use rusqlite::{Connection, params_from_iter};
 
-/// The lowest bit of the run in the row ids of recorded decisions and participants.
-pub(super) const RUN: u32 = 39;
-
-/// The number of rows per statement. The overhead of a statement equals the cost of three rows.
-pub(super) const ROWS: usize = 32;
-
-/// Inserts the rows of another store's run as rows of run `own`. Their row ids, in the first column, lack the
-/// run, which belongs in the bits above.
-pub(super) fn insert_renumbered<const COLUMNS: usize>(
-    target: &Connection,
-    table: &str,
-    own: i64,
-    values: &[Value],
-) -> rusqlite::Result<()> {
-    let rows = values.as_chunks::<COLUMNS>().0.iter().map(|row| {
-        let mut row = row.clone();
-        row[0] = match row[0] {
-            Value::Integer(id) => Value::Integer(id | own << RUN),
-            // The table rejects such a row.
-            _ => Value::Null,
-        };
-        row
-    });
-    insert_rows(target, table, rows)
-}
+use super::tables::ROWS;
 
 /// Inserts rows into a table: [`ROWS`] per statement, and the remaining rows one by one.
 pub(super) fn insert_rows<const COLUMNS: usize>(

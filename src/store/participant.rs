@@ -9,28 +9,20 @@ use rusqlite::{Connection, Error};
 use crate::job::{ParticipantRange, ParticipantValue, Phase, TestEpisode};
 use crate::record::{AmongParticipants, JobRecord, JobStatus};
 
-use super::insert::{RUN, insert_renumbered, insert_rows};
+use super::insert::insert_rows;
 use super::read::completed_run;
 use super::schema::has_table;
+use super::tables::RUN;
 use super::{Reader, StoreError};
 
 // The lowest bits of the parts of a row id; the bits below the episode are the place of the parameter.
 const PHASE: u32 = 38;
 const EPISODE: u32 = 14;
 
-/// The rows of run `?1` in order. The first column is the row id without the run.
-pub(super) const SELECT: &str = "SELECT id & 549755813887, value FROM recorded_participant
-    WHERE id BETWEEN ?1 << 39 AND (?1 << 39) + 549755813887 ORDER BY id";
-
 /// The values of the parameter at place `?2` in the test of run `?1`, by episode.
 const OF_TEST: &str = "SELECT id >> 14 & 16777215, value FROM recorded_participant
     WHERE id BETWEEN (?1 << 39) + (1 << 38) AND (?1 << 39) + 549755813887 AND id & 16383 = ?2
     ORDER BY id";
-
-/// Whether the file has the table, which stores of earlier versions lack.
-pub(super) fn are_known(connection: &Connection) -> rusqlite::Result<bool> {
-    has_table(connection, "recorded_participant")
-}
 
 /// Inserts the parameters of the participants of a run in progress, which must be sorted by phase, episode
 /// and place.
@@ -58,17 +50,6 @@ fn row_id(run: i64, value: &ParticipantValue) -> rusqlite::Result<i64> {
     Ok(run << RUN | phase << PHASE | i64::from(episode) << EPISODE | i64::from(parameter))
 }
 
-/// Inserts the rows of another store's run, as read by [`SELECT`], as the rows of run `own`.
-///
-/// **Errors**: the target rejects the rows.
-pub(super) fn insert_copied(
-    target: &Connection,
-    own: i64,
-    values: &[Value],
-) -> rusqlite::Result<()> {
-    insert_renumbered::<2>(target, "recorded_participant", own, values)
-}
-
 impl Reader {
     /// Adds the test episodes of these participants to completed jobs. Skips jobs whose participants do not
     /// differ in the parameter.
@@ -81,7 +62,7 @@ impl Reader {
             return Ok(());
         }
         self.read("read participants", |connection| {
-            if !are_known(connection)? {
+            if !has_table(connection, "recorded_participant")? {
                 return Ok(());
             }
             for job in jobs {

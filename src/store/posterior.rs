@@ -1,4 +1,4 @@
-//! Posteriors at the updates of trials as rows: insertion, copying and reading.
+//! Posteriors at the updates of trials as rows: insertion and reading.
 
 use rusqlite::types::{Type, Value};
 use rusqlite::{Connection, Error};
@@ -13,16 +13,6 @@ const TABLE: &str = "recorded_posterior";
 
 /// The number of columns of the table.
 const COLUMNS: usize = 6;
-
-/// The rows of run `?1` in order, without the run.
-pub(super) const SELECT: &str =
-    "SELECT number, action, step, mean, covariance FROM recorded_posterior
-    WHERE run = ?1 ORDER BY number, action";
-
-/// Whether the file has the table, which stores of earlier versions lack.
-pub(super) fn are_known(connection: &Connection) -> rusqlite::Result<bool> {
-    has_table(connection, TABLE)
-}
 
 /// Inserts the posteriors of a run in progress.
 ///
@@ -50,34 +40,22 @@ fn text(numbers: &[f64]) -> rusqlite::Result<Value> {
     Err(Error::ToSqlConversionFailure("a posterior has a number that is not finite".into()))
 }
 
-/// Inserts the rows of another store's run, as read by [`SELECT`], as the rows of run `own`.
-///
-/// **Errors**: the target rejects the rows.
-pub(super) fn insert_copied(
-    target: &Connection,
-    own: i64,
-    values: &[Value],
-) -> rusqlite::Result<()> {
-    let rows = values.as_chunks::<{ COLUMNS - 1 }>().0.iter().cloned();
-    let rows = rows.map(|[number, action, step, mean, covariance]| {
-        [own.into(), number, action, step, mean, covariance]
-    });
-    insert_rows(target, TABLE, rows)
-}
-
 /// The posteriors of a run, by update and action.
 pub(super) fn of_run(
     connection: &Connection,
     run: i64,
 ) -> rusqlite::Result<Vec<RecordedPosterior>> {
-    if !are_known(connection)? {
+    if !has_table(connection, TABLE)? {
         return Ok(Vec::new());
     }
     let numbers = |column: usize, text: String| {
         let read = serde_json::from_str::<Vec<f64>>(&text);
         read.map_err(|error| Error::FromSqlConversionFailure(column, Type::Text, error.into()))
     };
-    let mut statement = connection.prepare_cached(SELECT)?;
+    let mut statement = connection.prepare_cached(
+        "SELECT number, action, step, mean, covariance FROM recorded_posterior
+         WHERE run = ?1 ORDER BY number, action",
+    )?;
     let rows = statement.query_map([run], |row| {
         Ok(RecordedPosterior {
             update: row.get(0)?,

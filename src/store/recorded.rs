@@ -6,6 +6,7 @@ use crate::job::{Decision, Job, Phase};
 
 use super::error::Fault;
 use super::read::completed_run;
+use super::tables::packed_decisions;
 use super::{Reader, StoreError, decision, family};
 
 /// The columns that every family has.
@@ -34,7 +35,7 @@ impl Reader {
         self.read("read decisions", |connection| {
             let run = completed_run(connection, &key)?;
             let is_packed = match run {
-                Some(run) => decision::has_rows(connection, run)?,
+                Some(run) => packed_decisions().has_rows(connection, run)?,
                 None => false,
             };
             // The state of packed rows has columns of its own, with all digits.

@@ -208,8 +208,8 @@ mod tests {
     use crate::job::Job;
     use crate::job::metric::{EPSILON, MEAN_LOSS, MEAN_RETURN, metrics_of};
     use crate::job::{CurvePoint, Failure, FailureKind, MetricPlace};
-    use crate::store::insert::ROWS;
     use crate::store::sample::{begin_session, claim, job, results};
+    use crate::store::tables::ROWS;
 
     /// Records the synchronous mode whenever a run begins or ends.
     const RECORD: &str = "CREATE TEMP TABLE recorded (status TEXT, synchronous INTEGER);

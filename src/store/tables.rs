@@ -1,26 +1,282 @@
-//! The list of the tables of results.
+//! The tables of results, as data.
+//!
+//! In: one declaration for each table whose rows are results of a run. Out: how its rows are found, read in order,
+//! copied and deleted. The digest, copies, `forget`, `doctor` and the tests go through [`RESULT_TABLES`]; how values of
+//! a result become a row is in the module of that result.
 
-/// Every table whose rows are results of a run, with the condition for the rows of run `?1`. The ids of some contain
-/// the run in their upper bits. Stores of earlier versions lack some of them.
-pub(super) const RESULT_TABLES: [(&str, &str); 14] = [
-    ("run_metric", BY_RUN),
-    ("curve_point", BY_RUN),
-    ("test_episode", BY_RUN),
-    ("action_count", BY_RUN),
-    ("trained_weights", BY_RUN),
-    ("recorded_decision", BY_ID),
-    ("recorded_participant", BY_ID),
-    ("recorded_choice", BY_ID),
-    ("recorded_ending", BY_ID),
-    ("action_total", BY_RUN),
-    ("recorded_step", BY_RUN),
-    ("recorded_description", BY_RUN),
-    ("recorded_posterior", BY_RUN),
-    ("recorded_estimate", BY_RUN),
+use std::sync::LazyLock;
+
+use rusqlite::Connection;
+use rusqlite::types::Value;
+
+use super::schema::has_table;
+
+/// The lowest bit of the run in row ids that contain it.
+pub(super) const RUN: u32 = 39;
+
+/// The bits of such a row id besides the run.
+const WITHIN_RUN: i64 = (1 << RUN) - 1;
+
+/// A table whose rows are results of a run.
+#[derive(Debug)]
+pub(super) struct ResultTable {
+    pub(super) name: &'static str,
+    /// The first column, which names the run.
+    run: RunColumn,
+    /// The columns besides the first one; the rest of the key comes first.
+    columns: &'static [&'static str],
+    /// How many of these columns belong to the key.
+    in_key: usize,
+    /// Whether the first of these columns is the id of a metric, which differs between stores.
+    pub(super) is_by_metric: bool,
+    /// The migration that made the table: stores of earlier versions lack it.
+    since: usize,
+    pub(super) digest: InDigest,
+    /// Whether another run of the job may lack the rows, because an earlier release made or copied it.
+    pub(super) is_optional: bool,
+}
+
+/// How rows name their run.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum RunColumn {
+    /// By the column `run`.
+    Run,
+    /// By the upper bits of the column `id`.
+    Id,
+}
+
+/// How the digest of a run covers a table.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum InDigest {
+    /// With a mark before the rows.
+    Marked,
+    /// Without a mark, so that runs without rows keep the digest that they had before there was the table.
+    Unmarked,
+    /// Like [`InDigest::Unmarked`], but not in digests of release 0.1.0 of trials in the family `step_count`.
+    UnmarkedSince,
+    /// Not at all: rows can be added to a completed run.
+    No,
+}
+
+const fn by_run(
+    name: &'static str,
+    columns: &'static [&'static str],
+    in_key: usize,
+    since: usize,
+) -> ResultTable {
+    let (run, digest) = (RunColumn::Run, InDigest::Unmarked);
+    ResultTable {
+        name,
+        run,
+        columns,
+        in_key,
+        since,
+        digest,
+        is_by_metric: false,
+        is_optional: false,
+    }
+}
+
+const fn by_id(name: &'static str, columns: &'static [&'static str], since: usize) -> ResultTable {
+    ResultTable { run: RunColumn::Id, ..by_run(name, columns, 0, since) }
+}
+
+impl ResultTable {
+    const fn marked(self) -> Self {
+        ResultTable { digest: InDigest::Marked, ..self }
+    }
+
+    const fn by_metric(self) -> Self {
+        ResultTable { is_by_metric: true, ..self.marked() }
+    }
+
+    const fn optional(self) -> Self {
+        ResultTable { is_optional: true, ..self }
+    }
+
+    const fn digest(self, digest: InDigest) -> Self {
+        ResultTable { digest, ..self }
+    }
+}
+
+/// Ten steps of a recorded decision: the columns of their numbers.
+macro_rules! packed {
+    ($($step:literal)*) => {
+        &["steps", "bits", $(
+            concat!("probability_", $step),
+            concat!("habituation_", $step),
+            concat!("disengagement_", $step),
+            concat!("action_probability_", $step),
+            concat!("reward_", $step),
+        )*]
+    };
+}
+
+/// All tables of results, in the order of the digest.
+pub(super) static RESULT_TABLES: [ResultTable; 14] = [
+    by_run("run_metric", &["metric", "value"], 1, 1).by_metric(),
+    by_run("curve_point", &["metric", "episode", "value"], 2, 1).by_metric(),
+    by_run("test_episode", &["episode", "total_reward", "length", "disengaged"], 1, 1).marked(),
+    by_run("action_count", &["bin", "context", "action", "count"], 3, 1).marked(),
+    by_run("trained_weights", &["safetensors"], 0, 1).marked(),
+    by_id("recorded_decision", packed!(0 1 2 3 4 5 6 7 8 9), 4),
+    by_id("recorded_participant", &["value"], 6),
+    by_id("recorded_choice", &["bits", "probabilities"], 9).optional(),
+    by_id("recorded_ending", &["length", "ending"], 15).optional(),
+    by_run("action_total", &["action", "count"], 1, 12).digest(InDigest::UnmarkedSince),
+    by_run(
+        "recorded_step",
+        &[
+            "phase",
+            "episode",
+            "step",
+            "available",
+            "can_send",
+            "chosen_action",
+            "action",
+            "action_probability",
+            "action_probabilities",
+            "reward",
+            "state",
+        ],
+        3,
+        12,
+    )
+    .digest(InDigest::UnmarkedSince)
+    .optional(),
+    by_run("recorded_description", &["description"], 0, 12).digest(InDigest::UnmarkedSince),
+    by_run("recorded_posterior", &["number", "action", "step", "mean", "covariance"], 2, 16),
+    by_run(
+        "recorded_estimate",
+        &[
+            "declaration",
+            "number",
+            "term",
+            "estimate",
+            "standard_error",
+            "degrees_of_freedom",
+            "low",
+            "high",
+            "p_value",
+            "decisions",
+            "residual_sd",
+            "truth",
+            "failure",
+            "sha256",
+            "treatment_variance",
+        ],
+        2,
+        14,
+    )
+    .digest(InDigest::No),
 ];
 
-const BY_RUN: &str = "run = ?1";
-const BY_ID: &str = "id BETWEEN ?1 << 39 AND (?1 << 39) + 549755813887";
+/// The statements of a table.
+pub(super) struct Statements {
+    /// The values of the rows of run `?1` in order: those of [`ResultTable::width`].
+    pub(super) select: String,
+    /// The rows of metric `?2` of run `?1` in order, with the name of the metric; empty for other tables.
+    pub(super) of_metric: String,
+    /// Inserts one row.
+    pub(super) insert_one: String,
+    /// Inserts [`ROWS`] rows.
+    pub(super) insert_many: String,
+}
+
+/// The number of rows that one statement inserts. More rows are hardly faster: the overhead of a statement equals the
+/// cost of three rows.
+pub(super) const ROWS: usize = 32;
+
+/// The statements of all tables.
+static STATEMENTS: LazyLock<Vec<Statements>> =
+    LazyLock::new(|| RESULT_TABLES.iter().map(Statements::of).collect());
+
+impl Statements {
+    fn of(table: &ResultTable) -> Statements {
+        let ResultTable { name, run, columns, in_key, .. } = table;
+        let (first, read, order) = match run {
+            RunColumn::Run => ("run", None, columns[..*in_key].join(", ")),
+            RunColumn::Id => ("id", Some(format!("id & {WITHIN_RUN}")), "id".to_owned()),
+        };
+        let read: Vec<&str> = read.as_deref().into_iter().chain(columns.iter().copied()).collect();
+        let order = if order.is_empty() { order } else { format!(" ORDER BY {order}") };
+        let row = format!("({})", vec!["?"; 1 + columns.len()].join(", "));
+        let names = columns.join(", ");
+        let insert = |rows: usize| {
+            let rows = vec![row.as_str(); rows].join(", ");
+            format!("INSERT INTO {name} ({first}, {names}) VALUES {rows}")
+        };
+        let read = read.join(", ");
+        Statements {
+            select: format!("SELECT {read} FROM {name} WHERE {}{order}", table.rows()),
+            of_metric: if table.is_by_metric { table.of_metric() } else { String::new() },
+            insert_one: insert(1),
+            insert_many: insert(ROWS),
+        }
+    }
+}
+
+/// The table of recorded decisions whose steps are packed.
+pub(super) fn packed_decisions() -> &'static ResultTable {
+    RESULT_TABLES.iter().find(|table| table.name == "recorded_decision").expect("it is listed")
+}
+
+/// The tables whose rows a digest covers, and which a copy carries with it, each with its statements.
+pub(super) fn digested() -> impl Iterator<Item = (&'static ResultTable, &'static Statements)> {
+    let all = RESULT_TABLES.iter().zip(&*STATEMENTS);
+    all.filter(|(table, _)| table.digest != InDigest::No)
+}
+
+impl ResultTable {
+    /// The condition for the rows of run `?1`.
+    pub(super) fn rows(&self) -> String {
+        match self.run {
+            RunColumn::Run => "run = ?1".to_owned(),
+            RunColumn::Id => format!("id BETWEEN ?1 << {RUN} AND (?1 << {RUN}) + {WITHIN_RUN}"),
+        }
+    }
+
+    fn of_metric(&self) -> String {
+        let ResultTable { name, columns, in_key, .. } = self;
+        let order = columns[1..*in_key].join(", ");
+        let order = if order.is_empty() { order } else { format!(" ORDER BY {order}") };
+        format!(
+            "SELECT metric_name.name, {} FROM {name} JOIN metric_name ON metric_name.id = metric
+             WHERE run = ?1 AND metric = ?2{order}",
+            columns[1..].join(", ")
+        )
+    }
+
+    /// Whether the file has rows of a run in the table.
+    pub(super) fn has_rows(&self, connection: &Connection, run: i64) -> rusqlite::Result<bool> {
+        if !self.is_in(connection)? {
+            return Ok(false);
+        }
+        let sql = format!("SELECT 1 FROM {} WHERE {}", self.name, self.rows());
+        connection.prepare_cached(&sql)?.exists([run])
+    }
+
+    /// Whether the file has the table.
+    pub(super) fn is_in(&self, connection: &Connection) -> rusqlite::Result<bool> {
+        Ok(self.since == 1 || has_table(connection, self.name)?)
+    }
+
+    /// The number of values that are read of a row: all but the run.
+    pub(super) fn width(&self) -> usize {
+        self.columns.len() + usize::from(self.run == RunColumn::Id)
+    }
+
+    /// The first column of a row of run `own`, given the first value that was read of the row, and how many of the
+    /// values that were read it stands for.
+    pub(super) fn first_of(&self, own: i64, read: &Value) -> (Value, usize) {
+        match (self.run, read) {
+            (RunColumn::Run, _) => (own.into(), 0),
+            (RunColumn::Id, Value::Integer(id)) => (Value::Integer(id | own << RUN), 1),
+            // The table rejects such a row.
+            (RunColumn::Id, _) => (Value::Null, 1),
+        }
+    }
+}
 
 #[cfg(test)]
 mod tests {
@@ -39,6 +295,7 @@ mod tests {
     use crate::store::copy::copy;
     use crate::store::digest::{self, Form};
     use crate::store::export::VIEWS;
+    use crate::store::migrate::MIGRATIONS;
     use crate::store::sample::{begin_session, claim, job, results, trial};
     use crate::store::{Forgotten, Store, examine};
 
@@ -142,7 +399,7 @@ mod tests {
 
     fn counts(path: &Path) -> Vec<(&'static str, i64)> {
         let connection = Connection::open(path).unwrap();
-        RESULT_TABLES.iter().map(|(table, _)| (*table, count(&connection, table))).collect()
+        RESULT_TABLES.iter().map(|table| (table.name, count(&connection, table.name))).collect()
     }
 
     fn faults(path: &Path) -> Vec<String> {
@@ -183,7 +440,7 @@ mod tests {
         let mut found = store.connection.prepare(sql).unwrap();
         let found = found.query_map([], |row| row.get(0)).unwrap();
         let found: Vec<String> = found.collect::<rusqlite::Result<_>>().unwrap();
-        let mut listed: Vec<&str> = RESULT_TABLES.iter().map(|(table, _)| *table).collect();
+        let mut listed: Vec<&str> = RESULT_TABLES.iter().map(|table| table.name).collect();
         listed.extend(OTHERS);
         listed.sort_unstable();
         assert_eq!(found, listed);
@@ -197,10 +454,10 @@ mod tests {
         let is_wrong = |path: &Path| faults(path).iter().any(|fault| WRONG.contains(&&**fault));
         assert!(!is_wrong(&path), "{:?}", faults(&path));
         let connection = Connection::open(&path).unwrap();
-        for (table, _) in RESULT_TABLES {
+        for ResultTable { name: table, .. } in &RESULT_TABLES {
             let without = changed(&path, "without.sqlite", &format!("DELETE FROM {table}"));
             // A row of an estimate has a digest of its own; a run may have none.
-            assert!(is_wrong(&without) || table == "recorded_estimate", "{table}");
+            assert!(is_wrong(&without) || *table == "recorded_estimate", "{table}");
             let sql = format!("SELECT name FROM pragma_table_info('{table}')");
             let mut columns = connection.prepare(&sql).unwrap();
             let columns = columns.query_map([], |row| row.get(0)).unwrap();
@@ -241,12 +498,41 @@ mod tests {
     }
 
     #[test]
+    fn the_declarations_are_those_of_the_migrations() {
+        let connection = Connection::open_in_memory().unwrap();
+        for (index, migration) in MIGRATIONS.iter().enumerate() {
+            connection.execute_batch(migration.sql).unwrap();
+            for table in &RESULT_TABLES {
+                let is_here = has_table(&connection, table.name).unwrap();
+                assert_eq!(is_here, table.since <= index + 1, "{}: {}", migration.name, table.name);
+            }
+        }
+        for table in &RESULT_TABLES {
+            let sql = "SELECT name, pk FROM pragma_table_info(?1) ORDER BY cid";
+            let mut columns = connection.prepare(sql).unwrap();
+            let of_file: Vec<(String, usize)> = columns
+                .query_map([table.name], |row| Ok((row.get(0)?, row.get(1)?)))
+                .unwrap()
+                .collect::<rusqlite::Result<_>>()
+                .unwrap();
+            let first = if table.run == RunColumn::Id { "id" } else { "run" };
+            let listed = [first].into_iter().chain(table.columns.iter().copied());
+            let in_key = 1 + table.in_key;
+            let listed = listed
+                .enumerate()
+                .map(|(index, name)| (name.to_owned(), if index < in_key { index + 1 } else { 0 }));
+            assert_eq!(of_file, listed.collect::<Vec<_>>(), "{}", table.name);
+        }
+    }
+
+    #[test]
     fn doctor_finds_rows_of_an_unfinished_run_in_every_table_of_results() {
         let folder = tempfile::tempdir().unwrap();
         let path = full(folder.path());
-        for (table, _) in RESULT_TABLES {
-            let others = RESULT_TABLES.iter().filter(|(other, _)| *other != table);
-            let delete = others.map(|(other, _)| format!("DELETE FROM {other};"));
+        for ResultTable { name: table, .. } in &RESULT_TABLES {
+            let others =
+                RESULT_TABLES.iter().map(|table| table.name).filter(|other| other != table);
+            let delete = others.map(|other| format!("DELETE FROM {other};"));
             let end = "UPDATE run SET status = 'interrupted', results_sha256 = NULL;";
             let sql = delete.collect::<String>() + end;
             let found = faults(&changed(&path, "unfinished.sqlite", &sql));
@@ -263,7 +549,7 @@ mod tests {
         let mut of_view = store.connection.prepare(sql).unwrap();
         let texts: Vec<String> =
             VIEWS.iter().map(|view| of_view.query_row([view], |row| row.get(0)).unwrap()).collect();
-        for (table, _) in RESULT_TABLES {
+        for ResultTable { name: table, .. } in &RESULT_TABLES {
             // Weights are exported as policies, and descriptions belong to them.
             let is_of_policies = ["trained_weights", "recorded_description"].contains(&table);
             assert!(is_of_policies || texts.iter().any(|text| text.contains(table)), "{table}");
