@@ -3,7 +3,7 @@
 CARGO ?= cargo
 JITAI := $(CARGO) run --release --quiet --
 
-.PHONY: help run paper readings bench bench-burn bench-readers bench-optima bench-coverage test lint test-slow
+.PHONY: help run paper readings bench bench-burn bench-readers bench-optima bench-beliefs bench-coverage test lint test-slow
 .PHONY: test-features test-slurm slurm test-neon neon
 .PHONY: test-times test-kill test-damage test-bad-input fuzz deny miri test-browser browser test-analysis analysis doc docs clean
 .PHONY: python python-sb3 test-python bench-python release
@@ -43,6 +43,9 @@ bench-burn: ## time both engines with Burn compiled to be fast, on both of its C
 
 bench-optima: ## errors and times of the optima of random environments (minutes; ENVIRONMENTS=n, HORIZONS=n,n, SEED=n)
 	$(CARGO) bench --quiet --bench optima
+
+bench-beliefs: ## print the errors of beliefs over a grid of settings (minutes)
+	$(CARGO) bench --quiet --bench beliefs
 
 bench-coverage: ## how often tests and intervals of few seeds are right, simulated (minutes)
 	$(CARGO) bench --quiet --bench coverage

@@ -41,6 +41,7 @@ BASE = {
     "availability": PROBABILITY,
     "message_cost": st.floats(0, 20),
     "message_budget": st.integers(0, 12),
+    "belief_particles": st.integers(8, 64),
 }
 STATE_NOISE = st.one_of(
     st.just({}),

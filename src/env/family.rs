@@ -77,9 +77,9 @@ pub trait Model: Any + fmt::Debug + Send + Sync {
     /// Whether the other environment is of the same family and has the same values.
     fn equals(&self, other: &dyn Model) -> bool;
 
-    /// The version of the simulation's code with these values; 1 by default. Raise it whenever a change of the
-    /// code changes results.
-    fn version(&self) -> u32 {
+    /// The version of the simulation's code with these values in a scenario; 1 by default. Raise it whenever a change of
+    /// the code changes results.
+    fn version(&self, _scenario: &Scenario) -> u32 {
         1
     }
 

@@ -142,7 +142,8 @@ impl Job {
     pub fn versions(&self) -> Versions {
         let differs = self.agent.differs_in(&self.task());
         Versions {
-            environment: self.environment.version() + u32::from(self.differs_in_trial()),
+            environment: self.environment.version(&self.scenario)
+                + u32::from(self.differs_in_trial()),
             algorithm: self.agent.version() + u32::from(differs),
         }
     }
@@ -473,6 +474,24 @@ mod tests {
         };
         assert_eq!(of(&|_| {}), [(0, 0); 3]);
         assert_eq!(of(&|environment| environment.unpaid_last_step = true), [(1, 0); 3]);
+        let of_beliefs = |scenario: &str, noise: f64| {
+            let environment = StepCount {
+                parameter_spread: noise,
+                context_persistence: 0.5,
+                ..StepCount::paper(0.6)
+            };
+            let scenario = scenario.parse().unwrap();
+            let job = Job { environment: environment.into(), scenario, ..jobs().remove(2) };
+            job.versions().environment - jobs()[2].versions().environment
+        };
+        assert_eq!(
+            ["F-E-R", "F-E", "F-S", "P-H"].map(|letters| of_beliefs(letters, 0.0)),
+            [1, 0, 0, 0]
+        );
+        assert_eq!(
+            ["F-E-R", "F-E", "F-S", "F"].map(|letters| of_beliefs(letters, 0.5)),
+            [1, 1, 1, 0]
+        );
         assert_eq!(of(&|environment| environment.availability = 0.9), [(0, 1), (0, 1), (0, 0)]);
         let in_trial = |change: &dyn Fn(&mut Trial)| {
             let required = [Value::Integer(4), Value::Integer(50)];

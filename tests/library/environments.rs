@@ -351,7 +351,7 @@ fn beliefs_keep_the_contract() {
         ..persistent.clone()
     };
     let of_state = StepCount { step_noise: StepNoise::None, ..noisy.clone() };
-    // More risks than a mixture holds.
+    // More risks than there are particles.
     let long = StepCount { epsilon_d: 0.05, horizon: 40, ..persistent.clone() };
     let limited = StepCount { availability: 0.6, message_budget: 4, ..persistent.clone() };
     let cases = [

@@ -21,6 +21,7 @@ class Keywords(TypedDict, total=False):
     population: Mapping[str, Any]
     # Keys of step_count.
     availability: float
+    belief_particles: int
     context_persistence: float
     context_probability: float
     delta_d: float

@@ -87,7 +87,7 @@ impl Model for OralyticsModel {
         (other as &dyn Any).downcast_ref() == Some(self)
     }
 
-    fn version(&self) -> u32 {
+    fn version(&self, _: &Scenario) -> u32 {
         VERSION
     }
 

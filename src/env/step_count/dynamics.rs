@@ -103,18 +103,6 @@ impl Dynamics {
         Effect { habituation, disengagement, reward }
     }
 
-    /// How an action changes disengagement risk d without noise, to min(1, a d + b): \[a, b\].
-    #[inline(always)]
-    pub(super) fn annoyance(&self, context: u8, action: Action) -> [f64; 2] {
-        if action == Action::NONE {
-            [1.0, 0.0]
-        } else if action == Action::UNTAILORED || action == Action::tailored_to(context) {
-            [1.0 - self.delta_d, 0.0]
-        } else {
-            [1.0, self.epsilon_d]
-        }
-    }
-
     /// Disengagement risk after an untailored or a right message.
     #[inline(always)]
     fn calmed(&self, disengagement: f64) -> f64 {

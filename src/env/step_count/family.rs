@@ -2,6 +2,7 @@
 
 use super::constraints::{CONSTRAINTS, PEOPLE_CONSTRAINTS};
 use super::context::context_error;
+use super::filter;
 use super::intervention::OPTIONS;
 use super::meaning::{self, ACTIONS};
 use super::observer::Observer;
@@ -93,10 +94,13 @@ impl Model for StepCountModel {
         (other as &dyn std::any::Any).downcast_ref() == Some(self)
     }
 
-    fn version(&self) -> u32 {
-        // The step after the horizon, which pays nothing, is no longer part of the test; the version is higher in
-        // these jobs alone, so that all others keep their keys.
-        VERSION + u32::from(self.parameters.unpaid_last_step)
+    fn version(&self, scenario: &Scenario) -> u32 {
+        // The step after the horizon, which pays nothing, is no longer part of the test, and particles stand for
+        // disengagement risk; the version is higher in these jobs alone, so that all others keep their keys.
+        let widest = self.population.widest(&self.parameters);
+        VERSION
+            + u32::from(self.parameters.unpaid_last_step)
+            + u32::from(filter::has_particles(&widest, scenario))
     }
 
     fn context_error(&self) -> Option<f64> {

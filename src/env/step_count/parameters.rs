@@ -89,6 +89,8 @@ keys! {
         /// maximum number of messages in an episode; action 0 is taken afterwards
         message_budget: u32 = MOST_MESSAGES, before MOST_MESSAGES,
             in Kind::Integer { min: 0, max: MOST_MESSAGES as u64 };
+        /// number of particles of the beliefs that have no exact numbers, rounded up to a multiple of 8
+        belief_particles: u32 = PARTICLES, before PARTICLES, in Kind::Integer { min: 8, max: 65_536 };
     }
 }
 
@@ -96,6 +98,8 @@ keys! {
 const SPREAD: f64 = 0.01;
 /// The range of widths of relative noise; at 2, values reach down to 0.
 const SPREADS: Kind = Kind::Real { min: 0.0, max: 2.0 };
+/// The default number of particles.
+const PARTICLES: u32 = 256;
 /// The default message budget: the longest horizon, which no episode exceeds.
 const MOST_MESSAGES: u32 = 10_000;
 
@@ -107,6 +111,11 @@ impl StepCount {
     /// The published settings at a feature noise of `sigma`.
     pub fn paper(sigma: f64) -> Self {
         StepCount::with_required(&[Value::Real(sigma)])
+    }
+
+    /// Whether habituation and disengagement risk have noise, of their own or of their parameters.
+    pub(super) fn has_noise_of_state(&self) -> bool {
+        self.state_noise != StateNoise::None || self.parameter_spread > 0.0
     }
 
     /// Whether contexts are drawn as in the paper: equally likely and independent.

@@ -50,15 +50,6 @@ impl Feature {
         ]
     }
 
-    /// The likelihood of the feature after a step in a context, and the probabilities of the next contexts given both; 0
-    /// if the feature is not possible.
-    #[inline(always)]
-    pub(super) fn ahead(&self, context: usize) -> (f64, [f64; 2]) {
-        let [zero, one] = self.after(if context == 0 { [1.0, 0.0] } else { [0.0, 1.0] });
-        let sum = zero + one;
-        (sum, if sum > 0.0 { [zero / sum, one / sum] } else { [0.0; 2] })
-    }
-
     /// The probability of context 0 after that of the context before, and the likelihoods of that context by the steps
     /// walked in it. It stays if nothing that was seen is possible.
     #[inline(always)]

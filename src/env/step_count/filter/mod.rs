@@ -5,13 +5,12 @@
 //! numbers that the letters `F`, `E` and `R` show. The true state never enters, so that equal evidence gives equal
 //! beliefs. `docs/environment.md` defines the letters.
 //!
-//! Without noise of the state, habituation follows from the actions, the context is one probability
-//! ([`contexts`]), and disengagement risk is a finite mixture over the contexts that a phone does not know
-//! ([`mixture`]). With noise, particles stand for all three ([`particles`]).
+//! The context is one probability ([`contexts`]), and without noise of the state, habituation follows from the actions:
+//! both are exact. Particles stand for the rest ([`particles`]): disengagement risk, and where the state has noise
+//! also habituation, and the contexts that persist and that steps tell of.
 
 mod contexts;
 mod evidence;
-mod mixture;
 mod moments;
 mod particles;
 mod steps;
@@ -22,15 +21,14 @@ use pulp::{Simd, WithSimd};
 
 use self::contexts::Feature as Seen;
 pub(super) use self::evidence::Evidence;
-use self::mixture::{ATOMS, Mixture, Successors};
-use self::moments::{Moments, is_near};
-use self::particles::{Draws, PARTICLES, Particles};
+use self::moments::SIDE;
+use self::particles::{Draws, Particles};
 use crate::env::companion_words::CompanionWords;
 use crate::env::scenario::Scenario;
 use crate::env::step_count::dynamics::Dynamics;
-use crate::env::step_count::parameters::{FirstContext, StateNoise, StepCount, StepNoise};
+use crate::env::step_count::parameters::{FirstContext, StepCount, StepNoise};
 use crate::env::step_count::scenario::Feature;
-use crate::env::vector::{Action, LaneSet, LaneStreams};
+use crate::env::vector::{LaneSet, LaneStreams};
 use crate::rng::Companion;
 use crate::state::resumable;
 
@@ -62,44 +60,49 @@ pub(super) struct Shows {
     pub(super) risk: bool,
 }
 
-/// How beliefs are computed.
+/// What particles stand for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Method {
-    /// One probability, and habituation from the actions.
-    Contexts,
-    /// A mixture of disengagement risks.
-    Mixture,
-    /// Particles.
-    Particles,
+struct Method {
+    /// Disengagement risk.
+    risk: bool,
+    /// Habituation.
+    habituation: bool,
+    /// Contexts, which the steps of a noisy habituation tell of.
+    contexts: bool,
 }
 
 impl Method {
     /// The method for a scenario in an environment; `None` if the scenario has no letter of a belief.
     fn of(e: &StepCount, scenario: &Scenario) -> Option<Method> {
         let shows = |feature| scenario.features().contains(&feature);
-        let (habituation, risk) =
-            (shows(Feature::EstimatedHabituation), shows(Feature::EstimatedRisk));
-        let filtered = shows(Feature::Filtered);
-        if !(filtered || habituation || risk) {
-            return None;
-        }
-        let is_noisy = e.state_noise != StateNoise::None || e.parameter_spread > 0.0;
-        // Steps tell of a context by way of habituation.
+        let (filtered, habituation, risk) = (
+            shows(Feature::Filtered),
+            shows(Feature::EstimatedHabituation),
+            shows(Feature::EstimatedRisk),
+        );
+        let is_noisy = e.has_noise_of_state();
         let reads_steps = shows(Feature::PreviousSteps) && e.context_persistence > 0.0;
-        if is_noisy && (habituation || risk || reads_steps) {
-            Some(Method::Particles)
-        } else if risk {
-            Some(Method::Mixture)
-        } else {
-            Some(Method::Contexts)
-        }
+        let contexts = is_noisy && reads_steps;
+        let method = Method { risk, habituation: is_noisy && (habituation || risk), contexts };
+        (filtered || habituation || risk).then_some(method)
     }
+
+    /// Whether there are particles at all.
+    fn has_particles(self) -> bool {
+        self.risk || self.habituation || self.contexts
+    }
+}
+
+/// Whether beliefs of a scenario are approximated by particles.
+pub(super) fn has_particles(e: &StepCount, scenario: &Scenario) -> bool {
+    Method::of(e, scenario).is_some_and(Method::has_particles)
 }
 
 /// Whether the steps that a scenario shows would reveal a noisy habituation that its beliefs do not know: the filter
 /// has no such measurements without noise.
 pub(super) fn is_undefined(e: &StepCount, scenario: &Scenario) -> bool {
-    Method::of(e, scenario) == Some(Method::Particles)
+    has_particles(e, scenario)
+        && e.has_noise_of_state()
         && scenario.features().contains(&Feature::PreviousSteps)
         && e.step_noise == StepNoise::None
 }
@@ -115,9 +118,6 @@ pub(super) struct Filters {
     risk: Vec<f64>,
     risk_deviation: Vec<f64>,
     near: Vec<f64>,
-    mixtures: Vec<Mixture>,
-    /// Room for a step of one lane.
-    successors: Successors,
     particles: Vec<Particles>,
     /// The words from which the draws of particles come.
     words: CompanionWords,
@@ -132,7 +132,8 @@ impl Filters {
         let method = Method::of(widest, scenario)?;
         let shows = |feature| scenario.features().contains(&feature);
         let of = |is: bool| if is { lanes } else { 0 };
-        let with_particles = method == Method::Particles;
+        let with_particles = method.has_particles();
+        let most = (widest.belief_particles as usize).next_multiple_of(SIDE);
         Some(Filters {
             method,
             shows: Shows {
@@ -145,11 +146,9 @@ impl Filters {
             risk: vec![0.0; lanes],
             risk_deviation: vec![0.0; lanes],
             near: vec![0.0; lanes],
-            mixtures: vec![Mixture::new(ATOMS); of(method == Method::Mixture)],
-            successors: Successors::new(ATOMS),
-            particles: vec![Particles::new(PARTICLES); of(with_particles)],
+            particles: vec![Particles::new(most); of(with_particles)],
             words: CompanionWords::new(Companion::Belief, of(with_particles)),
-            draws: with_particles.then(|| Box::new(Draws::new(widest, PARTICLES))),
+            draws: with_particles.then(|| Box::new(Draws::new(widest, method.risk, most))),
         })
     }
 
@@ -176,22 +175,14 @@ impl Filters {
             FirstContext::Sampled => probability,
         };
         let (habituation, risk) = (person.initial_habituation, person.initial_disengagement);
-        let is_near = is_near(&Dynamics::of(person), risk);
-        self.set(
-            lane,
-            Moments {
-                zero,
-                habituation: [habituation, 0.0],
-                risk: [risk, 0.0],
-                near: f64::from(u8::from(is_near)),
-            },
-        );
-        if let Some(mixture) = self.mixtures.get_mut(lane) {
-            mixture.begin(risk, zero);
+        let mut near = 0.0;
+        if let (Some(particles), Some(draws)) = (self.particles.get_mut(lane), &mut self.draws) {
+            particles.begin(habituation, risk, zero, draws);
+            near = draws.near(&Dynamics::of(person), risk);
         }
-        if let Some(particles) = self.particles.get_mut(lane) {
-            particles.begin(habituation, risk, zero);
-        }
+        self.zero[lane] = zero;
+        (self.habituation[lane], self.habituation_deviation[lane]) = (habituation, 0.0);
+        (self.risk[lane], self.risk_deviation[lane], self.near[lane]) = (risk, 0.0, near);
     }
 
     /// Draws the words of the next step for the lanes marked in `drawn`.
@@ -203,58 +194,36 @@ impl Filters {
 
     /// Updates the beliefs of a lane after a step.
     #[inline(always)]
-    fn update<S: Simd>(&mut self, simd: S, lane: usize, person: &StepCount, evidence: &Evidence) {
+    fn update(&mut self, lane: usize, person: &StepCount, evidence: &Evidence) {
         let dynamics = Dynamics::of(person);
         let seen = Seen::new(person, evidence.probability);
-        match self.method {
-            Method::Contexts => {
-                let habituation = self.habituated(lane, &dynamics, evidence.action);
-                if !seen.is_independent() {
-                    let steps = steps::of_contexts(person, &dynamics, habituation, evidence);
-                    self.zero[lane] = seen.next(self.zero[lane], steps);
-                }
-            }
-            Method::Mixture => {
-                let habituation = self.habituated(lane, &dynamics, evidence.action);
-                for evidence in [*evidence, evidence.of_action()] {
-                    let steps = steps::of_contexts(person, &dynamics, habituation, &evidence);
-                    let (mixture, room) = (&mut self.mixtures[lane], &mut self.successors);
-                    let moments = mixture.update(simd, &dynamics, &seen, steps, &evidence, room);
-                    if let Some(moments) = moments {
-                        self.set(lane, Moments { habituation: [habituation, 0.0], ..moments });
-                        break;
-                    }
-                }
-            }
-            Method::Particles => {
-                let Some(draws) = &mut self.draws else { return };
-                draws.expand(self.words.words()[lane]);
-                for evidence in [*evidence, evidence.of_action()] {
-                    let moments = self.particles[lane].update(person, &seen, &evidence, draws);
-                    if let Some(moments) = moments {
-                        self.set(lane, moments);
-                        break;
-                    }
-                }
-            }
+        let method = self.method;
+        if !method.habituation {
+            // Without noise, it does not depend on the context.
+            let before = self.habituation[lane];
+            let effect = dynamics.apply(0, evidence.action, before, 0.0);
+            self.habituation[lane] = effect.habituation;
         }
         if seen.is_independent() {
             self.zero[lane] = evidence.probability;
+        } else if !method.contexts {
+            let steps = steps::of_contexts(person, &dynamics, self.habituation[lane], evidence);
+            self.zero[lane] = seen.next(self.zero[lane], steps);
         }
-    }
-
-    /// Habituation after an action without noise; it does not depend on the context.
-    #[inline(always)]
-    fn habituated(&mut self, lane: usize, dynamics: &Dynamics, action: Action) -> f64 {
-        let effect = dynamics.apply(0, action, self.habituation[lane], 0.0);
-        self.habituation[lane] = effect.habituation;
-        effect.habituation
-    }
-
-    #[inline(always)]
-    fn set(&mut self, lane: usize, moments: Moments) {
-        self.zero[lane] = moments.zero;
-        [self.habituation[lane], self.habituation_deviation[lane]] = moments.habituation;
+        let (Some(particles), Some(draws)) = (self.particles.get_mut(lane), &mut self.draws) else {
+            return;
+        };
+        draws.expand(self.words.words()[lane]);
+        let of_action = evidence.of_action();
+        let all = [evidence, &of_action].into_iter();
+        let mut updates = all.map(|evidence| particles.update(person, &seen, evidence, draws));
+        let Some(Some(moments)) = updates.find(Option::is_some) else { return };
+        if method.contexts && !seen.is_independent() {
+            self.zero[lane] = moments.zero;
+        }
+        if method.habituation {
+            [self.habituation[lane], self.habituation_deviation[lane]] = moments.habituation;
+        }
         [self.risk[lane], self.risk_deviation[lane]] = moments.risk;
         self.near[lane] = moments.near;
     }
@@ -262,7 +231,7 @@ impl Filters {
 
 resumable!([] Filters {
     fixed zero, habituation, habituation_deviation, risk, risk_deviation, near;
-    each mixtures, particles
+    each particles
 });
 
 /// The update of the filters of the lanes marked in `ran`, \[lanes\] or longer, after a step.
@@ -279,11 +248,11 @@ impl<'p, P: Fn(usize) -> &'p StepCount, E: Fn(usize) -> Evidence> WithSimd for U
     type Output = ();
 
     #[inline(always)]
-    fn with_simd<S: Simd>(self, simd: S) {
+    fn with_simd<S: Simd>(self, _: S) {
         for lane in 0..self.filters.zero.len() {
             if self.ran[lane] {
                 let evidence = (self.evidence)(lane);
-                self.filters.update(simd, lane, (self.person)(lane), &evidence);
+                self.filters.update(lane, (self.person)(lane), &evidence);
             }
         }
     }

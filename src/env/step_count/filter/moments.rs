@@ -17,12 +17,6 @@ pub(super) struct Moments {
     pub(super) near: f64,
 }
 
-/// Whether a wrong message would raise this disengagement risk to the threshold.
-#[inline(always)]
-pub(super) fn is_near(dynamics: &Dynamics, risk: f64) -> bool {
-    dynamics.annoyed(risk) >= dynamics.disengagement_threshold
-}
-
 /// The number of states that sums add side by side, each to an accumulator of its own: the order of additions is the
 /// same on every instruction set.
 pub(super) const SIDE: usize = 8;
@@ -52,36 +46,19 @@ impl Sums {
         Sums { weight: none, squares: none, zero: none, near: none, habituation, risk }
     }
 
-    /// Sums over disengagement risks measured from `origin`, without squares and habituation. `zero` are the
-    /// probabilities of context 0 after the step.
-    ///
-    /// By the context of the step: sums of the weights, of the weights near the threshold, and of the weights times
-    /// the distance from the origin and times its square.
-    #[inline(always)]
-    pub(super) fn of_risk(origin: f64, [a, b]: [[Block; 4]; 2], zero: [f64; 2]) -> Sums {
-        let both = |i: usize| of([&a[i], &b[i]], |[a, b]| a + b);
-        let mut sums = Sums::from(0.0, origin);
-        sums.weight = both(0);
-        sums.near = both(1);
-        sums.zero = of([&a[0], &b[0]], |[a, b]| a * zero[0] + b * zero[1]);
-        sums.risk = Spread { origin, first: both(2), second: both(3) };
-        sums
-    }
-
-    /// Adds states with the weights of context 0 and of context 1.
+    /// Adds states with the weights of context 0 and of context 1, their risks and those that a wrong message leads to.
     #[inline(always)]
     pub(super) fn add(
         &mut self,
         dynamics: &Dynamics,
         [zero, one]: [&Block; 2],
         habituation: &Block,
-        risk: &Block,
+        [risk, wrong]: [&Block; 2],
     ) {
         let weight = of([zero, one], |[zero, one]| zero + one);
-        let near = of(
-            [&weight, risk],
-            |[weight, risk]| if is_near(dynamics, risk) { weight } else { 0.0 },
-        );
+        let threshold = dynamics.disengagement_threshold;
+        let near =
+            of([&weight, wrong], |[weight, wrong]| if wrong >= threshold { weight } else { 0.0 });
         let squares = of([&weight, &weight], |[x, y]| x * y);
         add(&mut self.weight, &weight);
         add(&mut self.squares, &squares);

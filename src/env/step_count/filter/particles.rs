@@ -1,17 +1,18 @@
-//! The belief about contexts, habituation and disengagement risk under noise: a particle filter.
+//! The belief about disengagement risk, and about habituation and contexts under noise: a particle filter.
 //!
 //! A particle has a habituation, a disengagement risk and the weights of both contexts. In a step, it draws habituation
-//! and parameters, weighs the contexts by the steps walked, draws one of them, and draws the disengagement risk that
-//! follows. The chain of contexts and the feature then weigh the next contexts without a draw. Particles are
-//! resampled systematically where less than half of them count.
+//! and parameters, and weighs the contexts by the steps walked. A tailored message changes disengagement risk by the
+//! context, so that one particle for either context follows. The chain of contexts and the feature then weigh the next
+//! contexts without a draw. Particles are resampled where there is no room for all, and under noise where less than
+//! half of them count. Without noise, an episode begins with one particle, and all are exact until there is no room.
 //!
 //! **Source**: Gordon, Salmond and Smith, "Novel approach to nonlinear/non-Gaussian Bayesian state estimation", 1993;
 //! Doucet and Johansen, "A tutorial on particle filtering and smoothing", 2009, section 4.
 
 use super::contexts::Feature;
 use super::evidence::Evidence;
-use super::moments::{Moments, Sums, largest};
-use super::steps::{expected, ln_density, relative};
+use super::moments::{Moments, SIDE, Sums, largest};
+use super::steps::{expected, ln_density, of_contexts, relative};
 use crate::env::step_count::dynamics::Dynamics;
 use crate::env::step_count::noise::DrawnNoise;
 use crate::env::step_count::parameters::{RewardHabituation, StepCount};
@@ -20,15 +21,19 @@ use crate::env::vector::Action;
 use crate::rng::unit_from_bits;
 use crate::state::resumable;
 
-/// The number of particles.
-pub(super) const PARTICLES: usize = 256;
+/// The steps towards the weight from which particles are kept; see [`Particles::heavy`].
+const PASSES: u32 = 4;
 
 /// Particles of a lane; every array is \[particles\].
+///
+/// All habituations and risks are in \[0, 1\]; beyond `count`, and without a weight, they have no meaning.
 #[derive(Clone, Debug)]
 pub(super) struct Particles {
+    /// The number of particles in use, a multiple of [`SIDE`].
+    count: usize,
     habituation: Vec<f64>,
     risk: Vec<f64>,
-    /// The weights of a particle with context 0 and with context 1; their sum over all is 1.
+    /// The weights of a particle with context 0 and with context 1.
     zero: Vec<f64>,
     one: Vec<f64>,
 }
@@ -36,27 +41,32 @@ pub(super) struct Particles {
 /// Room for a step of one lane, and what is drawn for it.
 #[derive(Clone, Debug)]
 pub(super) struct Draws {
+    /// Whether the state has noise.
+    is_noisy: bool,
+    /// Whether particles need a disengagement risk.
+    has_risk: bool,
     /// The noise of particle i at place i.
     noise: DrawnNoise,
-    /// \[particles\]: the words that choose the contexts.
-    contexts: Vec<u64>,
-    /// The word that resamples.
-    resample: u64,
-    /// The particles after the step.
+    /// The word from which the next words of the step come.
+    words: u64,
+    /// \[2 particles\]: the particles after the step, and the risks that a wrong message in the next step would lead to.
     next: Particles,
-    /// \[particles + 1\]: the particle that comes to a place; the last entry is for particles without one.
-    from: Vec<usize>,
+    wrong: Vec<f64>,
+    /// The particles of `next` that have a weight.
+    filled: Vec<usize>,
 }
 
 impl Draws {
-    /// Room for `count` particles in an environment.
-    pub(super) fn new(environment: &StepCount, count: usize) -> Draws {
+    /// Room for at most `most` particles, a multiple of [`SIDE`], in an environment.
+    pub(super) fn new(environment: &StepCount, has_risk: bool, most: usize) -> Draws {
         Draws {
-            noise: DrawnNoise::of_state(environment, count),
-            contexts: vec![0; count],
-            resample: 0,
-            next: Particles::new(count),
-            from: vec![0; count + 1],
+            is_noisy: environment.has_noise_of_state(),
+            has_risk,
+            noise: DrawnNoise::of_state(environment, most),
+            words: 0,
+            next: Particles::new(2 * most),
+            wrong: vec![0.0; 2 * most],
+            filled: Vec::with_capacity(2 * most),
         }
     }
 
@@ -64,19 +74,43 @@ impl Draws {
     #[inline(always)]
     pub(super) fn expand(&mut self, word: u64) {
         let mut words = Expansion(word);
-        self.resample = words.bits();
-        for word in &mut self.contexts {
-            *word = words.bits();
-        }
         self.noise.expand(&mut words);
+        self.words = words.bits();
+    }
+
+    /// The probability that a wrong message at this risk would reach the threshold.
+    pub(super) fn near(&mut self, dynamics: &Dynamics, risk: f64) -> f64 {
+        self.words = 0;
+        self.next.risk.fill(risk);
+        let count = self.wrong.len() / 2;
+        self.annoy(dynamics, count, count);
+        let threshold = dynamics.disengagement_threshold;
+        let near = self.wrong[..count].iter().filter(|risk| **risk >= threshold).count();
+        near as f64 / count as f64
+    }
+
+    /// Finds the risks of the first `all` of the next particles after a wrong message, with noise of its own; those of
+    /// the same `count` have the same.
+    #[inline(always)]
+    fn annoy(&mut self, dynamics: &Dynamics, count: usize, all: usize) {
+        let Draws { noise, words, next, wrong, .. } = self;
+        noise.expand(&mut Expansion(*words));
+        let blocks = wrong[..all].chunks_mut(count).zip(next.risk.chunks(count));
+        for (wrong, risk) in blocks {
+            noise.for_each(dynamics, wrong.iter_mut().zip(risk), |dynamics, (wrong, risk)| {
+                *wrong = dynamics.annoyed(*risk);
+            });
+            noise.risks(dynamics, wrong);
+        }
     }
 }
 
 impl Particles {
-    /// `count` particles, a multiple of [`SIDE`], before the first episode.
-    pub(super) fn new(count: usize) -> Particles {
-        let zeros = vec![0.0; count];
+    /// At most `most` particles, a multiple of [`SIDE`], before the first episode.
+    pub(super) fn new(most: usize) -> Particles {
+        let zeros = vec![0.0; most];
         Particles {
+            count: SIDE,
             habituation: zeros.clone(),
             risk: zeros.clone(),
             zero: zeros.clone(),
@@ -84,13 +118,16 @@ impl Particles {
         }
     }
 
-    /// Begins an episode at this habituation and risk, where context 0 has the probability `zero`.
-    pub(super) fn begin(&mut self, habituation: f64, risk: f64, zero: f64) {
-        let share = 1.0 / self.risk.len() as f64;
+    /// Begins an episode at this habituation and risk, where context 0 has the probability `zero`: with all particles if
+    /// the state has noise, and with one if it has none.
+    pub(super) fn begin(&mut self, habituation: f64, risk: f64, zero: f64, draws: &Draws) {
+        let filled = if draws.is_noisy { self.risk.len() } else { 1 };
+        let share = 1.0 / filled as f64;
         self.habituation.fill(habituation);
         self.risk.fill(risk);
-        self.zero.fill(zero * share);
-        self.one.fill((1.0 - zero) * share);
+        self.zero[..filled].fill(zero * share);
+        self.one[..filled].fill((1.0 - zero) * share);
+        self.end(filled);
     }
 
     /// Updates the particles after a step. Returns `None`, and leaves them as they are, if no particle agrees with the
@@ -104,33 +141,52 @@ impl Particles {
         draws: &mut Draws,
     ) -> Option<Moments> {
         let dynamics = Dynamics::of(person);
-        let Draws { noise, contexts, resample, next, from } = draws;
-        next.habituate(self, noise, &dynamics, evidence.action);
+        let (count, action, has_risk) = (self.count, evidence.action, draws.has_risk);
+        let Draws { noise, next, .. } = draws;
+        next.count = count;
+        next.habituate(self, noise, &dynamics, action);
         if person.reward_habituation == RewardHabituation::Drawn {
-            noise.habituations(&dynamics, &mut next.habituation);
+            noise.habituations(&dynamics, &mut next.habituation[..count]);
         }
         match evidence.steps {
-            Some(steps) => next.weigh(self, person, &dynamics, evidence.action, steps),
-            None => {
-                next.zero.copy_from_slice(&self.zero);
-                next.one.copy_from_slice(&self.one);
+            Some(steps) if draws.is_noisy => next.weigh(self, person, &dynamics, action, steps),
+            _ => {
+                let habituation = next.habituation[0];
+                let steps = of_contexts(person, &dynamics, habituation, evidence);
+                next.weigh_all(self, steps);
             }
         }
         if person.reward_habituation == RewardHabituation::Expected {
-            noise.habituations(&dynamics, &mut next.habituation);
+            noise.habituations(&dynamics, &mut next.habituation[..count]);
         }
-        next.choose(contexts);
-        next.annoy(self, noise, &dynamics, evidence.action);
-        noise.risks(&dynamics, &mut next.risk);
-        next.look(&dynamics, seen, evidence);
-        let sums = next.sums(&dynamics);
-        let moments = sums.moments()?;
-        let weight = sums.weight();
-        if 2.0 * weight * weight < sums.squares() * self.risk.len() as f64 {
-            self.resample(next, weight, unit_from_bits(*resample), from);
+        if has_risk {
+            if action != Action::NONE && action != Action::UNTAILORED {
+                next.split();
+            }
+            next.annoy(self, noise, &dynamics, action);
         } else {
-            std::mem::swap(self, next);
-            self.scale(1.0 / weight);
+            next.risk[..count].copy_from_slice(&self.risk[..count]);
+        }
+        next.look(&dynamics, seen, evidence);
+        let all = next.count;
+        if has_risk {
+            draws.annoy(&dynamics, count, all);
+        }
+        let Draws { next, wrong, filled, is_noisy, words, .. } = draws;
+        filled.clear();
+        filled.extend((0..all).filter(|i| next.weight(*i) > 0.0));
+        let sums = next.sums(&dynamics, *filled.first()?, wrong);
+        let moments = sums.moments()?;
+        let (sum, most) = (sums.weight(), self.risk.len());
+        let is_depleted = *is_noisy && 2.0 * sum * sum < sums.squares() * most as f64;
+        if is_depleted || filled.len() > most {
+            let start = unit_from_bits(Expansion(!*words).bits());
+            self.resample(next, filled, sum, start, *is_noisy);
+        } else {
+            for (place, from) in filled.iter().enumerate() {
+                self.take(place, next, *from, 1.0 / sum);
+            }
+            self.end(filled.len());
         }
         Some(moments)
     }
@@ -144,7 +200,7 @@ impl Particles {
         dynamics: &Dynamics,
         action: Action,
     ) {
-        let all = self.habituation.iter_mut().zip(&before.habituation);
+        let all = self.habituation.iter_mut().zip(&before.habituation[..before.count]);
         noise.for_each(dynamics, all, |dynamics, (after, before)| {
             *after = dynamics.apply(0, action, *before, 0.0).habituation;
         });
@@ -162,7 +218,9 @@ impl Particles {
     ) {
         // Likelihoods are relative to the largest of those that count.
         let counting = |ln: f64, weight: f64| if weight > 0.0 { ln } else { f64::MIN };
-        let Particles { habituation, zero: zeros, one: ones, .. } = self;
+        let count = before.count;
+        let Particles { habituation, zero, one, .. } = self;
+        let (zeros, ones) = (&mut zero[..count], &mut one[..count]);
         let weights = before.zero.iter().zip(&before.one);
         let densities = zeros.iter_mut().zip(&mut *ones);
         for (((zero, one), habituation), before) in densities.zip(habituation).zip(weights) {
@@ -178,17 +236,30 @@ impl Particles {
         }
     }
 
-    /// Chooses the contexts of the step in proportion to their weights.
+    /// Weighs the contexts before the step by likelihoods that all particles share.
     #[inline(always)]
-    fn choose(&mut self, words: &[u64]) {
-        for ((zero, one), word) in self.zero.iter_mut().zip(&mut self.one).zip(words) {
-            let weight = *zero + *one;
-            let is_one = unit_from_bits(*word) * weight >= *zero;
-            [*zero, *one] = if is_one { [0.0, weight] } else { [weight, 0.0] };
+    fn weigh_all(&mut self, before: &Particles, likelihoods: [f64; 2]) {
+        let weights = [(&mut self.zero, &before.zero), (&mut self.one, &before.one)];
+        for ((own, before), likelihood) in weights.into_iter().zip(likelihoods) {
+            for (own, before) in own[..self.count].iter_mut().zip(before) {
+                *own = before * likelihood;
+            }
         }
     }
 
-    /// Finds disengagement risks without the noise of the state after an action in the chosen contexts.
+    /// Makes two particles of each, one for either context of the step: those of context 1 stand behind those of
+    /// context 0.
+    #[inline(always)]
+    fn split(&mut self) {
+        let count = self.count;
+        self.habituation.copy_within(..count, count);
+        self.zero[count..2 * count].fill(0.0);
+        self.one.copy_within(..count, count);
+        self.one[..count].fill(0.0);
+        self.count = 2 * count;
+    }
+
+    /// Finds disengagement risks after an action in the contexts of the particles.
     #[inline(always)]
     fn annoy(
         &mut self,
@@ -197,92 +268,175 @@ impl Particles {
         dynamics: &Dynamics,
         action: Action,
     ) {
-        let all = self.risk.iter_mut().zip(&before.risk).zip(&self.one);
-        noise.for_each(dynamics, all, |dynamics, ((after, before), weight)| {
-            let zero = dynamics.apply(0, action, 0.0, *before).disengagement;
-            let one = dynamics.apply(1, action, 0.0, *before).disengagement;
-            *after = if *weight > 0.0 { one } else { zero };
-        });
+        let blocks = self.risk[..self.count].chunks_mut(before.count);
+        for (context, block) in blocks.enumerate() {
+            let all = block.iter_mut().zip(&before.risk);
+            noise.for_each(dynamics, all, |dynamics, (after, before)| {
+                *after = dynamics.apply(context as u8, action, 0.0, *before).disengagement;
+            });
+            noise.risks(dynamics, block);
+        }
     }
 
     /// Drops the particles that do not agree with the evidence, and weighs the next contexts.
     #[inline(always)]
     fn look(&mut self, dynamics: &Dynamics, seen: &Feature, evidence: &Evidence) {
         let [low, high] = evidence.risks(dynamics);
-        for ((zero, one), risk) in self.zero.iter_mut().zip(&mut self.one).zip(&self.risk) {
+        let weights = self.zero[..self.count].iter_mut().zip(&mut self.one);
+        for ((zero, one), risk) in weights.zip(&self.risk) {
             let next = seen.after([*zero, *one]);
             let agrees = (*risk >= low) & (*risk < high);
             [*zero, *one] = if agrees { next } else { [0.0; 2] };
         }
     }
 
+    /// Sums over all particles, measured from one of them.
     #[inline(always)]
-    fn sums(&self, dynamics: &Dynamics) -> Sums {
-        let mut sums = Sums::from(self.habituation[0], self.risk[0]);
-        let weights = self.zero.as_chunks().0.iter().zip(self.one.as_chunks().0);
+    fn sums(&self, dynamics: &Dynamics, from: usize, wrong: &[f64]) -> Sums {
+        let mut sums = Sums::from(self.habituation[from], self.risk[from]);
+        let weights = self.zero[..self.count].as_chunks().0.iter().zip(self.one.as_chunks().0);
         let states = self.habituation.as_chunks().0.iter().zip(self.risk.as_chunks().0);
-        for ((zero, one), (habituation, risk)) in weights.zip(states) {
-            sums.add(dynamics, [zero, one], habituation, risk);
+        for (((zero, one), (habituation, risk)), wrong) in
+            weights.zip(states).zip(wrong.as_chunks().0)
+        {
+            sums.add(dynamics, [zero, one], habituation, [risk, wrong]);
         }
         sums
     }
 
-    /// Multiplies all weights.
     #[inline(always)]
-    fn scale(&mut self, by: f64) {
-        for weights in [&mut self.zero, &mut self.one] {
-            for weight in weights {
-                *weight *= by;
-            }
-        }
+    fn weight(&self, place: usize) -> f64 {
+        self.zero[place] + self.one[place]
     }
 
-    /// Takes particles in proportion to their weights, whose sum is `sum`, each with the same weight: those at evenly
-    /// spaced places, from a share `start` of the first space.
+    /// Takes a particle of others, with its weights times `scale`.
     #[inline(always)]
-    fn resample(&mut self, others: &Particles, sum: f64, start: f64, from: &mut [usize]) {
-        let count = self.risk.len();
-        from.fill(0);
-        // Marks the first place of every particle. One without a place is replaced by the next.
-        let (mut weight, mut place) = (0.0, 0);
-        for (of, (zero, one)) in others.zero.iter().zip(&others.one).enumerate() {
-            from[place.min(count)] = of;
-            weight += zero + one;
-            place = (weight * (count as f64 / sum) - start + 1.0) as usize;
+    fn take(&mut self, place: usize, others: &Particles, from: usize, scale: f64) {
+        self.habituation[place] = others.habituation[from];
+        self.risk[place] = others.risk[from];
+        self.zero[place] = others.zero[from] * scale;
+        self.one[place] = others.one[from] * scale;
+    }
+
+    /// Ends after `filled` particles.
+    #[inline(always)]
+    fn end(&mut self, filled: usize) {
+        self.count = filled.next_multiple_of(SIDE);
+        self.zero[filled..self.count].fill(0.0);
+        self.one[filled..self.count].fill(0.0);
+    }
+
+    /// Takes as many particles of the `filled` others, whose weights add up to `sum`, as there is room for.
+    ///
+    /// With noise of the state, particles are copied in proportion to their weights, each with the same weight. Without,
+    /// copies would stay equal: heavy particles are kept with their weights, and light ones, in the order of their
+    /// risks, with the least weight of a heavy one or not at all.
+    #[inline(always)]
+    fn resample(
+        &mut self,
+        others: &Particles,
+        filled: &mut [usize],
+        sum: f64,
+        start: f64,
+        is_noisy: bool,
+    ) {
+        let most = self.risk.len();
+        let mut heavy = sum / most as f64;
+        if !is_noisy {
+            filled.sort_by(|a, b| others.risk[*a].total_cmp(&others.risk[*b]));
+            heavy = others.heavy(filled, heavy, most);
         }
-        let share = 1.0 / count as f64;
-        let mut of = 0;
-        for (place, first) in from[..count].iter().enumerate() {
-            of = of.max(*first);
-            (self.habituation[place], self.risk[place]) = (others.habituation[of], others.risk[of]);
-            let (zero, one) = (others.zero[of], others.one[of]);
-            let scale = if zero + one > 0.0 { share / (zero + one) } else { 0.0 };
-            (self.zero[place], self.one[place]) = (zero * scale, one * scale);
+        let (mut place, mut owed) = (0, start);
+        for from in filled {
+            let weight = others.weight(*from);
+            let is_kept = !is_noisy && weight >= heavy;
+            let kept = if is_kept { weight } else { heavy };
+            owed += if is_kept { 1.0 } else { weight / heavy };
+            while owed >= 1.0 && place < most {
+                self.take(place, others, *from, kept / (weight * sum));
+                owed -= 1.0;
+                place += 1;
+            }
         }
+        self.end(place);
+    }
+
+    /// The weight c from which particles are kept as they are, where the sum of min(1, weight / c) is `most`; the first
+    /// guess is too large. A c that is somewhat too large leaves places empty and is as good.
+    ///
+    /// **Source**: Fearnhead and Clifford, "On-line inference for hidden Markov models via particle filters", 2003,
+    /// section 3.
+    #[inline(always)]
+    fn heavy(&self, filled: &[usize], guess: f64, most: usize) -> f64 {
+        let mut heavy = guess;
+        for _ in 0..PASSES {
+            let (mut kept, mut light) = (0, 0.0);
+            for place in filled {
+                let weight = self.weight(*place);
+                kept += usize::from(weight >= heavy);
+                light += if weight >= heavy { 0.0 } else { weight };
+            }
+            if kept < most {
+                heavy = light / (most - kept) as f64;
+            }
+        }
+        heavy
     }
 }
 
-resumable!([] Particles { fixed habituation, risk, zero, one });
+resumable!([] Particles { parts count; fixed habituation, risk, zero, one; check fits, "beliefs" });
+
+impl Particles {
+    /// Whether the number of particles and their states are possible.
+    fn fits(&self) -> bool {
+        let is_unit = |x: &f64| (0.0..=1.0).contains(x);
+        (1..=self.risk.len()).contains(&self.count)
+            && self.count.is_multiple_of(SIDE)
+            && self.risk.iter().chain(&self.habituation).all(is_unit)
+    }
+}
 
 #[cfg(test)]
 mod tests {
     use super::*;
 
-    /// Points at 1/8, 3/8, 5/8 and 7/8 of weights of a third each: the second particle owns two, and the last, without
-    /// a weight, none.
+    /// Eight particles with these weights, and with risks of 1/8, 2/8, ...
+    fn with_weights(weights: [f64; 8]) -> Particles {
+        Particles {
+            count: 8,
+            habituation: vec![0.0; 8],
+            risk: (1..9).map(|i| f64::from(i) / 8.0).collect(),
+            zero: weights.to_vec(),
+            one: vec![0.0; 8],
+        }
+    }
+
+    /// Points at 1/16, 3/16, ... of weights of a third each: the second particle owns three, the third two, the fifth
+    /// three, and those without a weight none.
     #[test]
-    fn particles_without_weight_are_not_resampled() {
+    fn particles_are_copied_in_proportion_to_their_weights() {
         let third = 1.0 / 3.0;
-        let before = Particles {
-            habituation: vec![0.1, 0.2, 0.3, 0.4],
-            risk: vec![0.0; 4],
-            zero: vec![third, 0.0, third, 0.0],
-            one: vec![0.0, third, 0.0, 0.0],
-        };
-        let mut after = Particles::new(4);
-        after.resample(&before, 1.0, 0.5, &mut [0; 5]);
-        assert_eq!(after.habituation, [0.1, 0.2, 0.2, 0.3]);
-        assert_eq!(after.zero, [0.25, 0.0, 0.0, 0.25]);
-        assert_eq!(after.one, [0.0, 0.25, 0.25, 0.0]);
+        let before = with_weights([0.0, third, third, 0.0, third, 0.0, 0.0, 0.0]);
+        let mut after = Particles::new(8);
+        after.resample(&before, &mut [1, 2, 4], 1.0, 0.5, true);
+        assert_eq!(after.risk, [0.25, 0.25, 0.25, 0.375, 0.375, 0.625, 0.625, 0.625]);
+        assert_eq!(after.zero, [0.125; 8]);
+    }
+
+    /// Sixteen particles in eight places, without noise: the heavy one keeps its weight, and seven of the fifteen light
+    /// ones share the rest.
+    #[test]
+    fn heavy_particles_without_noise_keep_their_weights() {
+        let mut before = Particles::new(16);
+        before.count = 16;
+        before.risk = (0..16).map(|i| f64::from(i) / 16.0).collect();
+        before.zero = [vec![0.02; 15], vec![0.7]].concat();
+        let mut after = Particles::new(8);
+        let mut filled: Vec<usize> = (0..16).rev().collect();
+        after.resample(&before, &mut filled, 1.0, 0.5, false);
+        let risks = [1, 3, 5, 7, 9, 11, 13, 15].map(|i| f64::from(i) / 16.0);
+        assert_eq!(after.risk, risks);
+        assert!(after.zero[..7].iter().all(|weight| (weight - 0.3 / 7.0).abs() < 1e-15));
+        assert_eq!(after.zero[7], 0.7);
     }
 }
