@@ -322,9 +322,12 @@ fn small_jobs() -> Vec<(String, Job)> {
     }
     let policy = Agent::of(&reinforce(Engine::Fused, 1));
     let [of_state, ..] = beyond_the_paper(&policy);
-    for (name, mut job) in
-        [("exact contexts", job(policy.clone(), |_| {})), ("particles", of_state.1)]
-    {
+    let few = job(policy.clone(), |environment| environment.belief_particles = 8);
+    for (name, mut job) in [
+        ("exact contexts", job(policy.clone(), |_| {})),
+        ("few particles", few),
+        ("particles", of_state.1),
+    ] {
         job.scenario = "F-E-R".parse().unwrap();
         jobs.push((format!("Fused with beliefs by {name}"), job));
     }

@@ -213,10 +213,11 @@ impl Filters {
         let (Some(particles), Some(draws)) = (self.particles.get_mut(lane), &mut self.draws) else {
             return;
         };
-        draws.expand(self.words.words()[lane]);
-        let of_action = evidence.of_action();
-        let all = [evidence, &of_action].into_iter();
-        let mut updates = all.map(|evidence| particles.update(person, &seen, evidence, draws));
+        let (word, of_action) = (self.words.words()[lane], evidence.of_action());
+        let mut updates = [evidence, &of_action].into_iter().map(|evidence| {
+            draws.expand(word);
+            particles.update(person, &seen, evidence, draws)
+        });
         let Some(Some(moments)) = updates.find(Option::is_some) else { return };
         if method.contexts && !seen.is_independent() {
             self.zero[lane] = moments.zero;

@@ -4,6 +4,7 @@ use super::*;
 use crate::env::step_count::parameters::StateNoise;
 use crate::env::vector::{Action, EpisodeStatus};
 use crate::env::{ContextDraw, PhysicalActivity, VectorEnvironment, step_count::scenario::letters};
+use crate::kernel::Isa;
 use crate::rng::{Purpose, Stream};
 
 /// Lanes of a scenario with a stream each, at the first step.
@@ -460,5 +461,36 @@ fn evidence_with_which_nothing_agrees_leaves_the_action_and_the_feature() {
         }
         let [zero, habituation, _, risk, ..] = numbers(&filters);
         assert!(zero > 0.5 && habituation > 0.09 && risk > 0.1, "{:?}", numbers(&filters));
+    }
+}
+
+/// Two lanes with room for few particles or for all, and with evidence that no particle agrees with.
+#[test]
+fn every_instruction_set_has_the_same_bits() {
+    let quiet = StepCount { epsilon_d: 0.15, context_persistence: 0.7, ..StepCount::paper(1.5) };
+    let few = StepCount { belief_particles: 24, ..quiet.clone() };
+    let mut draws = Stream::new(4, Purpose::Exploration);
+    for (e, scenario) in noisy().into_iter().chain([(quiet, "F-E-R"), (few, "F-E-R")]) {
+        let mut filters = Filters::new(&e, &letters(scenario).unwrap(), 2).unwrap();
+        (0..2).for_each(|lane| filters.begin(lane, &e, 0.5));
+        let mut all: Vec<Filters> = Isa::available().iter().map(|_| filters.clone()).collect();
+        for _ in 0..24 {
+            let evidence = [(); 2].map(|()| Evidence {
+                action: Action::uniform(draws.bits(), 4),
+                steps: filters.shows().steps.then(|| 20.0 + 100.0 * draws.unit()),
+                disengaged: Some(draws.below(8) == 0),
+                probability: draws.unit(),
+            });
+            let words = [draws.bits(), draws.bits()];
+            let bits = Isa::available().into_iter().zip(&mut all).map(|(isa, filters)| {
+                filters.words.words_mut().copy_from_slice(&words);
+                let (person, evidence) = (|_| &e, |lane: usize| evidence[lane]);
+                isa.run(Update { filters: &mut *filters, ran: &[true; 2], person, evidence });
+                let Beliefs { zero, habituation: [h, hs], risk: [d, ds], near } = filters.beliefs();
+                [zero, h, hs, d, ds, near].map(|of| [of[0].to_bits(), of[1].to_bits()])
+            });
+            let bits: Vec<_> = bits.collect();
+            assert!(bits.iter().all(|of| *of == bits[0]), "{scenario} {e:?}: {bits:?}");
+        }
     }
 }
