@@ -9,12 +9,16 @@ use jitai::env::{
 };
 use jitai::rng::{Purpose, Stream};
 
-const LANES: usize = 8;
+const LANES: usize = 32;
 const STEPS: usize = 30;
+const NUMBERS: [&str; 6] = ["F", "E_mean", "E_sd", "R_mean", "R_sd", "R_near"];
 
 fn main() {
-    println!("noise,context_persistence,epsilon_d,sigma,steps,F,E_mean,E_sd,R_mean,R_sd,R_near");
+    let heading = NUMBERS.join(",");
+    println!("noise,context_persistence,epsilon_d,sigma,steps,{heading}");
+    let mut summaries = Vec::new();
     for noise in ["none", "uniform", "beta, gamma", "spread"] {
+        let mut all = [(); 6].map(|()| Vec::new());
         for context_persistence in [0.0, 0.7] {
             for epsilon_d in [0.1, 0.2, 0.3, 0.4] {
                 for sigma in [0.4, 0.6, 1.0, 1.5] {
@@ -22,14 +26,23 @@ fn main() {
                     let e = StepCount { first_context, epsilon_d, ..StepCount::paper(sigma) };
                     let e = with_noise(noise, StepCount { context_persistence, ..e });
                     let (steps, errors) = errors(&e);
-                    let errors = errors.map(|error| format!("{error:.4}")).join(",");
+                    all.iter_mut().zip(errors).for_each(|(all, error)| all.push(error));
+                    let errors = errors.map(|error| format!("{error:.5}")).join(",");
                     println!(
                         "{noise:?},{context_persistence},{epsilon_d},{sigma},{steps},{errors}"
                     );
                 }
             }
         }
+        let cells = all.map(|mut all| {
+            all.sort_by(f64::total_cmp);
+            format!("{:.5} ({:.5})", all[all.len() / 2], all[all.len() - 1])
+        });
+        summaries.push(format!("| {noise} | {} |", cells.join(" | ")));
     }
+    println!("\nThe middle and the largest of the settings:");
+    println!("| noise | {} |", NUMBERS.join(" | "));
+    summaries.iter().for_each(|summary| println!("{summary}"));
 }
 
 fn with_noise(noise: &str, e: StepCount) -> StepCount {

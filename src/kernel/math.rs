@@ -54,6 +54,19 @@ pub fn root_plus<S: Simd>(simd: S, x: S::f32s, y: S::f32s) -> S::f32s {
     simd.mul_add_f32s(root, p, y)
 }
 
+/// A number whose low bits are the whole number nearest to x, for x from -0.5 to 2^50; ties go to even numbers. Adding
+/// whole numbers to it adds them to the low bits.
+#[inline(always)]
+pub fn nearest(x: f64) -> f64 {
+    x + ROUND_F64
+}
+
+/// The low bits of a number from [`nearest`], which are less than 2^16.
+#[inline(always)]
+pub fn low_bits(x: f64) -> usize {
+    usize::from(x.to_bits() as u16)
+}
+
 /// The square root in f64 within 2 units in the last place, for 0 or a finite normal positive number.
 ///
 /// **Source**: a first guess as in [`root_plus`], then Goldschmidt's iteration for both the root and its
@@ -290,6 +303,15 @@ mod tests {
         }
         assert_eq!(ln(1.0), 0.0);
         assert!(ln(f64::NAN).is_nan());
+    }
+
+    #[test]
+    fn nearest_numbers_are_those_of_the_processor() {
+        for x in numbers(-0.5, 9.0).chain([-0.5, 0.5, 1.5, 2.5, 65_534.0]) {
+            let nearest = nearest(x);
+            assert_eq!(low_bits(nearest), x.round_ties_even() as usize, "{x}");
+            assert_eq!(low_bits(nearest + 1.0), x.round_ties_even() as usize + 1, "{x}");
+        }
     }
 
     #[test]

@@ -99,7 +99,7 @@ const SPREAD: f64 = 0.01;
 /// The range of widths of relative noise; at 2, values reach down to 0.
 const SPREADS: Kind = Kind::Real { min: 0.0, max: 2.0 };
 /// The default number of particles.
-const PARTICLES: u32 = 256;
+const PARTICLES: u32 = 128;
 /// The default message budget: the longest horizon, which no episode exceeds.
 const MOST_MESSAGES: u32 = 10_000;
 

@@ -213,12 +213,15 @@ impl Filters {
         let (Some(particles), Some(draws)) = (self.particles.get_mut(lane), &mut self.draws) else {
             return;
         };
-        let (word, of_action) = (self.words.words()[lane], evidence.of_action());
-        let mut updates = [evidence, &of_action].into_iter().map(|evidence| {
-            draws.expand(word);
-            particles.update(person, &seen, evidence, draws)
-        });
-        let Some(Some(moments)) = updates.find(Option::is_some) else { return };
+        // No closures: they would be compiled without the instructions that the caller chose.
+        let mut moments = None;
+        for evidence in [*evidence, evidence.of_action()] {
+            if moments.is_none() {
+                draws.expand(self.words.words()[lane]);
+                moments = particles.update(person, &seen, &evidence, draws);
+            }
+        }
+        let Some(moments) = moments else { return };
         if method.contexts && !seen.is_independent() {
             self.zero[lane] = moments.zero;
         }

@@ -52,20 +52,25 @@ impl Sums {
         &mut self,
         dynamics: &Dynamics,
         [zero, one]: [&Block; 2],
-        habituation: &Block,
         [risk, wrong]: [&Block; 2],
     ) {
         let weight = of([zero, one], |[zero, one]| zero + one);
         let threshold = dynamics.disengagement_threshold;
         let near =
             of([&weight, wrong], |[weight, wrong]| if wrong >= threshold { weight } else { 0.0 });
-        let squares = of([&weight, &weight], |[x, y]| x * y);
         add(&mut self.weight, &weight);
+        add(&mut self.near, &near);
+        self.risk.add(&weight, risk);
+    }
+
+    /// Adds what only noise of the state makes uncertain: the contexts, habituations, and the squares of the weights.
+    #[inline(always)]
+    pub(super) fn add_noisy(&mut self, [zero, one]: [&Block; 2], habituation: &Block) {
+        let weight = of([zero, one], |[zero, one]| zero + one);
+        let squares = of([&weight, &weight], |[x, y]| x * y);
         add(&mut self.squares, &squares);
         add(&mut self.zero, zero);
-        add(&mut self.near, &near);
         self.habituation.add(&weight, habituation);
-        self.risk.add(&weight, risk);
     }
 
     /// The sum of the weights.

@@ -3,8 +3,11 @@
 //! A particle has a habituation, a disengagement risk and the weights of both contexts. In a step, it draws habituation
 //! and parameters, and weighs the contexts by the steps walked. A tailored message changes disengagement risk by the
 //! context, so that one particle for either context follows. The chain of contexts and the feature then weigh the next
-//! contexts without a draw. Particles are resampled where there is no room for all, and under noise where less than
-//! half of them count. Without noise, an episode begins with one particle, and all are exact until there is no room.
+//! contexts without a draw.
+//!
+//! Without noise, an episode begins with one particle, and all are exact until there is no room. Copies would then stay
+//! equal, so that particles are joined within cells of risk. Joining keeps the probability and the mean of a cell. Under
+//! noise, particles are resampled where there is no room, and where less than half of them count.
 //!
 //! **Source**: Gordon, Salmond and Smith, "Novel approach to nonlinear/non-Gaussian Bayesian state estimation", 1993;
 //! Doucet and Johansen, "A tutorial on particle filtering and smoothing", 2009, section 4.
@@ -18,11 +21,12 @@ use crate::env::step_count::noise::DrawnNoise;
 use crate::env::step_count::parameters::{RewardHabituation, StepCount};
 use crate::env::variates::Expansion;
 use crate::env::vector::Action;
+use crate::kernel::math;
 use crate::rng::unit_from_bits;
 use crate::state::resumable;
 
-/// The steps towards the weight from which particles are kept; see [`Particles::heavy`].
-const PASSES: u32 = 4;
+/// Without noise, less probable particles are dropped: their sum is far below the rounding of the others.
+const LEAST: f64 = 1e-60;
 
 /// Particles of a lane; every array is \[particles\].
 ///
@@ -52,8 +56,12 @@ pub(super) struct Draws {
     /// \[2 particles\]: the particles after the step, and the risks that a wrong message in the next step would lead to.
     next: Particles,
     wrong: Vec<f64>,
-    /// The particles of `next` that have a weight.
-    filled: Vec<usize>,
+    /// \[2 particles + 1\]: the particles of `next` that come to the next places; the last entry is for those without one.
+    from: Vec<u32>,
+    /// \[2 particles\]: the cells of particles, as numbers whose low bits are the cell.
+    places: Vec<f64>,
+    /// \[particles\]: sums within cells, of the weights of both contexts and of risk times weight; 0 between steps.
+    cells: Vec<[f64; 4]>,
 }
 
 impl Draws {
@@ -66,7 +74,9 @@ impl Draws {
             words: 0,
             next: Particles::new(2 * most),
             wrong: vec![0.0; 2 * most],
-            filled: Vec::with_capacity(2 * most),
+            from: vec![0; 2 * most + 1],
+            places: vec![0.0; 2 * most],
+            cells: vec![[0.0; 4]; most],
         }
     }
 
@@ -144,7 +154,7 @@ impl Particles {
         let (count, action, has_risk) = (self.count, evidence.action, draws.has_risk);
         let Draws { noise, next, .. } = draws;
         next.count = count;
-        next.habituate(self, noise, &dynamics, action);
+        next.habituate(self, noise, &dynamics, action, draws.is_noisy);
         if person.reward_habituation == RewardHabituation::Drawn {
             noise.habituations(&dynamics, &mut next.habituation[..count]);
         }
@@ -161,37 +171,42 @@ impl Particles {
         }
         if has_risk {
             if action != Action::NONE && action != Action::UNTAILORED {
-                next.split();
+                next.split(draws.is_noisy);
             }
             next.annoy(self, noise, &dynamics, action);
         } else {
             next.risk[..count].copy_from_slice(&self.risk[..count]);
         }
-        next.look(&dynamics, seen, evidence);
+        next.look(&dynamics, seen, evidence, draws.is_noisy);
+        next.trim();
         let all = next.count;
         if has_risk {
             draws.annoy(&dynamics, count, all);
         }
-        let Draws { next, wrong, filled, is_noisy, words, .. } = draws;
-        filled.clear();
-        filled.extend((0..all).filter(|i| next.weight(*i) > 0.0));
-        let sums = next.sums(&dynamics, *filled.first()?, wrong);
+        let Draws { next, wrong, from, places, cells, is_noisy, words, .. } = draws;
+        let first = (0..all).find(|place| next.zero[*place] + next.one[*place] > 0.0)?;
+        let sums = next.sums(&dynamics, first, wrong, *is_noisy);
         let moments = sums.moments()?;
         let (sum, most) = (sums.weight(), self.risk.len());
         let is_depleted = *is_noisy && 2.0 * sum * sum < sums.squares() * most as f64;
-        if is_depleted || filled.len() > most {
+        if !is_depleted && (all <= most || next.filled() <= most) {
+            let filled = next.list(from);
+            self.take(next, &from[..filled], *is_noisy);
+            self.scale(1.0 / sum);
+        } else if *is_noisy {
             let start = unit_from_bits(Expansion(!*words).bits());
-            self.resample(next, filled, sum, start, *is_noisy);
+            next.draw(first, sum, start, &mut from[..=most]);
+            self.take(next, &from[..most], true);
+            self.level();
         } else {
-            for (place, from) in filled.iter().enumerate() {
-                self.take(place, next, *from, 1.0 / sum);
-            }
-            self.end(filled.len());
+            next.place(&dynamics, wrong, most, places);
+            self.join(next, places, cells, sum);
         }
         Some(moments)
     }
 
-    /// Finds habituations without the noise of the state after an action.
+    /// Finds habituations without the noise of the state after an action: of the first particles alone where all have
+    /// the same.
     #[inline(always)]
     fn habituate(
         &mut self,
@@ -199,8 +214,10 @@ impl Particles {
         noise: &DrawnNoise,
         dynamics: &Dynamics,
         action: Action,
+        is_noisy: bool,
     ) {
-        let all = self.habituation.iter_mut().zip(&before.habituation[..before.count]);
+        let count = if is_noisy { before.count } else { SIDE };
+        let all = self.habituation.iter_mut().zip(&before.habituation[..count]);
         noise.for_each(dynamics, all, |dynamics, (after, before)| {
             *after = dynamics.apply(0, action, *before, 0.0).habituation;
         });
@@ -250,9 +267,11 @@ impl Particles {
     /// Makes two particles of each, one for either context of the step: those of context 1 stand behind those of
     /// context 0.
     #[inline(always)]
-    fn split(&mut self) {
+    fn split(&mut self, is_noisy: bool) {
         let count = self.count;
-        self.habituation.copy_within(..count, count);
+        if is_noisy {
+            self.habituation.copy_within(..count, count);
+        }
         self.zero[count..2 * count].fill(0.0);
         self.one.copy_within(..count, count);
         self.one[..count].fill(0.0);
@@ -280,42 +299,174 @@ impl Particles {
 
     /// Drops the particles that do not agree with the evidence, and weighs the next contexts.
     #[inline(always)]
-    fn look(&mut self, dynamics: &Dynamics, seen: &Feature, evidence: &Evidence) {
+    fn look(&mut self, dynamics: &Dynamics, seen: &Feature, evidence: &Evidence, is_noisy: bool) {
         let [low, high] = evidence.risks(dynamics);
+        let least = if is_noisy { 0.0 } else { LEAST };
         let weights = self.zero[..self.count].iter_mut().zip(&mut self.one);
         for ((zero, one), risk) in weights.zip(&self.risk) {
             let next = seen.after([*zero, *one]);
-            let agrees = (*risk >= low) & (*risk < high);
+            let agrees = (*risk >= low) & (*risk < high) & (next[0] + next[1] > least);
             [*zero, *one] = if agrees { next } else { [0.0; 2] };
         }
     }
 
+    /// Leaves out the last particles, as far as they have no weight: without noise, those of the largest risks.
+    #[inline(always)]
+    fn trim(&mut self) {
+        while self.count > SIDE
+            && self.zero[..self.count].ends_with(&[0.0; SIDE])
+            && self.one[..self.count].ends_with(&[0.0; SIDE])
+        {
+            self.count -= SIDE;
+        }
+    }
+
+    /// The number of particles that have a weight.
+    #[inline(always)]
+    fn filled(&self) -> usize {
+        let mut filled = 0;
+        for (zero, one) in self.zero[..self.count].iter().zip(&self.one) {
+            filled += usize::from(*zero + *one > 0.0);
+        }
+        filled
+    }
+
     /// Sums over all particles, measured from one of them.
     #[inline(always)]
-    fn sums(&self, dynamics: &Dynamics, from: usize, wrong: &[f64]) -> Sums {
+    fn sums(&self, dynamics: &Dynamics, from: usize, wrong: &[f64], is_noisy: bool) -> Sums {
         let mut sums = Sums::from(self.habituation[from], self.risk[from]);
         let weights = self.zero[..self.count].as_chunks().0.iter().zip(self.one.as_chunks().0);
-        let states = self.habituation.as_chunks().0.iter().zip(self.risk.as_chunks().0);
-        for (((zero, one), (habituation, risk)), wrong) in
-            weights.zip(states).zip(wrong.as_chunks().0)
-        {
-            sums.add(dynamics, [zero, one], habituation, [risk, wrong]);
+        let risks = self.risk.as_chunks().0.iter().zip(wrong.as_chunks().0);
+        if is_noisy {
+            let all = weights.zip(risks).zip(self.habituation.as_chunks().0);
+            for (((zero, one), (risk, wrong)), habituation) in all {
+                sums.add(dynamics, [zero, one], [risk, wrong]);
+                sums.add_noisy([zero, one], habituation);
+            }
+        } else {
+            for ((zero, one), (risk, wrong)) in weights.zip(risks) {
+                sums.add(dynamics, [zero, one], [risk, wrong]);
+            }
         }
         sums
     }
 
+    /// Lists the particles that have a weight. Returns their number.
     #[inline(always)]
-    fn weight(&self, place: usize) -> f64 {
-        self.zero[place] + self.one[place]
+    fn list(&self, places: &mut [u32]) -> usize {
+        let mut filled = 0;
+        for (of, (zero, one)) in self.zero[..self.count].iter().zip(&self.one).enumerate() {
+            // Which have one is unpredictable, so there are no branches: the next replaces one without.
+            places[filled] = of as u32;
+            filled += usize::from(*zero + *one > 0.0);
+        }
+        filled
     }
 
-    /// Takes a particle of others, with its weights times `scale`.
+    /// Takes these particles of others.
     #[inline(always)]
-    fn take(&mut self, place: usize, others: &Particles, from: usize, scale: f64) {
-        self.habituation[place] = others.habituation[from];
-        self.risk[place] = others.risk[from];
-        self.zero[place] = others.zero[from] * scale;
-        self.one[place] = others.one[from] * scale;
+    fn take(&mut self, others: &Particles, from: &[u32], is_noisy: bool) {
+        let count = others.count;
+        let (risks, zeros, ones) =
+            (&others.risk[..count], &others.zero[..count], &others.one[..count]);
+        let own = self.risk.iter_mut().zip(&mut self.zero).zip(&mut self.one);
+        for (((risk, zero), one), of) in own.zip(from) {
+            let of = *of as usize;
+            (*risk, *zero, *one) = (risks[of], zeros[of], ones[of]);
+        }
+        if is_noisy {
+            for (habituation, of) in self.habituation.iter_mut().zip(from) {
+                *habituation = others.habituation[*of as usize];
+            }
+        } else {
+            self.habituation[..SIDE].copy_from_slice(&others.habituation[..SIDE]);
+        }
+        self.end(from.len());
+    }
+
+    /// Multiplies all weights.
+    #[inline(always)]
+    fn scale(&mut self, by: f64) {
+        for (zero, one) in self.zero[..self.count].iter_mut().zip(&mut self.one) {
+            *zero *= by;
+            *one *= by;
+        }
+    }
+
+    /// Gives all particles the same weight.
+    #[inline(always)]
+    fn level(&mut self) {
+        let share = 1.0 / self.count as f64;
+        for (zero, one) in self.zero[..self.count].iter_mut().zip(&mut self.one) {
+            let scale = share / (*zero + *one);
+            *zero *= scale;
+            *one *= scale;
+        }
+    }
+
+    /// Finds the particles of all `places` but the last in proportion to their weights, which add up to `sum`: those at
+    /// evenly spaced points, from a share `start` of the first space. The first particle with a weight is known.
+    #[inline(always)]
+    fn draw(&self, first: usize, sum: f64, start: f64, places: &mut [u32]) {
+        let most = places.len() - 1;
+        places.fill(0);
+        // Marks the first place of every particle. One without a place is replaced by the next.
+        let (mut weight, mut place, mut last) = (0.0, 0, first as u32);
+        for (of, (zero, one)) in self.zero[..self.count].iter().zip(&self.one).enumerate() {
+            last = if *zero + *one > 0.0 { of as u32 } else { last };
+            places[usize::min(place, most)] = last;
+            weight += zero + one;
+            place = (weight * (most as f64 / sum) - start + 1.0) as usize;
+        }
+        let mut of = 0;
+        for place in places {
+            of = u32::max(of, *place);
+            *place = of;
+        }
+    }
+
+    /// Finds the cells of all risks, which are below `most`. No cell reaches across the risk from which a wrong message
+    /// ends the episode.
+    #[inline(always)]
+    fn place(&self, dynamics: &Dynamics, wrong: &[f64], most: usize, places: &mut [f64]) {
+        let threshold = dynamics.disengagement_threshold;
+        let (cut, cells) = (threshold - dynamics.epsilon_d, (most - 3) as f64);
+        // Half a cell turns the nearest whole number into the next lower one.
+        let lowest = (-cut * cells).floor() + 0.5;
+        for ((place, risk), wrong) in places[..self.count].iter_mut().zip(&self.risk).zip(wrong) {
+            let near = if *wrong >= threshold { 1.0 } else { 0.0 };
+            *place = math::nearest((*risk - cut) * cells - lowest) + near;
+        }
+    }
+
+    /// Joins the particles of others within cells, which keeps the probability and the mean of a cell.
+    #[inline(always)]
+    fn join(&mut self, others: &Particles, places: &[f64], cells: &mut [[f64; 4]], sum: f64) {
+        let states = others.zero[..others.count].iter().zip(&others.one).zip(&others.risk);
+        for (((zero, one), risk), place) in states.zip(places) {
+            let [a, b, c, _] = &mut cells[math::low_bits(*place)];
+            (*a, *b, *c) = (*a + *zero, *b + *one, *c + (*zero + *one) * *risk);
+        }
+        // Of equal lengths, so that a single check of the bounds is enough.
+        let most = cells.len();
+        let (zeros, ones) = (&mut self.zero[..most], &mut self.one[..most]);
+        let (risks, mut filled) = (&mut self.risk[..most], 0);
+        for cell in cells {
+            let [zero, one, product, _] = *cell;
+            *cell = [0.0; 4];
+            (zeros[filled], ones[filled], risks[filled]) = (zero, one, product);
+            filled += usize::from(zero + one > 0.0);
+        }
+        let scale = 1.0 / sum;
+        let weights = zeros[..filled].iter_mut().zip(&mut *ones);
+        for (risk, (zero, one)) in risks.iter_mut().zip(weights) {
+            // Rounding could take the mean of risks near 1 beyond it.
+            let mean = *risk / (*zero + *one);
+            *risk = if mean < 1.0 { mean } else { 1.0 };
+            (*zero, *one) = (*zero * scale, *one * scale);
+        }
+        self.habituation[..SIDE].copy_from_slice(&others.habituation[..SIDE]);
+        self.end(filled);
     }
 
     /// Ends after `filled` particles.
@@ -324,63 +475,6 @@ impl Particles {
         self.count = filled.next_multiple_of(SIDE);
         self.zero[filled..self.count].fill(0.0);
         self.one[filled..self.count].fill(0.0);
-    }
-
-    /// Takes as many particles of the `filled` others, whose weights add up to `sum`, as there is room for.
-    ///
-    /// With noise of the state, particles are copied in proportion to their weights, each with the same weight. Without,
-    /// copies would stay equal: heavy particles are kept with their weights, and light ones, in the order of their
-    /// risks, with the least weight of a heavy one or not at all.
-    #[inline(always)]
-    fn resample(
-        &mut self,
-        others: &Particles,
-        filled: &mut [usize],
-        sum: f64,
-        start: f64,
-        is_noisy: bool,
-    ) {
-        let most = self.risk.len();
-        let mut heavy = sum / most as f64;
-        if !is_noisy {
-            filled.sort_by(|a, b| others.risk[*a].total_cmp(&others.risk[*b]));
-            heavy = others.heavy(filled, heavy, most);
-        }
-        let (mut place, mut owed) = (0, start);
-        for from in filled {
-            let weight = others.weight(*from);
-            let is_kept = !is_noisy && weight >= heavy;
-            let kept = if is_kept { weight } else { heavy };
-            owed += if is_kept { 1.0 } else { weight / heavy };
-            while owed >= 1.0 && place < most {
-                self.take(place, others, *from, kept / (weight * sum));
-                owed -= 1.0;
-                place += 1;
-            }
-        }
-        self.end(place);
-    }
-
-    /// The weight c from which particles are kept as they are, where the sum of min(1, weight / c) is `most`; the first
-    /// guess is too large. A c that is somewhat too large leaves places empty and is as good.
-    ///
-    /// **Source**: Fearnhead and Clifford, "On-line inference for hidden Markov models via particle filters", 2003,
-    /// section 3.
-    #[inline(always)]
-    fn heavy(&self, filled: &[usize], guess: f64, most: usize) -> f64 {
-        let mut heavy = guess;
-        for _ in 0..PASSES {
-            let (mut kept, mut light) = (0, 0.0);
-            for place in filled {
-                let weight = self.weight(*place);
-                kept += usize::from(weight >= heavy);
-                light += if weight >= heavy { 0.0 } else { weight };
-            }
-            if kept < most {
-                heavy = light / (most - kept) as f64;
-            }
-        }
-        heavy
     }
 }
 
@@ -400,43 +494,50 @@ impl Particles {
 mod tests {
     use super::*;
 
-    /// Eight particles with these weights, and with risks of 1/8, 2/8, ...
-    fn with_weights(weights: [f64; 8]) -> Particles {
-        Particles {
-            count: 8,
-            habituation: vec![0.0; 8],
-            risk: (1..9).map(|i| f64::from(i) / 8.0).collect(),
-            zero: weights.to_vec(),
-            one: vec![0.0; 8],
-        }
+    /// As many particles with these weights, half of them in context 1, and with these risks.
+    fn with(weights: &[f64], risks: &[f64]) -> Particles {
+        let mut particles = Particles::new(weights.len());
+        particles.count = weights.len();
+        particles.risk.copy_from_slice(risks);
+        particles.zero = weights.iter().map(|weight| 0.5 * weight).collect();
+        particles.one.clone_from(&particles.zero);
+        particles
     }
 
     /// Points at 1/16, 3/16, ... of weights of a third each: the second particle owns three, the third two, the fifth
     /// three, and those without a weight none.
     #[test]
-    fn particles_are_copied_in_proportion_to_their_weights() {
+    fn particles_are_drawn_in_proportion_to_their_weights() {
         let third = 1.0 / 3.0;
-        let before = with_weights([0.0, third, third, 0.0, third, 0.0, 0.0, 0.0]);
+        let before = with(&[0.0, third, third, 0.0, third, 0.0, 0.0, 0.0], &[0.5; 8]);
+        let mut places = [0; 9];
+        before.draw(1, 1.0, 0.5, &mut places);
+        assert_eq!(places[..8], [1, 1, 1, 2, 2, 4, 4, 4]);
+        // Without a first space, the first point is where the second particle begins.
+        before.draw(1, 1.0, 0.0, &mut places);
+        assert_eq!(places[0], 1);
         let mut after = Particles::new(8);
-        after.resample(&before, &mut [1, 2, 4], 1.0, 0.5, true);
-        assert_eq!(after.risk, [0.25, 0.25, 0.25, 0.375, 0.375, 0.625, 0.625, 0.625]);
-        assert_eq!(after.zero, [0.125; 8]);
+        after.take(&before, &places[..8], true);
+        after.level();
+        assert!(after.zero.iter().chain(&after.one).all(|weight| *weight == 0.0625));
     }
 
-    /// Sixteen particles in eight places, without noise: the heavy one keeps its weight, and seven of the fifteen light
-    /// ones share the rest.
+    /// Cells are a fifth wide, from 0.6 in both directions, from which a wrong message leads to the threshold.
     #[test]
-    fn heavy_particles_without_noise_keep_their_weights() {
-        let mut before = Particles::new(16);
-        before.count = 16;
-        before.risk = (0..16).map(|i| f64::from(i) / 16.0).collect();
-        before.zero = [vec![0.02; 15], vec![0.7]].concat();
+    fn particles_without_noise_are_joined_within_cells() {
+        let e = StepCount { epsilon_d: 0.4, ..StepCount::paper(0.6) };
+        let dynamics = Dynamics::of(&e);
+        let weights = [0.25, 0.25, 0.0, 0.25, 0.25, 0.5, 0.5, 0.0];
+        let risks = [0.0, 0.1, 0.3, 0.55, 0.59, 0.61, 0.99, 1.0];
+        let before = with(&weights, &risks);
+        let wrong = risks.map(|risk| dynamics.annoyed(risk));
+        let (mut places, mut cells) = ([0.0; 8], [[0.0; 4]; 8]);
+        before.place(&dynamics, &wrong, 8, &mut places);
         let mut after = Particles::new(8);
-        let mut filled: Vec<usize> = (0..16).rev().collect();
-        after.resample(&before, &mut filled, 1.0, 0.5, false);
-        let risks = [1, 3, 5, 7, 9, 11, 13, 15].map(|i| f64::from(i) / 16.0);
-        assert_eq!(after.risk, risks);
-        assert!(after.zero[..7].iter().all(|weight| (weight - 0.3 / 7.0).abs() < 1e-15));
-        assert_eq!(after.zero[7], 0.7);
+        after.join(&before, &places, &mut cells, 2.0);
+        let near = |of: &[f64], to: &[f64]| of.iter().zip(to).all(|(x, y)| (x - y).abs() < 1e-12);
+        assert!(near(&after.risk[..4], &[0.05, 0.57, 0.61, 0.99]), "{:?}", after.risk);
+        assert_eq!(after.zero[..5], [0.125, 0.125, 0.125, 0.125, 0.0]);
+        assert_eq!(cells, [[0.0; 4]; 8]);
     }
 }
