@@ -63,8 +63,11 @@ pub(super) fn run(arguments: &Arguments) -> Result<Exit, Error> {
         removed.insert(key);
     })?;
     let mut open = store.open()?;
+    let is_running = || -> Result<bool, Error> {
+        Ok(open.reader()?.belongings(experiment)?.is_some_and(|now| now.jobs.running > 0))
+    };
     // Jobs that stay in the store count as merged, whether they are listed or not.
-    if *results {
+    if *results && !is_running()? {
         cluster::forget(&submissions, &removed)?;
     }
     match open.forget(experiment, *results)? {

@@ -163,6 +163,11 @@ pub trait Model: Any + fmt::Debug + Send + Sync {
         false
     }
 
+    /// Whether bandits in a trial get the features of single observations in 64 bits. False by default.
+    fn has_exact_features(&self) -> bool {
+        false
+    }
+
     /// The number of parameters in which participants of the test differ. None by default.
     fn differing(&self) -> usize {
         0

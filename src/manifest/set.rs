@@ -176,6 +176,18 @@ struct Edited<'s> {
     options: Vec<&'s Override>,
 }
 
+/// The fault of a value with commas that is not TOML: decimal ones, or those of a list without brackets.
+fn comma(key: &str, value: &str) -> Option<Fault> {
+    let items: Vec<&str> = value.split(',').map(str::trim).collect();
+    let list = format!("[{}]", items.join(", "));
+    let is_list = items.len() > 1 && list.parse::<Value>().is_ok();
+    let unbracketed = || {
+        let fault = Fault::whole(format!("`{key}`: a list without brackets"));
+        is_list.then(|| fault.help(format!("write {key} = {list}")))
+    };
+    decimal_comma(key, value).or_else(unbracketed)
+}
+
 /// The manifest's text with overrides.
 fn with<'s>(manifest: &Manifest, overrides: &'s [Override]) -> Result<Edited<'s>, Fault> {
     let mut document = editable(&manifest.source)?;
@@ -184,10 +196,11 @@ fn with<'s>(manifest: &Manifest, overrides: &'s [Override]) -> Result<Edited<'s>
     for set in overrides {
         let place = place(manifest, set)?;
         if !matches!(place, Place::Top("name" | "question" | "hypothesis"))
-            && let Some(comma) = decimal_comma(short_name(&set.key), &set.value)
+            && set.value.parse::<Value>().is_err()
+            && let Some(fault) = comma(short_name(&set.key), &set.value)
         {
-            let fault = Fault::whole(format!("--set {set}: {}", comma.message()));
-            return Err(fault.help(comma.hint().unwrap_or_default()));
+            let hint = fault.hint().unwrap_or_default().to_owned();
+            return Err(Fault::whole(format!("--set {set}: {}", fault.message())).help(hint));
         }
         match place {
             Place::Top(key) => put(document.as_table_mut(), key, set.value_of(key)),

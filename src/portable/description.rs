@@ -52,11 +52,8 @@ pub fn describe_observations(job: &Job) -> Vec<Json> {
 /// The bits of each number that an agent observes: 64 for bandits in a trial whose simulation shows its full precision.
 fn observation_bits(job: &Job) -> u32 {
     let is_bandit = job.agent.parameters::<LinearThompson>().is_some();
-    if !is_bandit || job.trial.is_none() || job.environment.family().is_external() {
-        return 32;
-    }
-    let simulation = job.task().simulation(1);
-    if simulation.exact_features_read_observations() { 32 } else { 64 }
+    let is_exact = job.environment.has_exact_features() && job.agent.history() == 1;
+    if is_bandit && job.trial.is_some() && is_exact { 64 } else { 32 }
 }
 
 /// The SHA-256 of some bytes, in hexadecimal.

@@ -12,7 +12,7 @@ use crate::env::Environment;
 use crate::env::outside::{Description, EnvironmentProgram, OutsideModel};
 use crate::external::ProgramError;
 use crate::job::{
-    CurvePoint, EstimateDeclaration, Failure, FailureKind, Job, Outcome, STEP, Trial,
+    CurvePoint, EstimateDeclaration, Failure, FailureKind, GROSS_REWARD, Job, Outcome, STEP, Trial,
 };
 use crate::key::Size;
 use crate::train::control::{StopHandle, TrainingControl};
@@ -94,10 +94,11 @@ pub fn misfit(job: &Job, description: &Description) -> Option<String> {
     size.is_too_large().then(|| too_large(&size))
 }
 
-/// The first name of a program's state that a trial, or the number of the step, has as well.
+/// The first name of a program's state that a trial, the number of the step, or an outcome has as well.
 fn colliding<'s>(job: &Job, state: &'s [String]) -> Option<&'s String> {
     let trial = job.trial.as_ref()?;
-    let own: Vec<String> = trial.state_names().chain([STEP.to_owned()]).collect();
+    let own: Vec<String> =
+        trial.recorded_names().chain([STEP, GROSS_REWARD].map(str::to_owned)).collect();
     state.iter().find(|name| own.contains(name))
 }
 

@@ -335,7 +335,7 @@ fn set_gives_keys_other_values_and_the_store_keeps_the_text() {
         ("sigma=0,4", "`sigma`: a decimal comma; numbers have a decimal point"),
         ("sigma=0.4,0.6", "write sigma = [0.4, 0.6]"),
         ("sigma=[0,4, 0,6]", "sigma = [0.4, 0.6]"),
-        ("agent.episodes=1 000", "write episodes = 1000"),
+        ("agent.episodes=1 000", "found \"1 000\""),
     ] {
         let refused = folder.jitai(["plan", "sweep.toml", "--set", set]).ended(2);
         refused.says(&format!("--set {set}")).says(expected);

@@ -43,6 +43,7 @@ fn a_filter_limits_what_is_counted_and_the_time_left() {
     let planned = folder.jitai(plan).json();
     let run = folder.start(["run", "sweep.toml", "--filter", filter, "--workers", "2"]);
     let status = || folder.jitai(["status", "--format", "json"]).json()[0].clone();
+    until("the store is made", || folder.jitai(["status"]).code == Some(0));
     until("both jobs run", || status()["running"] == 2);
     let found = status();
     let filtered = &found["filtered"];
@@ -149,6 +150,10 @@ fn has_terminals() -> bool {
         script.is_ok_and(|output| String::from_utf8_lossy(&output.stdout).contains("util-linux"));
     if !has {
         left_out("the full screen of `watch`", "it needs `script` of util-linux");
+    }
+    if !cfg!(feature = "screen") {
+        left_out("the full screen of `watch`", "it needs the feature `screen`");
+        return false;
     }
     has
 }

@@ -68,6 +68,8 @@ def _costs(
     if "cost_of_good_brushing" in declared:
         # Step 3 of docs/oralytics.md.
         rows = json.loads(f"[{','.join(states)}]")
+        if any(row.get("reported") == 0 for row in rows) and declared["cost_of_good_brushing"]:
+            raise ValueError("rewards less costs are not known: the costs follow from states that were not reported")
         brushing = np.array([row["average_brushing"] for row in rows])
         prompts = np.array([row["average_prompts"] for row in rows])
         if declared["cost_scale"] == 1:

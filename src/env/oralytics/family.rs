@@ -133,6 +133,10 @@ impl Model for OralyticsModel {
         true
     }
 
+    fn has_exact_features(&self) -> bool {
+        true
+    }
+
     fn people_to_draw(&self) -> Option<usize> {
         self.parameters.people.parsed::<Table>().map(|table| table.len())
     }

@@ -90,7 +90,7 @@ keys! {
         message_budget: u32 = MOST_MESSAGES, before MOST_MESSAGES,
             in Kind::Integer { min: 0, max: MOST_MESSAGES as u64 };
         /// number of particles of the beliefs that have no exact numbers, rounded up to a multiple of 8
-        belief_particles: u32 = PARTICLES, before PARTICLES, in Kind::Integer { min: 8, max: 65_536 };
+        belief_particles: u32 = PARTICLES, before PARTICLES, in Kind::Integer { min: 8, max: 4096 };
     }
 }
 

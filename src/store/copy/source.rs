@@ -123,7 +123,10 @@ impl<'a> Source<'a> {
     fn experiments(&self) -> Vec<ExperimentRow> {
         // Stores of earlier versions do not have the column.
         let is_known = has_column(self.connection, "experiment", "estimates").unwrap_or(false);
-        let estimates = if is_known { "estimates" } else { "NULL" };
+        let estimates = match is_known {
+            true => "CASE WHEN json_valid(estimates) THEN estimates END",
+            false => "NULL",
+        };
         let select = format!(
             "SELECT name, question, hypothesis, manifest, created_at, updated_at, {estimates}
              FROM experiment NOT INDEXED WHERE id = ?1"

@@ -134,7 +134,7 @@ fn a_condition_selects_the_same_jobs_in_memory_and_in_sql() {
     };
     all.iter().for_each(|condition| agree(vec![condition.clone()]));
     let mut stream = Stream::new(1, Purpose::Bootstrap);
-    for _ in 0..100 {
+    for _ in 0..200 {
         let mut draw = || all[(stream.unit() * all.len() as f64) as usize].clone();
         let (first, second) = (draw(), draw());
         match first.or(&second) {
