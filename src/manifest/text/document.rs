@@ -68,17 +68,13 @@ fn broken(text: &str, errors: &[toml::de::Error]) -> Vec<Broken> {
             false => Fault::at(span, in_our_words(message, written)),
         };
         // Keys of a table that is opened twice are set twice because of the table.
-        let is_header =
-            is_repeat && text[..span.start].trim_end_matches([' ', '\t']).ends_with('[');
-        if is_header {
+        if is_repeat && text[..span.start].trim_end_matches([' ', '\t']).ends_with('[') {
             let next = text[span.start..].find("\n[").map_or(text.len(), |next| span.start + next);
             repeated_until = next;
         }
-        let fault = match (breaks_structure, is_header) {
-            (true, _) => fault.help("check that every earlier list and table is closed"),
-            (_, true) => fault
-                .help(format!("[[{0}]] opens each of several tables `{0}`", shortened(written))),
-            (false, false) => fault,
+        let fault = match breaks_structure {
+            true => fault.help("check that every earlier list and table is closed"),
+            false => fault,
         };
         all.push(Broken { span, fault, is_repeat, breaks_structure });
     }
