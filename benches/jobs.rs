@@ -241,6 +241,7 @@ fn wcls(bencher: Bencher<'_, '_>) {
             action,
             probabilities: [0.7, 0.3].into(),
             reward: stream.unit(),
+            cost: 0.0,
             terminated: false,
             truncated: false,
         }
@@ -249,6 +250,7 @@ fn wcls(bencher: Bencher<'_, '_>) {
     let declaration = Arc::new(EstimateDeclaration {
         control: names.clone(),
         estimator: "wcls".to_owned(),
+        less_costs: false,
         moderators: names[..2].to_vec(),
         name: "effect".to_owned(),
         numerator: 0.3,

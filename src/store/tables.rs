@@ -551,7 +551,7 @@ mod tests {
             VIEWS.iter().map(|view| of_view.query_row([view], |row| row.get(0)).unwrap()).collect();
         for ResultTable { name: table, .. } in &RESULT_TABLES {
             // Weights are exported as policies, and descriptions belong to them.
-            let is_of_policies = ["trained_weights", "recorded_description"].contains(&table);
+            let is_of_policies = ["trained_weights", "recorded_description"].contains(table);
             assert!(is_of_policies || texts.iter().any(|text| text.contains(table)), "{table}");
         }
     }
