@@ -275,7 +275,9 @@ def test_the_reader_of_bandits_has_the_probabilities_of_the_program(bandits, tmp
 
         one_hot = description["posterior"]["one_hot"]
         chance = np.random.default_rng(3)
-        rows = chance.random((200, len(description["features"])))
+        # Numbers that the agent can observe.
+        assert description["observation_bits"] == 32
+        rows = chance.random((200, len(description["features"])), np.float32)
         if one_hot:
             rows[:, -one_hot:] = np.eye(one_hot)[chance.integers(0, one_hot, 200)]
         ours = policy.probabilities(rows)

@@ -30,22 +30,29 @@ pub(super) fn decimal_commas(text: &str) -> FaultList {
 /// The fault of a value with decimal commas that belongs to a key.
 pub(super) fn decimal_comma(key: &str, value: &str) -> Option<Fault> {
     let key = key.trim();
+    let value = value.strip_suffix(',').unwrap_or(value).trim_end();
     let put = with_points(value).filter(|_| !takes_whole_numbers(key))?;
-    let items = match put.strip_prefix('[').map(|rest| rest.strip_suffix(']')) {
-        // One comma between digits separates two values, as in `[0,5]`.
-        Some(items) => items.filter(|_| value.matches(',').count() > 1)?,
-        None => &put,
-    };
+    let fault = Fault::whole(format!("`{key}`: {DECIMAL_COMMA}"));
+    if value.starts_with('{') {
+        let is_toml = |value: &str| toml::from_str::<toml::Table>(&format!("x = {value}")).is_ok();
+        let is_meant = !is_toml(value) && is_toml(&put);
+        return is_meant.then(|| fault.help(format!("write {key} = {put}")));
+    }
     let is_number = |item: &str| item.trim().is_empty() || item.trim().parse::<f64>().is_ok();
-    items.split(',').all(is_number).then(|| {
-        let fault = Fault::whole(format!("`{key}`: {DECIMAL_COMMA}"));
-        let put = if items.len() == put.len() && items.contains(',') {
-            format!("[{put}]")
-        } else {
-            put.clone()
-        };
-        fault.help(format!("write {key} = {put}"))
-    })
+    if let Some(items) = put.strip_prefix('[') {
+        // One comma between digits separates two values, as in `[0,5]`.
+        let items = items.strip_suffix(']').filter(|_| value.matches(',').count() > 1)?;
+        let are_numbers = items.split(',').all(is_number);
+        return are_numbers.then(|| fault.help(format!("write {key} = {put}")));
+    }
+    let help = match value.split_once(',') {
+        _ if !put.split(',').all(is_number) => return None,
+        _ if put.contains(',') => format!("write {key} = [{put}]"),
+        // As in 1,000 for a thousand.
+        Some((whole, "000")) => format!("write {key} = {whole}000, or {key} = {put}"),
+        _ => format!("write {key} = {put}"),
+    };
+    Some(fault.help(help))
 }
 
 /// The value with points for commas between digits, unless all of several commas are between digits.
@@ -69,4 +76,28 @@ fn takes_whole_numbers(key: &str) -> bool {
     let name = key.rsplit('.').next().unwrap_or(key).trim();
     let of = |section: Section| section.find(name).is_some_and(|(_, key)| is_whole(key.kind));
     ["seed", "seeds", "reporting_seeds"].contains(&key) || Section::all().into_iter().any(of)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn decimal_commas_get_their_values_in_toml() {
+        for (key, value, expected) in [
+            ("sigma", "0,4", Some("write sigma = 0.4")),
+            ("sigma", "0,1,", Some("write sigma = 0.1")),
+            ("sigma", "0,4, 0,8", Some("write sigma = [0.4, 0.8]")),
+            ("sigma", "[0,4, 0,6]", Some("write sigma = [0.4, 0.6]")),
+            ("sigma", "[0,5]", None),
+            ("sigma", "0.4", None),
+            ("message_cost", "1,000", Some("write message_cost = 1000, or message_cost = 1.000")),
+            ("seeds", "1,5", None),
+            ("environment", "{ sigma = 0,4 }", Some("write environment = { sigma = 0.4 }")),
+            ("environment", "{ sigma = [0,5] }", None),
+        ] {
+            let found = decimal_comma(key, value);
+            assert_eq!(found.as_ref().and_then(Fault::hint), expected, "{key} = {value}");
+        }
+    }
 }

@@ -40,8 +40,8 @@ impl ChangedPrograms {
     pub fn notes(&self) -> impl Iterator<Item = String> {
         self.0.iter().map(|(file, jobs)| {
             format!(
-                "{} has changed since {} ran with it, under the same `version`; their results stay as they are: raise \
-                 `version` in the manifest to run them again with the file of today",
+                "{} has changed since {} ran with it, under the same `version`; their results stay as they are: to run \
+                 them again with the file of today, raise `version` in the manifest, and run it with --replace",
                 printable(file),
                 counted(*jobs, "completed job"),
             )

@@ -84,6 +84,15 @@ fn broken(text: &str, errors: &[toml::de::Error]) -> Vec<Broken> {
 fn in_our_words(message: &str, written: &str) -> String {
     match (message.starts_with("string values must be quoted"), written) {
         (true, "") => "a value is missing".to_owned(),
+        (true, word) if word.starts_with(['“', '”', '„', '«', '‘', '’']) => {
+            format!(
+                "`{}` has curly quotes; text needs straight ones, as in \"text\"",
+                shortened(word)
+            )
+        }
+        (true, flag @ ("yes" | "no" | "on" | "off")) => {
+            format!("`{flag}` is not a value: a flag is true or false, and text needs quotes")
+        }
         (true, word) => format!("`{}` is not a value: text needs quotes", shortened(word)),
         (false, _) => format!("not valid TOML: {message}"),
     }
