@@ -1,5 +1,6 @@
 //! A sweep stops on request, and resumes when it is run again.
 
+use std::fs;
 use std::io::Write;
 use std::process::{Child, ChildStderr, Command, Stdio};
 use std::thread;
@@ -28,6 +29,11 @@ fn a_signal_stops_long_jobs_at_once(signal: &str) {
     assert_eq!(folder.number(interrupted), 2);
     assert_eq!(folder.runs(), 2);
     assert_eq!(folder.number("SELECT count(*) FROM session WHERE ended_at IS NULL"), 0);
+}
+
+/// What the command of `--on-end` has written so far.
+fn called(folder: &Folder) -> String {
+    fs::read_to_string(folder.path("called")).unwrap_or_default()
 }
 
 #[test]
@@ -86,7 +92,7 @@ fn a_reader_that_stalls_stops_neither_the_jobs_nor_the_end() {
     assert_eq!(run.wait().unwrap().code(), Some(130));
     assert_prompt(asked);
     until("the command was called", || folder.path("called").exists());
-    until("it has read", || folder.read("called").contains("\"stopped\""));
+    until("it has read", || called(&folder).contains("\"stopped\""));
     assert_eq!(folder.number("SELECT count(*) FROM session WHERE ended_at IS NULL"), 0);
 }
 
@@ -165,7 +171,7 @@ fn a_reader_that_stalls_does_not_keep_a_wait_for_a_cluster() {
     assert!(Command::new("sh").args(["-c", &kill]).status().unwrap().success());
     assert_eq!(wait.wait().unwrap().code(), Some(130));
     assert_prompt(asked);
-    until("the command has read", || folder.read("called").contains("\"stopped\""));
+    until("the command has read", || called(&folder).contains("\"stopped\""));
 }
 
 #[test]
