@@ -11,7 +11,7 @@ use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 
 use jitai::estimate::Correction;
-use jitai::store::{Answer, Reader, VIEWS};
+use jitai::store::{Answer, Reader};
 use jitai::train::after_study_covariance;
 use jitai::{manifest, plan};
 
@@ -450,6 +450,6 @@ fn pandas_reads_the_same_from_parquet_as_from_csv() {
     let output = output.unwrap();
     assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
     let said = String::from_utf8_lossy(&output.stdout);
-    assert_eq!(said.lines().count(), VIEWS.len(), "{said}");
+    assert_eq!(said.lines().count(), jitai::store::VIEWS.len(), "{said}");
     print!("pandas read from Parquet what it reads from CSV:\n{said}");
 }
