@@ -118,7 +118,7 @@ fn show(reader: &Reader, format: Format) -> Result<(), Error> {
             let (name, of) = (printable(&experiment), of.described(counts.total()));
             let (ended, running) = (chosen.completed + chosen.failed, chosen.running);
             filters.push(format!(
-                "{name}: {of}, of which {ended} have ended and {running} are running; the seconds left are theirs"
+                "{name}: {of}, of which {ended} have ended, with {running} running; the seconds left are theirs"
             ));
         }
         let mut fields = counts::fields(&experiment, &counts, seconds);
