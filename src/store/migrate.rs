@@ -9,6 +9,7 @@ use rusqlite::{Connection, OpenFlags, Transaction, TransactionBehavior};
 use super::error::StoreError;
 use super::place::beside;
 use super::transaction::commit;
+use super::view;
 use crate::job::counted;
 
 /// Marks a SQLite file as a store: the letters `JITA`.
@@ -118,7 +119,7 @@ pub(super) fn migrate(
     let failed = |source| StoreError::sqlite(path, "open the store", source);
     let found = version(connection).map_err(failed)?;
     if found >= migrations.len() {
-        return Ok(());
+        return renew_views(connection, found).map_err(failed);
     }
     let action = if found == 0 { "create the store" } else { "migrate the store" };
     let failed = |source| StoreError::sqlite(path, action, source);
@@ -128,6 +129,16 @@ pub(super) fn migrate(
     let result = migrate_locked(connection, (path, action), migrations, back_up);
     connection.execute_batch("PRAGMA foreign_keys = ON").map_err(failed)?;
     result
+}
+
+/// Makes the views of a file of the newest version again whose texts differ.
+fn renew_views(connection: &mut Connection, found: usize) -> rusqlite::Result<()> {
+    if found != SCHEMA_VERSION as usize || view::outdated(connection)?.is_empty() {
+        return Ok(());
+    }
+    let transaction = connection.transaction_with_behavior(TransactionBehavior::Immediate)?;
+    view::renew(&transaction)?;
+    commit(transaction)
 }
 
 /// Applies the migrations that a private copy of the store at `path` lacks.
@@ -161,6 +172,9 @@ fn migrate_locked(
         })?;
     }
     let target = migrations.len().max(found);
+    if target == SCHEMA_VERSION as usize {
+        view::renew(&transaction).map_err(failed)?;
+    }
     transaction
         .execute_batch(&format!(
             "PRAGMA application_id = {APPLICATION_ID}; PRAGMA user_version = {target};"

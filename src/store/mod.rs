@@ -73,6 +73,7 @@ mod state;
 mod tables;
 mod transaction;
 mod verify;
+mod view;
 mod weights;
 mod writer;
 
