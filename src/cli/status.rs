@@ -55,7 +55,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<Exit, Error> {
         return watch::run(&watch::Arguments::plain(arguments.store.clone()));
     }
     let reader = Reader::open(&arguments.store.store)?;
-    show(&reader, arguments.format)?;
+    show(&reader, arguments)?;
     if arguments.format == Format::Table {
         show_submissions(arguments, &reader)?;
     }
@@ -78,7 +78,8 @@ fn show_submissions(arguments: &Arguments, reader: &Reader) -> Result<(), Error>
 }
 
 /// Prints the state of the store.
-fn show(reader: &Reader, format: Format) -> Result<(), Error> {
+fn show(reader: &Reader, arguments: &Arguments) -> Result<(), Error> {
+    let format = arguments.format;
     let speeds = Speeds::of(reader)?;
     let failed = Failed::read(reader)?;
     // CSV output has no place for changes and races.
@@ -104,7 +105,12 @@ fn show(reader: &Reader, format: Format) -> Result<(), Error> {
     let mut rows = Rows::new(format, &columns, io::stdout().lock())?;
     let mut filters = Vec::new();
     for ExperimentCounts { experiment, counts, left: jobs_left } in experiments {
-        let filtered = filtered(reader, &experiment)?;
+        // Tasks of a cluster run other jobs beside those of a filter.
+        let is_filtered = !reader.filters(&experiment)?.is_empty();
+        let filtered = match is_filtered && look(arguments)?.open(&experiment).next().is_none() {
+            true => filtered(reader, &experiment)?,
+            false => None,
+        };
         let left = filtered.as_ref().map_or_else(
             || {
                 let mut left = Left::default();

@@ -93,6 +93,18 @@ impl Draft {
 }
 
 impl Look {
+    /// The submissions that may still have results of an experiment.
+    pub fn open<'l>(
+        &'l self,
+        experiment: &'l str,
+    ) -> impl Iterator<Item = &'l (Submission, ChunkSurvey)> {
+        self.surveys.iter().filter(move |(submission, survey)| {
+            let counts = survey.counts();
+            let is_open = survey.stopped.is_none() && counts.open() + counts.lost > 0;
+            is_open && submission.intent.experiments.iter().any(|name| name == experiment)
+        })
+    }
+
     /// The jobs that tasks may still complete.
     fn held(&self) -> HashSet<JobKey> {
         self.surveys.iter().flat_map(|(_, survey)| survey.held()).copied().collect()

@@ -382,12 +382,7 @@ impl Watcher {
     /// chunks that may still hand in results.
     fn submissions(&self, experiment: &str) -> (Vec<String>, usize) {
         let Some((_, look)) = &self.look else { return (Vec::new(), 0) };
-        let is_ours = |(submission, survey): &&(cluster::Submission, cluster::ChunkSurvey)| {
-            let counts = survey.counts();
-            let is_open = survey.stopped.is_none() && counts.open() + counts.lost > 0;
-            is_open && submission.intent.experiments.iter().any(|name| name == experiment)
-        };
-        let ours: Vec<_> = look.surveys.iter().filter(is_ours).collect();
+        let ours: Vec<_> = look.open(experiment).collect();
         let held = ours.iter().map(|(_, survey)| survey.counts().open()).sum();
         let line = |(submission, survey): &(cluster::Submission, cluster::ChunkSurvey)| {
             let counts = survey.counts();
