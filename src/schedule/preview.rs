@@ -131,7 +131,7 @@ impl<'m> Preview<'m> {
         let workers = counted(self.workers.get(), "worker");
         let Some(time) = self.all().1.map(spoken) else {
             return format!(
-                "{jobs} to run with {workers}; how long is not known: no job with the outside program has been timed yet"
+                "{jobs} to run with {workers}; how long is not known: no job of the same algorithm with the outside program has been timed yet"
             );
         };
         let basis = match self.speeds.are_measured() {
