@@ -38,7 +38,8 @@ WITH cell (experiment, agent, job, form) AS MATERIALIZED (
             ORDER BY swept.name)),
         ifnull((SELECT group_concat(word, ' ') FROM (
             SELECT substr(swept.name, instr(swept.name, '.') + 1) || '='
-                || CASE typeof(swept.value) WHEN 'real' THEN printf('%.15g', swept.value)
+                || CASE typeof(swept.value) WHEN 'real' THEN replace(replace(
+                    replace(printf('%.15g', swept.value), 'e-0', 'e-'), 'e+0', 'e'), 'e+', 'e')
                     ELSE swept.value END AS word
             FROM swept
             WHERE (swept.experiment, swept.agent, swept.form) = (cell.experiment, cell.agent, cell.form)
@@ -66,7 +67,11 @@ SELECT
         AND metric = (SELECT id FROM metric_name WHERE name = 'disengagement_rate'))
         AS disengagement_rate,
     (SELECT value FROM run_metric WHERE run = run.id
-        AND metric = (SELECT id FROM metric_name WHERE name = 'message_rate')) AS message_rate
+        AND metric = (SELECT id FROM metric_name WHERE name = 'message_rate')) AS message_rate,
+    ifnull((SELECT value FROM run_metric WHERE run = run.id
+        AND metric = (SELECT id FROM metric_name WHERE name = 'mean_net_return')),
+        (SELECT value FROM run_metric WHERE run = run.id
+        AND metric = (SELECT id FROM metric_name WHERE name = 'mean_return'))) AS mean_net_return
 FROM cell
 JOIN arm ON (arm.experiment, arm.agent, arm.form) = (cell.experiment, cell.agent, cell.form)
 JOIN experiment ON experiment.id = cell.experiment

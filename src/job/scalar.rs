@@ -60,8 +60,8 @@ impl From<&Value> for Scalar {
 impl fmt::Display for Scalar {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
-            // Scientific notation for very small and very large numbers.
-            Scalar::Real(number) if *number != 0.0 && !(1e-6..1e15).contains(&number.abs()) => {
+            // From 1e-4 to 1e15 without an exponent, as `arm_summary` writes it.
+            Scalar::Real(number) if *number != 0.0 && !(1e-4..1e15).contains(&number.abs()) => {
                 write!(f, "{number:e}")
             }
             Scalar::Real(number) => write!(f, "{number}"),

@@ -183,7 +183,8 @@ fn migrate_locked(
         .map_err(failed)
 }
 
-fn version(connection: &Connection) -> rusqlite::Result<usize> {
+/// The version of the schema that the file declares.
+pub(super) fn version(connection: &Connection) -> rusqlite::Result<usize> {
     connection.query_row("PRAGMA user_version", [], |row| row.get::<_, u32>(0)).map(|v| v as usize)
 }
 

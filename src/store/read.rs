@@ -15,7 +15,7 @@ use super::seed_group::SeedGroups;
 use super::session::{self, Holders};
 use super::state::{JobState, States, state_sql};
 use super::writer::Store;
-use super::{file, sandbox, schema};
+use super::{file, sandbox, schema, view};
 
 /// The store, open for reading. It never writes and never waits for a writer. Every call sees the latest
 /// committed state.
@@ -84,7 +84,8 @@ impl Reader {
 
     fn of(mut connection: Connection, path: PathBuf) -> Result<Reader, StoreError> {
         schema::require(&connection, &path)?;
-        sandbox::allow_reading_only(&mut connection)
+        view::renew_for_reading(&connection)
+            .and_then(|()| sandbox::allow_reading_only(&mut connection))
             .map_err(|source| StoreError::sqlite(&path, "open the store", source))?;
         Ok(Reader { connection, path })
     }
@@ -92,7 +93,7 @@ impl Reader {
     /// Whether the store has a public view, which stores of earlier versions may lack.
     pub fn has_view(&self, name: &str) -> Result<bool, StoreError> {
         self.read("read the schema", |connection| {
-            let named = "SELECT EXISTS (SELECT 1 FROM sqlite_schema WHERE name = ?1)";
+            let named = "SELECT EXISTS (SELECT 1 FROM pragma_table_list WHERE name = ?1)";
             Ok(connection.prepare_cached(named)?.query_row([name], |row| row.get(0))?)
         })
     }

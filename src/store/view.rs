@@ -1,9 +1,11 @@
 //! The public views: a file each in `migrations/views/`, made again in a store whose text differs.
 //!
 //! Migrations change tables and drop the views that a change breaks. They make no views: whoever opens a store for
-//! writing does.
+//! writing does. A reader makes its own.
 
 use rusqlite::Connection;
+
+use super::migrate::{SCHEMA_VERSION, version};
 
 macro_rules! views {
     ($($name:literal)*) => {
@@ -34,6 +36,21 @@ pub(super) fn outdated(connection: &Connection) -> rusqlite::Result<Vec<&'static
         }
     }
     Ok(names)
+}
+
+/// Makes the views that a file of the newest version lacks or has with another text for this connection alone, where
+/// they stand before the views of the file. Afterwards the connection only reads.
+pub(super) fn renew_for_reading(connection: &Connection) -> rusqlite::Result<()> {
+    let is_newest = version(connection)? == SCHEMA_VERSION as usize;
+    let outdated = if is_newest { outdated(connection)? } else { Vec::new() };
+    if outdated.is_empty() {
+        return Ok(());
+    }
+    connection.execute_batch("PRAGMA query_only = OFF")?;
+    for (_, sql) in VIEWS.iter().filter(|(name, _)| outdated.contains(name)) {
+        connection.execute_batch(&sql.replacen("CREATE VIEW", "CREATE TEMP VIEW", 1))?;
+    }
+    connection.execute_batch("PRAGMA query_only = ON")
 }
 
 /// Makes the views that the file lacks or has with another text. The caller has begun a transaction.

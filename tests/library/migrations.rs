@@ -3,9 +3,10 @@
 //! rows.
 
 use std::fs;
+use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
 
-use jitai::store::{Reader, SCHEMA_VERSION, Store};
+use jitai::store::{Answer, Reader, SCHEMA_VERSION, Store};
 use rusqlite::Connection;
 
 /// The files of the migrations, in order.
@@ -73,6 +74,41 @@ fn a_migration_that_was_interrupted_is_undone_and_done_again() {
         check(&opened);
         assert_eq!(schema(&opened), before, "cut to {cut} bytes");
     }
+}
+
+/// The rows of a view come from its file in `migrations/views/`, whatever the store has under its name.
+#[test]
+fn a_view_with_another_text_is_made_again() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("a.sqlite");
+    drop(replay(&path, SCHEMA_VERSION as usize));
+    drop(Store::open(&path).unwrap());
+    let count = |path: &Path| {
+        let mut counts = Vec::new();
+        let sql =
+            "SELECT (SELECT count(*) FROM metric), (SELECT count(episode) FROM evaluation_episode)";
+        let see = |answer: Answer<'_>| {
+            if let Answer::Row(values) = answer {
+                counts.push(format!("{values:?}"));
+            }
+            ControlFlow::Continue(())
+        };
+        Reader::open(path).unwrap().query(sql, see).unwrap();
+        counts
+    };
+    let connection = Connection::open(&path).unwrap();
+    let (before, counted) = (schema(&connection), count(&path));
+    connection
+        .execute_batch(
+            "DROP VIEW metric; CREATE VIEW metric AS SELECT 1 AS job_key WHERE 0;
+             DROP VIEW evaluation_episode; PRAGMA wal_checkpoint(TRUNCATE)",
+        )
+        .unwrap();
+    let changed = schema(&connection);
+    assert_eq!(count(&path), counted);
+    assert_eq!(schema(&connection), changed, "a reader writes nothing");
+    drop(Store::open(&path).unwrap());
+    assert_eq!(schema(&connection), before);
 }
 
 /// Stores that earlier versions and releases wrote, in `tests/data/stores/`, and a store of
