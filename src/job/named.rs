@@ -68,9 +68,9 @@ fn key_of(job: &Job, name: &str) -> Option<Value> {
 pub fn shown(value: &Json) -> String {
     match value {
         Json::String(text) => text.clone(),
-        Json::Number(number) if number.is_f64() => {
-            number.as_f64().map_or_else(|| number.to_string(), |real| Scalar::Real(real).to_string())
-        }
+        Json::Number(number) if number.is_f64() => number
+            .as_f64()
+            .map_or_else(|| number.to_string(), |real| Scalar::Real(real).to_string()),
         other => other.to_string(),
     }
 }

@@ -11,6 +11,7 @@ use crate::job::{Failure, FailureKind};
 use super::command::{self, Command};
 use super::error::{Fault, StoreError};
 use super::liveness::ProcessTable;
+use super::migrate::{self, SCHEMA_VERSION};
 use super::seed_group::SeedGroups;
 use super::session::{self, Holders};
 use super::state::{JobState, States, state_sql};
@@ -84,7 +85,12 @@ impl Reader {
 
     fn of(mut connection: Connection, path: PathBuf) -> Result<Reader, StoreError> {
         schema::require(&connection, &path)?;
-        view::renew_for_reading(&connection)
+        let renew = |version| match version == SCHEMA_VERSION as usize {
+            true => view::renew_for_reading(&connection),
+            false => Ok(()),
+        };
+        migrate::version(&connection)
+            .and_then(renew)
             .and_then(|()| sandbox::allow_reading_only(&mut connection))
             .map_err(|source| StoreError::sqlite(&path, "open the store", source))?;
         Ok(Reader { connection, path })

@@ -5,8 +5,6 @@
 
 use rusqlite::Connection;
 
-use super::migrate::{SCHEMA_VERSION, version};
-
 macro_rules! views {
     ($($name:literal)*) => {
         [$(($name, include_str!(concat!("../../migrations/views/", $name, ".sql")))),*]
@@ -38,11 +36,10 @@ pub(super) fn outdated(connection: &Connection) -> rusqlite::Result<Vec<&'static
     Ok(names)
 }
 
-/// Makes the views that a file of the newest version lacks or has with another text for this connection alone, where
+/// Makes the views that a file of the newest version lacks or has with another text, for this connection alone, in which
 /// they stand before the views of the file. Afterwards the connection only reads.
 pub(super) fn renew_for_reading(connection: &Connection) -> rusqlite::Result<()> {
-    let is_newest = version(connection)? == SCHEMA_VERSION as usize;
-    let outdated = if is_newest { outdated(connection)? } else { Vec::new() };
+    let outdated = outdated(connection)?;
     if outdated.is_empty() {
         return Ok(());
     }

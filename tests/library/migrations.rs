@@ -54,6 +54,7 @@ fn a_migration_that_was_interrupted_is_undone_and_done_again() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("a.sqlite");
     drop(replay(&path, SCHEMA_VERSION as usize));
+    drop(Store::open(&path).unwrap());
     let connection = Connection::open(&path).unwrap();
     connection.execute_batch("PRAGMA wal_autocheckpoint = 0").unwrap();
     let (main, before) = (fs::read(&path).unwrap(), schema(&connection));
