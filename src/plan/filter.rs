@@ -509,7 +509,7 @@ mod tests {
         assert_eq!(unknown.matches(", ").count(), NAMES_SHOWN, "{unknown}");
         assert_eq!(
             why_none("sigma=0.7,agent=nobody"),
-            "no job has sigma=0.7, did you mean 0.6?; its values: 0.4, 0.6, 1.0"
+            "no job has sigma=0.7, did you mean 0.6?; its values: 0.4, 0.6, 1"
         );
         assert_eq!(
             why_none("sigma=0.6,agent=reinforced"),
