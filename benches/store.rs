@@ -16,7 +16,7 @@ use jitai::job::{Outcome, Provenance};
 use jitai::manifest::Manifest;
 use jitai::plan;
 use jitai::results::{Hosts, assemble, report, summarise_arms};
-use jitai::schedule::{Options, register_experiment, run_manifests};
+use jitai::schedule::{Event, Options, Selection, register, run_manifests};
 use jitai::store::{
     Claim, Claimed, Experiment, Isolation, Parts, Reader, RetryFailed, RunEnd, SessionId, Store,
 };
@@ -190,7 +190,8 @@ impl Large {
         );
         let manifest = jitai::manifest::parse("bench", text.as_bytes()).unwrap();
         let mut fresh = Fresh::new();
-        register_experiment(&mut fresh.store, &manifest, None, &AtomicBool::new(false)).unwrap();
+        let selection = Selection::new(slice::from_ref(&manifest), None).unwrap();
+        drop(register(&mut fresh.store, &selection, &AtomicBool::new(false), |_| {}).unwrap());
         let jobs: Vec<Job> = plan::jobs(&manifest).map(|planned| planned.job).collect();
         assert_eq!(jobs.len(), 100_000);
         let evaluation = Evaluation { test_episodes: 10, ..Evaluation::default() };
@@ -256,9 +257,10 @@ fn running_nothing(bencher: Bencher<'_, '_>, name: &str) {
     bencher.counter(ItemsCount::new(100_000_usize)).bench_local(|| {
         let mut store = Store::open(&large.path).unwrap();
         let (stop, options) = (AtomicBool::new(false), Options::default());
-        let manifests = slice::from_ref(&large.manifest);
-        let tally = run_manifests(&mut store, manifests, options, &stop, |_| {}).unwrap();
-        assert_eq!(tally.already_completed, 100_000);
+        let selection = Selection::new(slice::from_ref(&large.manifest), None).unwrap();
+        let mut ignore = |_: Event<'_>| {};
+        let ended = run_manifests(&mut store, &selection, options, &stop, &mut ignore).unwrap();
+        assert_eq!(ended.unwrap().end.completed(), 100_000);
         let data = large
             .reader()
             .data_set(&large.manifest.name, plan::jobs(&large.manifest), Parts::default())

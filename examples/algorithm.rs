@@ -1,7 +1,7 @@
 //! An algorithm of your own on Burn: REINFORCE with an entropy bonus, registered and run.
 use burn::tensor::Tensor;
 use jitai::algorithm::*;
-use jitai::experiment::{self, Options, Store};
+use jitai::experiment::{self, Event, Options, Selection, Store};
 use jitai::policy::{Choice, NetworkPolicy};
 use jitai::results::{Parts, Reader, summarise_arms};
 jitai::keys! {
@@ -49,7 +49,8 @@ pub fn main() -> Result<(), Box<dyn std::error::Error>> {
     let folder = tempfile::tempdir()?;
     let path = folder.path().join("own.sqlite");
     let (mut store, stop) = (Store::open(&path)?, false.into());
-    experiment::run(&mut store, &manifests, Options::default(), &stop, |_| {})?;
+    let selection = Selection::new(&manifests, None)?;
+    experiment::run(&mut store, &selection, Options::default(), &stop, &mut |_: Event<'_>| {})?;
     let jobs = experiment::jobs(&manifests[0]);
     let data = Reader::open(&path)?.data_set(&manifests[0].name, jobs, Parts::default())?;
     let mean = summarise_arms(&data.jobs)[0].returns.mean()?;

@@ -3,7 +3,7 @@
 use std::error::Error;
 use std::sync::atomic::AtomicBool;
 
-use jitai::experiment::{self, Options, Store};
+use jitai::experiment::{self, Event, Options, Selection, Store};
 use jitai::results::{Parts, Reader, summarise_arms};
 
 const MANIFEST: &str = r#"
@@ -38,8 +38,10 @@ pub fn main() -> Result<(), Box<dyn Error>> {
     let mut store = Store::open(&path)?;
     // Set it from a signal handler or another thread: the sweep stops within two seconds.
     let stop = AtomicBool::new(false);
-    let tally = experiment::run(&mut store, &manifests, Options::default(), &stop, |_| {})?;
-    println!("{} jobs run", tally.completed);
+    let selection = Selection::new(&manifests, None)?;
+    let mut ignore = |_: Event<'_>| {};
+    let ended = experiment::run(&mut store, &selection, Options::default(), &stop, &mut ignore)?;
+    println!("{} jobs run", ended.map_or(0, |ended| ended.end.ran()));
 
     let jobs = experiment::jobs(&manifests[0]);
     let data = Reader::open(&path)?.data_set(&manifests[0].name, jobs, Parts::default())?;

@@ -20,7 +20,7 @@
 //! ```
 //! use std::sync::atomic::AtomicBool;
 //!
-//! use jitai::experiment::{self, Options, Store};
+//! use jitai::experiment::{self, Event, Options, Selection, Store};
 //! use jitai::results::{Parts, Reader, summarise_arms};
 //!
 //! let text = r#"
@@ -40,8 +40,10 @@
 //! let path = folder.path().join("results.sqlite");
 //! let mut store = Store::open(&path)?;
 //! let stop = AtomicBool::new(false);
-//! let tally = experiment::run(&mut store, &manifests, Options::default(), &stop, |_| {})?;
-//! assert_eq!(tally.completed, 2);
+//! let selection = Selection::new(&manifests, None)?;
+//! let mut ignore = |_: Event<'_>| {};
+//! let ended = experiment::run(&mut store, &selection, Options::default(), &stop, &mut ignore)?;
+//! assert_eq!(ended.map(|ended| ended.end.completed()), Some(2));
 //!
 //! let jobs = experiment::jobs(&manifests[0]);
 //! let data = Reader::open(&path)?.data_set(&manifests[0].name, jobs, Parts::default())?;
@@ -131,10 +133,10 @@ pub mod experiment {
         race_line,
     };
     pub use crate::schedule::{
-        Cause, CheckpointNote, End, EstimatesEnd, Event, EventLog, EventSink, Found, MOST_WORKERS,
-        OnFailure, Options, Preview, Queued, Remaining, Selection, Speeds, Survey, Surveyed,
-        SweepError, Tally, add_estimates, at_stage, command, dropped_note, race_notes, races_ended,
-        register_experiment, removal, run_manifests as run, run_queue,
+        Caller, Cause, CheckpointNote, End, Ended, Estimated, Event, EventLog, EventSink, Found,
+        MOST_WORKERS, OnFailure, Options, Preview, Purpose, Queued, Remaining, Selection, Speeds,
+        Survey, Surveyed, SweepError, Tally, command, race_notes, races_ended, removal,
+        run_manifests as run,
     };
     pub use crate::store::{
         Command, Conflict, Counts, Damage, MergeProgress, Merged, Origin, OtherManifest,

@@ -9,9 +9,9 @@ use std::time::{Duration, Instant};
 
 use jitai::algorithm::Parameter;
 use jitai::experiment::{
-    self, End, EstimatesEnd, Event, EventLog, Factors, Faults, Filter, MOST_WORKERS, Manifest,
-    OnFailure, Options, Overridden, Override, Preview, Published, RetryFailed, Runs, Selection,
-    Shard, Speeds, Store, Survey, SweepError, Swept,
+    self, Caller, End, Ended, Estimated, Event, EventLog, EventSink, Factors, Faults, Filter,
+    MOST_WORKERS, Manifest, OnFailure, Options, Overridden, Override, Preview, Published,
+    Remaining, RetryFailed, Runs, Selection, Shard, Speeds, Store, Survey, SweepError, Swept,
 };
 use jitai::policy::posterior_in;
 use jitai::results::{self, AssembleError, Hosts, Interrupter, Reader, ReportedExperiment};
@@ -282,9 +282,9 @@ pub(crate) fn plan<'py>(
                 Err(StoreError::Missing { .. } | StoreError::Empty { .. }) => None,
                 Err(error) => return Err(store_error(error)),
             };
-            let staged = experiment::at_stage(&declared, reader.as_ref()).map_err(store_error)?;
-            let manifests = &*staged;
+            let manifests = &*declared;
             let selection = asked.selection(manifests)?;
+            let selection = selection.at_stage(reader.as_ref()).map_err(store_error)?;
             notes.extend(declared.iter().filter_map(experiment::race_line));
             let races = experiment::race_notes(&declared, reader.as_ref());
             notes.extend(races.map_err(store_error)?);
@@ -364,100 +364,46 @@ pub(crate) fn run<'py>(
 
 /// Runs the jobs, and sends every event.
 fn swept(asked: &Asked, stop: &AtomicBool, events: &Sender<Json>) -> PyResult<Json> {
-    let (declared, mut notes) = asked.load()?;
-    asked.selection(&declared)?;
+    let (manifests, notes) = asked.load()?;
+    let selection = asked.selection(&manifests)?;
     let store = Store::open(&asked.store).map_err(store_error)?;
     let mut store = store.changed_by(experiment::command(asked.call.clone()));
-    let staged = |store: &Store| -> PyResult<_> {
-        let reader = store.reader().map_err(store_error)?;
-        experiment::at_stage(&declared, Some(&reader)).map_err(store_error)
-    };
-    let mut manifests = staged(&store)?;
     let reader = store.reader().map_err(store_error)?;
     for manifest in manifests.iter().filter(|_| !asked.replace) {
         if let Some(what) = experiment::removal(&reader, manifest).map_err(store_error)? {
             return Err(refused(format!("this would {what}; to allow it, pass replace=True")));
         }
     }
-    let (mut options, mut ran) = (asked.options, 0);
-    let end = loop {
-        let selection = asked.selection(&manifests)?;
-        let stage = (&mut store, &selection, options, ran);
-        let mut end = swept_stage(stage, stop, events, &mut notes)?.after(ran);
-        let next = staged(&store)?;
-        if next != manifests {
-            end = end.before_next_stage(options.on_failure);
-        }
-        if end.cause() != experiment::Cause::NothingLeft || next == manifests {
-            break end;
-        }
-        // A job that failed is not retried at the next stage of a race.
-        options.retry_failed = RetryFailed::No;
-        (ran, manifests) = (end.ran(), next);
+    let mut sent = Sent {
+        events,
+        notes,
+        workers: asked.options.workers,
+        log: None,
+        ran: 0,
+        done: 0,
+        progressed: Instant::now(),
     };
-    let reader = store.reader().map_err(store_error)?;
-    notes.extend(experiment::race_notes(&declared, Some(&reader)).map_err(store_error)?);
+    let ended = experiment::run(&mut store, &selection, asked.options, stop, &mut sent);
+    let Some(Ended { end, .. }) = ended.map_err(sweep_error)? else {
+        return Err(PyRuntimeError::new_err("stopped before the first job"));
+    };
+    let mut notes = sent.notes;
+    notes.extend(experiment::race_notes(&manifests, Some(&reader)).map_err(store_error)?);
     Ok(json!({
         "event": end.cause().name(), "ran": end.ran(), "completed": end.completed(), "failed": end.failed(),
         "left": end.left(), "line": end.line("call jitai.run again to resume"), "notes": notes,
     }))
 }
 
-/// Runs the jobs of a selection after `ran` jobs of earlier stages, and sends every event.
-fn swept_stage(
-    (store, selection, options, ran): (&mut Store, &Selection<'_>, Options, usize),
-    stop: &AtomicBool,
-    events: &Sender<Json>,
-    notes: &mut Vec<String>,
-) -> PyResult<End> {
-    for manifest in selection.manifests() {
-        let keys = selection.keys();
-        let registered = experiment::register_experiment(store, manifest, keys, stop);
-        match registered.map_err(store_error)? {
-            Some(registered) => notes.extend(experiment::dropped_note(manifest, &registered)),
-            None => return Err(PyRuntimeError::new_err("stopped before the first job")),
-        }
-    }
-    let remaining = experiment::Remaining::of(store, selection, options.retry_failed);
-    let remaining = remaining.map_err(store_error)?;
-    notes.extend(remaining.changed.notes());
-    let (mut end, queue) = (End::before(&remaining), remaining.queue);
-    let lacking = &remaining.lacking;
-    let workers = options.workers.get();
-    let mut unseen = |_: Event<'_>| {};
-    let estimated = experiment::add_estimates(store, lacking, workers, stop, &mut unseen);
-    let estimated = estimated.map_err(sweep_error)?;
-    end.estimated = EstimatesEnd::of(&estimated, lacking.len());
-    if end.estimated.failed > 0 {
-        let failed = end.estimated.failed;
-        notes.push(format!("no estimates of {failed} completed jobs: {}", estimated.reason()));
-    }
-    let send = |event: Json| drop(events.send(event));
-    send(json!({
-        "event": "queued", "jobs": queue.len(), "completed": remaining.completed,
-        "failed": remaining.failed,
-    }));
-    if !queue.is_empty() {
-        let workers = options.workers.get().min(queue.len());
-        let mut sent = Sent { done: ran, ..Sent::new(workers, Swept::of(selection.manifests())) };
-        let mut sink = |event: Event<'_>| sent.events(&event).into_iter().for_each(send);
-        let tally = experiment::run_queue(
-            store,
-            (queue, selection.filter()),
-            options,
-            stop,
-            drop,
-            &mut sink,
-        );
-        let tally = tally.map_err(sweep_error)?;
-        end = end.ran_to(tally);
-    }
-    Ok(end.because(stop.load(Ordering::Relaxed), options.on_failure))
-}
-
-/// The events of a sweep as they are sent.
-struct Sent {
-    log: EventLog,
+/// What is sent of a run.
+struct Sent<'a> {
+    events: &'a Sender<Json>,
+    notes: Vec<String>,
+    workers: NonZeroUsize,
+    /// `None` before the first stage.
+    log: Option<EventLog>,
+    /// Number of jobs that ran to their end.
+    ran: usize,
     /// Number of jobs that need no more work.
     done: usize,
     progressed: Instant,
@@ -466,32 +412,68 @@ struct Sent {
 /// Time between two reports of progress.
 const PROGRESS: Duration = Duration::from_millis(500);
 
-impl Sent {
-    fn new(workers: usize, swept: Swept) -> Sent {
-        Sent { log: EventLog::new(workers, swept), done: 0, progressed: Instant::now() }
+impl Sent<'_> {
+    fn send(&self, event: Json) {
+        drop(self.events.send(event));
     }
+}
 
-    fn events(&mut self, event: &Event<'_>) -> Vec<Json> {
-        match event {
+impl EventSink for Sent<'_> {
+    fn on_event(&mut self, event: Event<'_>) {
+        match &event {
             Event::Ended { outcome: experiment::Outcome::Interrupted, .. } => {}
-            Event::Ended { .. } | Event::Skipped { .. } => self.done += 1,
+            Event::Ended { .. } | Event::Skipped { .. } if event.is_of_run() => {
+                self.done += 1;
+                self.ran += usize::from(matches!(event, Event::Ended { .. }));
+            }
             Event::Tick { progress, .. } if self.progressed.elapsed() >= PROGRESS => {
                 self.progressed = Instant::now();
                 let part = |of: &experiment::TrainingProgress| {
                     f64::from(of.episode) / f64::from(of.episodes.max(1))
                 };
                 let parts: f64 = progress.iter().flatten().map(part).sum();
-                return vec![json!({ "event": "progress", "done": self.done as f64 + parts })];
+                self.send(json!({ "event": "progress", "done": self.done as f64 + parts }));
             }
             Event::FewerWorkers { started, reason } => {
                 let reason = reason.to_string();
-                return vec![json!({
+                self.send(json!({
                     "event": "fewer_workers", "started": started, "reason": reason,
-                })];
+                }));
             }
             _ => {}
         }
-        self.log.of(event)
+        let events = self.log.as_mut().map(|log| log.of(&event)).unwrap_or_default();
+        events.into_iter().for_each(|event| self.send(event));
+    }
+}
+
+impl Caller for Sent<'_> {
+    fn note(&mut self, note: &str) {
+        self.notes.push(note.to_owned());
+    }
+
+    fn begin(
+        &mut self,
+        (selection, remaining): (&Selection<'_>, &Remaining),
+        _: &End,
+        _: &Reader,
+    ) -> Result<(), StoreError> {
+        self.send(json!({
+            "event": "queued", "jobs": remaining.queue.len(), "completed": remaining.completed,
+            "failed": remaining.failed,
+        }));
+        let workers = self.workers.get().min(remaining.queue.len() + remaining.lacking.len());
+        self.log = Some(EventLog::new(workers, Swept::of(selection.manifests())));
+        self.done = self.ran;
+        Ok(())
+    }
+
+    fn end(&mut self, estimated: Option<&Estimated>) {
+        if let Some(estimated) = estimated.filter(|estimated| estimated.failed() > 0) {
+            let failed = estimated.failed();
+            let reason = estimated.reason();
+            self.notes.push(format!("no estimates of {failed} completed jobs: {reason}"));
+        }
     }
 }
 

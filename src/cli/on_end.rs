@@ -96,6 +96,9 @@ impl OnEnd {
 
     /// Counts the jobs that end in a sweep.
     pub(super) fn hear(&self, event: &Event<'_>) {
+        if !event.is_of_run() {
+            return;
+        }
         let has_failed = match event {
             Event::Ended { outcome: Outcome::Completed(_), .. }
             | Event::Skipped { found: Found::Completed, .. } => false,

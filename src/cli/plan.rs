@@ -61,8 +61,8 @@ pub(super) fn run(arguments: &Arguments) -> Result<Exit, Error> {
     let lines = lines.map(|(name, line)| format!("search {}: {line}", printable(name)));
     let races: Vec<String> =
         lines.chain(schedule::race_notes(&manifests, reader.as_ref())?).collect();
-    let manifests = schedule::at_stage(&manifests, reader.as_ref())?;
     let mut selection = Selection::new(&manifests, arguments.filter.as_ref())?;
+    selection = selection.at_stage(reader.as_ref())?;
     if let Some(shard) = arguments.shard {
         selection = selection.shard(shard);
     }

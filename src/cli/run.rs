@@ -1,10 +1,10 @@
 //! `jitai run`: runs the jobs that have no completed run.
 
+use std::fs::File;
 use std::io::{self, Write};
 use std::num::NonZeroUsize;
-use std::ops::ControlFlow;
 use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::atomic::AtomicBool;
 use std::time::Duration;
 
 use clap::ValueEnum;
@@ -24,10 +24,10 @@ use crate::key::printable;
 use crate::manifest::Manifest;
 use crate::plan::{Filter, Shard, Swept, headlines};
 use crate::schedule::{
-    self, Cause, End, Estimated, EstimatesEnd, Event, EventSink, OnFailure, Options, Queued,
+    self, Caller, Cause, End, Ended, Estimated, Event, EventSink, OnFailure, Options, Queued,
     Remaining, Selection, Speeds,
 };
-use crate::store::{FailedJob, Reader, RetryFailed, Store, mean_returns};
+use crate::store::{FailedJob, Reader, RetryFailed, StoreError, mean_returns};
 use crate::watch::failures;
 
 /// Maximum number of different failures listed at the end.
@@ -133,7 +133,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<Exit, Error> {
     ended
 }
 
-/// Runs the jobs, of searches one stage after the other; `cause` receives why the last sweep ended.
+/// Runs the jobs; `cause` receives why the run ended.
 fn run_jobs(
     arguments: &Arguments,
     on_end: &OnEnd,
@@ -143,92 +143,101 @@ fn run_jobs(
     let manifests = arguments.manifests.load(&arguments.store)?;
     on_end.experiments(manifests.iter().map(|manifest| manifest.name.clone()));
     // A faulty filter makes no store.
-    arguments.selection(&manifests)?;
+    let selection = Selection::new(&manifests, arguments.filter.as_ref())?;
+    let selection = match arguments.shard {
+        Some(shard) => selection.shard(shard),
+        None => selection,
+    };
     let mut store = arguments.store.open()?;
-    let mut staged = schedule::at_stage(&manifests, Some(&store.reader()?))?;
     if !arguments.replacing.permit(&arguments.store, &store.reader()?, &manifests)? {
         return Ok(Exit::Differs);
     }
-    let (mut ran, mut retry) = (0, arguments.retry());
-    loop {
-        let selection = arguments.selection(&staged)?;
-        let Some(end) = run_stage(arguments, on_end, stop, (&mut store, &selection, retry))? else {
-            say(&format!("stopped before the first job; {RESUME}"));
-            return Ok(Exit::Interrupted);
-        };
-        let mut end = end.after(ran);
-        let reader = store.reader()?;
-        let next = schedule::at_stage(&manifests, Some(&reader))?;
-        if next != staged {
-            end = end.before_next_stage(arguments.options().on_failure);
+    let mut console = Console { arguments, on_end, shown: None, stages: 0 };
+    let options = arguments.options();
+    let ended = schedule::run_manifests(&mut store, &selection, options, stop, &mut console)?;
+    let Some(Ended { end, selection }) = ended else {
+        say(&format!("stopped before the first job; {RESUME}"));
+        return Ok(Exit::Interrupted);
+    };
+    *cause = end.cause();
+    match show(&end, arguments, &store.reader()?, &selection) {
+        // A closed pipe is no failure; the exit code still reports the outcome of the jobs.
+        Err(Error::Io { source, .. }) if source.kind() == io::ErrorKind::BrokenPipe => {}
+        shown => shown?,
+    }
+    Ok(exit(&end))
+}
+
+/// What the user sees and hears of a run.
+struct Console<'a> {
+    arguments: &'a Arguments,
+    on_end: &'a OnEnd,
+    /// The progress of the jobs of a stage.
+    shown: Option<Shown>,
+    /// The number of stages that have begun.
+    stages: usize,
+}
+
+impl EventSink for Console<'_> {
+    fn on_event(&mut self, event: Event<'_>) {
+        self.on_end.hear(&event);
+        if let Some(shown) = &mut self.shown {
+            shown.on_event(event);
         }
-        *cause = end.cause();
-        if end.cause() == Cause::NothingLeft && next != staged {
-            // A job that failed is not retried at the next stage.
-            (ran, staged, retry) = (end.ran(), next, RetryFailed::No);
-            arguments.say_stage(&manifests, &reader)?;
-            continue;
-        }
-        match show(&end, arguments, &reader, &selection, &manifests) {
-            // A closed pipe is no failure; the exit code still reports the outcome of the jobs.
-            Err(Error::Io { source, .. }) if source.kind() == io::ErrorKind::BrokenPipe => {}
-            shown => shown?,
-        }
-        return Ok(exit(&end));
     }
 }
 
-/// Registers and runs the jobs of a selection; `None` if `stop` was set before the first one.
-fn run_stage(
-    arguments: &Arguments,
-    on_end: &OnEnd,
-    stop: &AtomicBool,
-    (store, selection, retry): (&mut Store, &Selection<'_>, RetryFailed),
-) -> Result<Option<End>, Error> {
-    for manifest in selection.manifests() {
-        if register_experiment(store, manifest, selection, stop)?.is_break() {
-            return Ok(None);
+impl Caller for Console<'_> {
+    fn note(&mut self, note: &str) {
+        say(note);
+    }
+
+    fn begin(
+        &mut self,
+        (selection, remaining): (&Selection<'_>, &Remaining),
+        before: &End,
+        reader: &Reader,
+    ) -> Result<(), StoreError> {
+        self.on_end.jobs(jobs(before));
+        if self.stages > 0 {
+            self.arguments.say_stage(selection.manifests(), reader)?;
+        }
+        self.stages += 1;
+        let again: Vec<Queued> =
+            remaining.lacking.iter().filter(|queued| queued.trains()).cloned().collect();
+        if self.arguments.says() && !again.is_empty() {
+            let jobs = counted(again.len(), "completed job");
+            say(&format!("training {jobs} again for estimates, without recorded decisions"));
+        }
+        // Jobs whose decisions are read take no time to show.
+        let queue = match self.arguments.format {
+            Format::Text => [again, remaining.queue.clone()].concat(),
+            Format::Json => remaining.queue.clone(),
+        };
+        if !queue.is_empty() {
+            let swept = Swept::of(selection.manifests());
+            self.shown = Some(self.arguments.shown(&queue, (Speeds::of(reader)?, swept)));
+        }
+        Ok(())
+    }
+
+    fn mark_crash(&mut self, mark: File) {
+        // If the mark cannot be set, a crash counts as a kill, and the jobs can still run.
+        drop(signals::mark_crash(mark));
+    }
+
+    fn end(&mut self, estimated: Option<&Estimated>) {
+        self.shown = None;
+        if let Some(estimated) = estimated {
+            self.arguments.say_estimated(estimated);
         }
     }
-    let options = Options { retry_failed: retry, ..arguments.options() };
-    let remaining = Remaining::of(store, selection, retry)?;
-    let mut end = End::before(&remaining);
-    on_end.jobs(jobs(&end));
-    remaining.changed.notes().for_each(|note| say(&note));
-    if !remaining.lacking.is_empty() {
-        let swept = Swept::of(selection.manifests());
-        end.estimated = arguments.estimate(store, &remaining.lacking, swept, stop)?;
-    }
-    if !remaining.queue.is_empty() {
-        let swept = Swept::of(selection.manifests());
-        let mut shown = arguments.shown(&store.reader()?, &remaining.queue, swept)?;
-        // If the mark cannot be set, a crash counts as a kill, and the jobs can still run.
-        let mark_crash = |mark| drop(signals::mark_crash(mark));
-        let queue = (remaining.queue, selection.filter());
-        let mut sink = |event: Event<'_>| {
-            on_end.hear(&event);
-            shown.on_event(event);
-        };
-        let swept = schedule::run_queue(store, queue, options, stop, mark_crash, &mut sink);
-        drop(shown);
-        end = end.ran_to(swept?);
-    }
-    Ok(Some(end.because(stop.load(Ordering::Relaxed), options.on_failure)))
 }
 
 impl Arguments {
-    /// The jobs of this command.
-    fn selection<'m>(&'m self, manifests: &'m [Manifest]) -> Result<Selection<'m>, Error> {
-        let selection = Selection::new(manifests, self.filter.as_ref())?;
-        Ok(match self.shard {
-            Some(shard) => selection.shard(shard),
-            None => selection,
-        })
-    }
-
     /// Says where the races stand, before their next jobs run.
-    fn say_stage(&self, manifests: &[Manifest], reader: &Reader) -> Result<(), Error> {
-        if self.format == Format::Text && !self.quiet {
+    fn say_stage(&self, manifests: &[Manifest], reader: &Reader) -> Result<(), StoreError> {
+        if self.says() {
             for note in schedule::race_notes(manifests, Some(reader))? {
                 say(&note);
             }
@@ -236,60 +245,30 @@ impl Arguments {
         Ok(())
     }
 
-    fn retry(&self) -> RetryFailed {
-        if self.retry_failed { RetryFailed::Yes } else { RetryFailed::No }
+    /// Whether the user reads more than warnings and errors.
+    fn says(&self) -> bool {
+        self.format == Format::Text && !self.quiet
     }
 
     fn options(&self) -> Options {
         Options {
             workers: self.workers.unwrap_or_else(schedule::one_per_core),
-            retry_failed: self.retry(),
+            retry_failed: if self.retry_failed { RetryFailed::Yes } else { RetryFailed::No },
             on_failure: if self.fail_fast { OnFailure::Stop } else { OnFailure::Continue },
             checkpoint_every: self.checkpoint_every,
         }
     }
 
-    /// Adds the estimates that completed jobs lack, and says how they came about.
-    fn estimate(
-        &self,
-        store: &mut Store,
-        lacking: &[Queued],
-        swept: Swept,
-        stop: &AtomicBool,
-    ) -> Result<EstimatesEnd, Error> {
-        let again = lacking.iter().filter(|queued| schedule::trains_again(&queued.job)).count();
-        let says = self.format == Format::Text && !self.quiet;
-        if says && again > 0 {
-            let jobs = counted(again, "completed job");
-            say(&format!("training {jobs} again for estimates, without recorded decisions"));
-        }
-        let workers = self.options().workers.get();
-        // Programs read one event of all estimates; jobs whose decisions are read take no time to show.
-        let mut shown = match says && again > 0 {
-            true => Some(self.shown(&store.reader()?, lacking, swept)?),
-            false => None,
-        };
-        let mut sink = |event: Event<'_>| {
-            if let Some(shown) = &mut shown {
-                shown.on_event(event);
-            }
-        };
-        let estimated = schedule::add_estimates(store, lacking, workers, stop, &mut sink)?;
-        drop(shown);
-        self.say_estimated(&estimated)?;
-        Ok(EstimatesEnd::of(&estimated, lacking.len()))
-    }
-
     /// Says how estimates came about, and which jobs have none.
-    fn say_estimated(&self, estimated: &Estimated) -> Result<(), Error> {
-        let says = self.format == Format::Text && !self.quiet;
+    fn say_estimated(&self, estimated: &Estimated) {
+        let says = self.says();
         let Estimated { read, trained, differing, failures } = estimated;
         if self.format == Format::Json {
             let event = serde_json::json!({
                 "event": "estimated", "read": read, "trained": trained, "differing": differing,
                 "failed": failures.len(),
             });
-            writeln!(io::stdout(), "{event}")?;
+            drop(writeln!(io::stdout(), "{event}"));
         }
         if says && *read > 0 {
             let jobs = counted(*read, "completed job");
@@ -309,17 +288,16 @@ impl Arguments {
         for failure in failures.iter().take(FAILURES_SHOWN) {
             say(&format!("no estimates of {}", printable(failure)));
         }
-        Ok(())
     }
 
-    fn shown(&self, reader: &Reader, queue: &[Queued], swept: Swept) -> Result<Shown, Error> {
+    /// The progress of a queue.
+    fn shown(&self, queue: &[Queued], (speeds, swept): (Speeds, Swept)) -> Shown {
         let style = match self.format {
             Format::Json => Style::Json,
             Format::Text if self.quiet => Style::Quiet,
             Format::Text => Style::for_stderr(),
         };
-        let workers = self.options().workers.get();
-        Ok(Shown::new(style, queue, workers, Speeds::of(reader)?, swept))
+        Shown::new(style, queue, self.options().workers.get(), speeds, swept)
     }
 }
 
@@ -331,23 +309,6 @@ fn seconds(text: &str) -> Result<Duration, String> {
         .ok_or_else(|| "expected a number of seconds from 0.01 to 86400".to_owned())
 }
 
-/// Registers a manifest, and warns if that drops jobs; returns early if `stop` is set.
-pub(super) fn register_experiment(
-    store: &mut Store,
-    manifest: &Manifest,
-    selection: &Selection<'_>,
-    stop: &AtomicBool,
-) -> Result<ControlFlow<()>, Error> {
-    let registered = schedule::register_experiment(store, manifest, selection.keys(), stop)?;
-    let Some(registered) = registered else {
-        return Ok(ControlFlow::Break(()));
-    };
-    if let Some(note) = schedule::dropped_note(manifest, &registered) {
-        say(&note);
-    }
-    Ok(ControlFlow::Continue(()))
-}
-
 fn jobs(end: &End) -> Jobs {
     Jobs { completed: end.completed(), failed: end.failed(), left: end.left() }
 }
@@ -356,7 +317,7 @@ fn exit(end: &End) -> Exit {
     match end.cause() {
         Cause::Stopped => Exit::Interrupted,
         Cause::Failure => Exit::JobsFailed,
-        Cause::NothingLeft if end.failed() + end.estimated.failed > 0 => Exit::JobsFailed,
+        Cause::NothingLeft if end.failed() + end.estimated().failed() > 0 => Exit::JobsFailed,
         Cause::NothingLeft => Exit::Done,
     }
 }
@@ -367,14 +328,13 @@ fn show(
     arguments: &Arguments,
     reader: &Reader,
     selection: &Selection<'_>,
-    all: &[Manifest],
 ) -> Result<(), Error> {
     let manifests = selection.manifests();
     report(end, arguments)?;
-    arguments.say_stage(all, reader)?;
+    arguments.say_stage(manifests, reader)?;
     if end.cause() == Cause::NothingLeft
         && selection.is_filtered()
-        && !schedule::races_ended(all, reader)?
+        && !schedule::races_ended(manifests, reader)?
     {
         say(
             "other jobs of this stage are not part of this command; when they have run and their stores are merged, run \

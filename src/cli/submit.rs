@@ -1,6 +1,5 @@
 //! `jitai submit`: submits missing jobs to a cluster.
 
-use std::borrow::Cow;
 use std::collections::HashSet;
 use std::io::{self, Write};
 use std::ops::ControlFlow;
@@ -16,7 +15,7 @@ use crate::cli::on_end::{Jobs, OnEnd};
 use crate::cli::output::{TextOrJson, counted};
 use crate::cli::reader::say;
 use crate::cli::replacing::Replacing;
-use crate::cli::{Error, Exit, StoreArgument, run, signals, submissions};
+use crate::cli::{Error, Exit, StoreArgument, signals, submissions};
 use crate::cluster::{
     self, ChunkState, ChunkSurvey, Cluster, ClusterError, Draft, Look, Loss, Profile, Request,
     Submission,
@@ -90,26 +89,26 @@ fn submit(arguments: &Arguments, on_end: &OnEnd, stop: &AtomicBool) -> Result<Ex
     let manifests = arguments.manifests.load(&arguments.store)?;
     on_end.experiments(manifests.iter().map(|manifest| manifest.name.clone()));
     // A faulty filter makes no store.
-    Selection::new(&manifests, arguments.filter.as_ref())?;
+    let selection = Selection::new(&manifests, arguments.filter.as_ref())?;
     let program = this_program()?;
     let retry = if arguments.retry_failed { RetryFailed::Yes } else { RetryFailed::No };
     let cluster = Cluster::of(&arguments.store.store, cluster::connect)?;
     if arguments.dry_run {
-        return dry_run(arguments, &cluster, &manifests, (retry, &profile, &program));
+        return dry_run(arguments, &cluster, &selection, (retry, &profile, &program));
     }
     // On a machine without a cluster, nothing is written.
     cluster.limits(profile.engine).map_err(ClusterError::from)?;
     let mut store = arguments.store.open()?;
-    let staged = schedule::at_stage(&manifests, Some(&store.reader()?))?;
     if !arguments.replacing.permit(&arguments.store, &store.reader()?, &manifests)? {
         return Ok(Exit::Differs);
     }
-    if register(&mut store, arguments, &staged, stop)?.is_break() {
+    let staged = selection.at_stage(Some(&store.reader()?))?;
+    if schedule::register(&mut store, &staged, stop, say)?.is_break() {
         return Ok(Exit::Interrupted);
     }
-    let (manifests, profile, program) = (&manifests, &profile, &program);
+    let (profile, program) = (&profile, &*program);
     let mut submitting =
-        Submitting { arguments, cluster, manifests, profile, program, retry, store, stop };
+        Submitting { arguments, cluster, selection, profile, program, retry, store, stop };
     let (draft, submitted) = submitting.round()?;
     if submitted.is_none() && stop.load(Ordering::Relaxed) {
         return Ok(Exit::Interrupted);
@@ -123,22 +122,6 @@ fn submit(arguments: &Arguments, on_end: &OnEnd, stop: &AtomicBool) -> Result<Ex
     Ok(Exit::Done)
 }
 
-/// Registers manifests with the jobs of the command; returns early if `stop` is set.
-fn register(
-    store: &mut Store,
-    arguments: &Arguments,
-    staged: &[Manifest],
-    stop: &AtomicBool,
-) -> Result<ControlFlow<()>, Error> {
-    let selection = Selection::new(staged, arguments.filter.as_ref())?;
-    for manifest in staged {
-        if run::register_experiment(store, manifest, &selection, stop)?.is_break() {
-            return Ok(ControlFlow::Break(()));
-        }
-    }
-    Ok(ControlFlow::Continue(()))
-}
-
 /// The path of this program, which the nodes run.
 fn this_program() -> Result<PathBuf, Error> {
     std::env::current_exe()
@@ -149,7 +132,8 @@ fn this_program() -> Result<PathBuf, Error> {
 struct Submitting<'a> {
     arguments: &'a Arguments,
     cluster: Cluster<'a>,
-    manifests: &'a [Manifest],
+    /// What the command submits, before its races have come to a stage.
+    selection: Selection<'a>,
     profile: &'a Profile,
     program: &'a Path,
     retry: RetryFailed,
@@ -158,9 +142,13 @@ struct Submitting<'a> {
 }
 
 impl Submitting<'_> {
-    /// What is submitted of these manifests, which are at the stage of the store.
-    fn selection<'s>(&'s self, staged: &'s [Manifest]) -> Result<Selection<'s>, Error> {
-        Ok(Selection::new(staged, self.arguments.filter.as_ref())?)
+    fn manifests(&self) -> &[Manifest] {
+        self.selection.manifests()
+    }
+
+    /// Whether a manifest is a search.
+    fn is_race(&self) -> bool {
+        self.manifests().iter().any(|manifest| manifest.search.is_some())
     }
 
     fn request<'s>(&'s self, selection: &'s Selection<'s>) -> Request<'s> {
@@ -184,13 +172,12 @@ impl Submitting<'_> {
         }
         self.collect(&look)?;
         let reader = self.store.reader()?;
-        let staged = schedule::at_stage(self.manifests, Some(&reader))?;
-        let registered = match &staged {
-            // The races may have come to further jobs.
-            Cow::Owned(staged) => register(&mut self.store, self.arguments, staged, self.stop)?,
-            Cow::Borrowed(_) => ControlFlow::Continue(()),
+        let selection = self.selection.at_stage(Some(&reader))?;
+        // The races may have come to further jobs.
+        let registered = match self.is_race() {
+            true => schedule::register(&mut self.store, &selection, self.stop, say)?,
+            false => ControlFlow::Continue(()),
         };
-        let selection = self.selection(&staged)?;
         let request = self.request(&selection);
         let draft = self.cluster.draft(request, Some(&reader), &look, limits)?;
         let submitted = match draft.chunks.is_empty() || registered.is_break() {
@@ -255,10 +242,10 @@ impl Submitting<'_> {
     /// Says where the races stand. The next `jitai submit` submits their next jobs.
     fn say_races(&self) -> Result<(), Error> {
         let reader = self.store.reader()?;
-        for note in schedule::race_notes(self.manifests, Some(&reader))? {
+        for note in schedule::race_notes(self.manifests(), Some(&reader))? {
             say(&note);
         }
-        let again = !self.arguments.wait && !schedule::races_ended(self.manifests, &reader)?;
+        let again = !self.arguments.wait && !schedule::races_ended(self.manifests(), &reader)?;
         if again {
             say("submit again when the tasks have ended: the races may want more jobs");
         }
@@ -296,8 +283,7 @@ impl Submitting<'_> {
             }
             let reader = self.store.reader()?;
             let limits = self.profile.engine.usual_limits();
-            let staged = schedule::at_stage(self.manifests, Some(&reader))?;
-            let selection = self.selection(&staged)?;
+            let selection = self.selection.at_stage(Some(&reader))?;
             let request = self.request(&selection);
             let draft = self.cluster.draft(request, Some(&reader), &look, limits)?;
             if draft.held > 0 {
@@ -316,8 +302,7 @@ impl Submitting<'_> {
                 let (name, jobs) = (submission.name(), counted(draft.jobs(), "job"));
                 let chunks = counted(draft.chunks.len(), "chunk");
                 // The jobs of a race's next rung are new.
-                let is_race = self.manifests.iter().any(|manifest| manifest.search.is_some());
-                let again = if is_race { "submitted as" } else { "submitted again as" };
+                let again = if self.is_race() { "submitted as" } else { "submitted again as" };
                 say(&format!("{again} {name}: {jobs} in {chunks}"));
                 self.say_races()?;
             }
@@ -330,7 +315,7 @@ impl Submitting<'_> {
         &self,
         look: &'l Look,
     ) -> impl DoubleEndedIterator<Item = &'l (Submission, ChunkSurvey)> {
-        let names: Vec<&str> = self.manifests.iter().map(|m| m.name.as_str()).collect();
+        let names: Vec<&str> = self.manifests().iter().map(|m| m.name.as_str()).collect();
         let is_ours = |submission: &Submission| {
             submission.intent.experiments.iter().any(|name| names.contains(&name.as_str()))
         };
@@ -342,8 +327,8 @@ impl Submitting<'_> {
     fn summarise(&self, on_end: &OnEnd) -> Result<(), Error> {
         let reader = self.store.reader()?;
         let mut jobs = Jobs::default();
-        let staged = schedule::at_stage(self.manifests, Some(&reader))?;
-        Survey::of(&self.selection(&staged)?, Some(&reader)).walk_all(|job| {
+        let selection = self.selection.at_stage(Some(&reader))?;
+        Survey::of(&selection, Some(&reader)).walk_all(|job| {
             *match job.state {
                 JobState::Completed => &mut jobs.completed,
                 JobState::Failed => &mut jobs.failed,
@@ -352,7 +337,7 @@ impl Submitting<'_> {
             Ok::<_, StoreError>(())
         })?;
         on_end.jobs(jobs);
-        let ours: HashSet<&str> = self.manifests.iter().map(|one| one.name.as_str()).collect();
+        let ours: HashSet<&str> = self.manifests().iter().map(|one| one.name.as_str()).collect();
         for failed in reader.failed_jobs()? {
             if ours.contains(failed.experiment.as_str()) {
                 on_end.failed(failed.job_key, &failed.failure);
@@ -429,7 +414,7 @@ fn others(draft: &Draft) -> String {
 fn dry_run(
     arguments: &Arguments,
     cluster: &Cluster<'_>,
-    manifests: &[Manifest],
+    selection: &Selection<'_>,
     (retry, profile, program): (RetryFailed, &Profile, &Path),
 ) -> Result<Exit, Error> {
     let reader = match Reader::open(&arguments.store.store) {
@@ -437,8 +422,7 @@ fn dry_run(
         Err(StoreError::Missing { .. } | StoreError::Empty { .. }) => None,
         Err(error) => return Err(error.into()),
     };
-    let staged = schedule::at_stage(manifests, reader.as_ref())?;
-    let selection = Selection::new(&staged, arguments.filter.as_ref())?;
+    let selection = selection.at_stage(reader.as_ref())?;
     let request = Request { selection: &selection, retry, profile, program };
     let engine = profile.engine;
     let limits = cluster.limits(engine).or_else(|error| {

@@ -7,7 +7,7 @@ use crate::cli::Error;
 use crate::cli::output::{Field, Format, Rows};
 use crate::job::JobKey;
 use crate::key::printable;
-use crate::plan::{self, Swept};
+use crate::plan::Swept;
 use crate::record::JobRecord;
 use crate::report::{self, Line, rounded};
 use crate::schedule::Selection;
@@ -18,9 +18,11 @@ use crate::store::{FailedJob, Parts, Reader};
 pub(super) fn print(reader: &Reader, selection: &Selection<'_>) -> Result<Option<JobKey>, Error> {
     let mut out = io::stdout().lock();
     let mut example = None;
-    for manifest in selection.manifests() {
+    for staged in selection.staged() {
+        let manifest = staged.manifest();
         let swept = Swept::of(std::slice::from_ref(manifest));
-        let jobs = plan::jobs(manifest)
+        let jobs = staged
+            .jobs()
             .filter(|job| selection.keys().is_none_or(|keys| keys.contains(&job.form.key())));
         let data = reader.data_set_of(&manifest.name, jobs, |_| Parts::default(), |_| {})?;
         // jitai cannot simulate the policy of an outside program.

@@ -129,7 +129,8 @@ impl Lab {
         let store = folder.path().join("s.sqlite");
         let never = AtomicBool::new(false);
         let mut opened = Store::open(&store).unwrap();
-        crate::schedule::register_experiment(&mut opened, &manifests[0], None, &never).unwrap();
+        let selection = Selection::new(&manifests, None).unwrap();
+        drop(crate::schedule::register(&mut opened, &selection, &never, |_| {}).unwrap());
         // Four jobs per chunk, at an estimate of about 1 ms per job.
         let mut profile = Profile::default();
         profile.tasks.chunk_minutes = 0.0044 / 60.0;

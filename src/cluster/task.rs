@@ -409,10 +409,9 @@ impl Plan {
     /// Registers the remaining jobs under their experiments.
     fn register(&self, store: &mut Store, left: &[JobKey]) -> Result<(), ClusterError> {
         let left: HashSet<JobKey> = left.iter().copied().collect();
+        let selection = Selection::new(&self.manifests, None).expect("no filter refuses");
         let never = AtomicBool::new(false);
-        for manifest in &self.manifests {
-            schedule::register_experiment(store, manifest, Some(&left), &never)?;
-        }
+        schedule::register(store, &selection.part(left), &never, |_| {}).map(drop)?;
         Ok(())
     }
 

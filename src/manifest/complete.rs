@@ -71,7 +71,6 @@ pub(super) fn complete(
                 algorithm: agent.algorithm,
                 parameters: parameters(&agent.settings),
                 draws: draws(&agent.settings),
-                stage: None,
             })
             .collect(),
         evaluation: evaluation(&draft.evaluation),

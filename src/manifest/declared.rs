@@ -12,7 +12,6 @@ use crate::manifest::estimate::declared::DeclaredEstimate;
 use crate::manifest::parameter::{Parameters, scenario_of, seed_of};
 use crate::manifest::search::declared::Search;
 use crate::manifest::search::draw::Draw;
-use crate::manifest::search::stage::Stage;
 use crate::manifest::section::Section;
 
 /// A validated manifest: every default filled in, every cell of its grids a possible job.
@@ -77,9 +76,6 @@ pub struct DeclaredAgent {
     pub parameters: Parameters,
     /// The keys that a search draws. Their lists of values have equal lengths and are the arms of its race.
     pub draws: Vec<(Parameter, Draw)>,
-    /// The stage of the race, which restricts the jobs of the arms to those that the race has come to; `None` for all
-    /// that it may come to. Manifests are read without a stage.
-    pub stage: Option<Stage>,
 }
 
 /// Parameters whose lists have equal lengths and advance together, as one axis of the grid.
@@ -134,13 +130,6 @@ impl Manifest {
     /// The seeds, in the order of the manifest.
     pub fn seeds(&self) -> impl Iterator<Item = u64> {
         self.seeds.iter().map(seed_of)
-    }
-
-    /// The manifest with all jobs that its races may come to.
-    pub fn without_stages(&self) -> Manifest {
-        let mut all = self.clone();
-        all.agents.iter_mut().for_each(|agent| agent.stage = None);
-        all
     }
 
     /// The estimates of the jobs of an agent.

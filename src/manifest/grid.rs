@@ -6,6 +6,7 @@
 
 use std::borrow::Cow;
 use std::collections::HashSet;
+use std::sync::Arc;
 
 use crate::agent::{Agent, Algorithm, HORIZON};
 use crate::env::{Environment, Scenario};
@@ -13,7 +14,7 @@ use crate::job::{Evaluation, Job, Trial};
 use crate::key::{Assignment, Constraint, Key, Keyed, Parameter, Value, Violation};
 use crate::manifest::declared::{DeclaredAgent, Exclusion, Manifest};
 use crate::manifest::parameter::{Parameters, scenario_of, seed_of};
-use crate::manifest::search::stage::RaceCells;
+use crate::manifest::search::stage::{RaceCells, Stage};
 use crate::manifest::section::Section;
 
 /// The number of observations that an agent sees at a time.
@@ -32,7 +33,7 @@ pub struct Grid<'m> {
     evaluation: Vec<Option<usize>>,
     trial: Vec<Option<usize>>,
     /// `None` unless the manifest is a search.
-    race: Option<RaceCells<'m>>,
+    race: Option<RaceCells>,
 }
 
 /// Parameters that advance together, and how many values each has.
@@ -56,8 +57,14 @@ struct Mask {
 pub struct Cell(Vec<usize>);
 
 impl<'m> Grid<'m> {
-    /// The grid of the agent at this index of the manifest's list.
+    /// The grid of the agent at this index of the manifest's list, with all cells that its race may come to.
     pub fn of(manifest: &'m Manifest, agent: usize) -> Grid<'m> {
+        Grid::at(manifest, agent, None)
+    }
+
+    /// The grid of the agent at this index, with the cells that its race has come to; `None` for all that it may come
+    /// to.
+    pub fn at(manifest: &'m Manifest, agent: usize, stage: Option<Arc<Stage>>) -> Grid<'m> {
         let agent = &manifest.agents[agent];
         let axes = axes(manifest, agent);
         let places = |parameters: &Parameters| -> Vec<Option<usize>> {
@@ -73,7 +80,7 @@ impl<'m> Grid<'m> {
             evaluation: places(&manifest.evaluation),
             trial: places(&manifest.trial),
             exclusions: manifest.exclusions.iter().filter_map(masks).collect(),
-            race: race_cells(manifest, agent, &axes),
+            race: race_cells(manifest, agent, (&axes, stage)),
             manifest,
             agent,
             axes,
@@ -355,19 +362,14 @@ fn axis_of(axes: &[Axis], parameter: Parameter) -> Option<usize> {
 }
 
 /// The axes of an agent's race; `None` unless the manifest is a search.
-fn race_cells<'m>(
-    manifest: &'m Manifest,
-    agent: &'m DeclaredAgent,
-    axes: &[Axis],
-) -> Option<RaceCells<'m>> {
+fn race_cells(
+    manifest: &Manifest,
+    agent: &DeclaredAgent,
+    (axes, stage): (&[Axis], Option<Arc<Stage>>),
+) -> Option<RaceCells> {
     let raced = manifest.search.as_ref()?.race_seeds();
     let arms = agent.draws.first().and_then(|(parameter, _)| axis_of(axes, *parameter));
-    Some(RaceCells {
-        arms,
-        seeds: axis_of(axes, Parameter::SEED)?,
-        raced,
-        stage: agent.stage.as_ref(),
-    })
+    Some(RaceCells { arms, seeds: axis_of(axes, Parameter::SEED)?, raced, stage })
 }
 
 /// The next cell, the last axis advancing fastest; `None` after the last.

@@ -2,35 +2,37 @@
 
 use std::sync::Arc;
 
+use super::staged::Staged;
 use crate::agent::Agent;
 use crate::env::Environment;
 use crate::job::{
     Evaluation, Job, Parts, PlannedJob, Trial, agent_text, environment_text, people_text, text,
 };
-use crate::manifest::{Cell, Grid, Manifest, Section};
+use crate::manifest::{Cell, Grid, Manifest, Section, Stage};
 
 /// The number of jobs that [`jobs`] yields, without expanding them.
 pub fn count(manifest: &Manifest) -> u64 {
-    (0..manifest.agents.len()).map(|agent| Grid::of(manifest, agent).count()).sum()
+    Staged::whole(manifest).count()
 }
 
-/// The jobs of a manifest, one at a time. Of a search, the jobs up to the stage of its races, and all that they may
-/// come to if the manifest has no stage.
+/// The jobs of a manifest, one at a time; of a search, all that its races may come to.
 ///
 /// Agents come in the order of the manifest. The jobs of an agent are ordered by scenario; then by swept keys
 /// of environment, agent and evaluation, in the order of their tables; then by seed. Seeds advance fastest.
 /// Parameters of a zip advance together, at the place of the first one. Two agents with equal content give
 /// equal jobs, each with its own agent's name.
-pub fn jobs(manifest: &Manifest) -> impl Iterator<Item = PlannedJob> {
-    (0..manifest.agents.len()).flat_map(|agent| of_agent(manifest, agent))
+pub fn jobs(manifest: &Manifest) -> impl Iterator<Item = PlannedJob> + use<'_> {
+    Staged::whole(manifest).jobs()
 }
 
-/// The jobs of the agent at this index of the manifest's list, in the order of the cells of its grid.
+/// The jobs of the agent at this index of the manifest's list, up to a stage of its race, in the order of the cells of
+/// its grid.
 pub(super) fn of_agent(
     manifest: &Manifest,
     agent: usize,
+    stage: Option<Arc<Stage>>,
 ) -> impl Iterator<Item = PlannedJob> + use<'_> {
-    let grid = Grid::of(manifest, agent);
+    let grid = Grid::at(manifest, agent, stage);
     let name = Arc::from(manifest.agents[agent].name.as_str());
     AgentJobs { next: grid.first(), typed: None, grid, name }
 }

@@ -13,6 +13,7 @@ mod race;
 mod race_tests;
 mod rung;
 mod shard;
+mod staged;
 mod swept;
 
 pub use earlier::{ChangedDefault, under_earlier_default};
@@ -22,4 +23,5 @@ pub use filter::{Filter, FilterError};
 pub use race::{Cost, Outcome, Race, RaceJobs, Races, Reference, at_stage, race_jobs, race_line};
 pub use rung::{Entrant, Fate, Lead, Rung};
 pub use shard::{Shard, ShardError};
+pub use staged::Staged;
 pub use swept::{Swept, headlines};

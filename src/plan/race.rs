@@ -9,12 +9,13 @@
 //! or those with evidence against them. The last arm, or the best one after the last rung, has won; it gets the fresh
 //! seeds, which no arm has raced with.
 
-use std::borrow::Cow;
 use std::collections::{HashMap, HashSet};
 use std::fmt;
+use std::sync::Arc;
 
 use super::expand::of_agent;
 use super::rung::{Entrant, Rung, kept, mean_score};
+use super::staged::Staged;
 use crate::job::{JobKey, MetricName, Score, counted};
 use crate::key::{Parameter, Value, printable};
 use crate::manifest::{Grid, Leaving, Manifest, Search, Stage};
@@ -50,7 +51,7 @@ pub struct Race {
     pub outcome: Outcome,
     /// The agent's index in the manifest.
     place: usize,
-    stage: Stage,
+    stage: Arc<Stage>,
 }
 
 /// Where a race stands.
@@ -107,10 +108,9 @@ impl Races {
             if Grid::of(manifest, place).count() == 0 {
                 continue;
             }
-            let mut course =
-                Course { manifest: manifest.clone(), search, place, scores: &mut scores };
+            let mut course = Course { manifest, search, place, scores: &mut scores };
             if agent.draws.is_empty() {
-                let fresh = course.fresh(0)?;
+                let fresh = course.fresh(0, None)?;
                 races.references.push(Reference { agent: agent.name.clone(), fresh });
             } else {
                 races.races.push(course.run()?);
@@ -126,12 +126,9 @@ impl Races {
     }
 
     /// The manifest at the stage of its races.
-    pub fn stage(&self, manifest: &Manifest) -> Manifest {
-        let mut staged = manifest.clone();
-        for race in &self.races {
-            staged.agents[race.place].stage = Some(race.stage.clone());
-        }
-        staged
+    pub fn stage<'m>(&self, manifest: &'m Manifest) -> Staged<'m> {
+        let races = self.races.iter();
+        races.fold(Staged::whole(manifest), |all, race| all.with(race.place, race.stage.clone()))
     }
 }
 
@@ -141,23 +138,20 @@ impl Races {
 pub fn at_stage<E>(
     manifests: &[Manifest],
     mut scores: impl FnMut(&[JobKey], MetricName) -> Result<Vec<Score>, E>,
-) -> Result<Cow<'_, [Manifest]>, E> {
-    if manifests.iter().all(|manifest| manifest.search.is_none()) {
-        return Ok(Cow::Borrowed(manifests));
-    }
-    let staged = manifests.iter().map(|manifest| {
+) -> Result<Vec<Staged<'_>>, E> {
+    let staged = |manifest| {
         let races = Races::of(manifest, &mut scores)?;
-        Ok(races.map_or_else(|| manifest.clone(), |races| races.stage(manifest)))
-    });
-    staged.collect::<Result<Vec<_>, E>>().map(Cow::Owned)
+        Ok(races.map_or_else(|| Staged::whole(manifest), |races| races.stage(manifest)))
+    };
+    manifests.iter().map(staged).collect()
 }
 
 /// The jobs that the races of a manifest can need; `None` if it has no search.
 pub fn race_jobs(manifest: &Manifest) -> Option<RaceJobs> {
     let search = manifest.search.as_ref()?;
-    let (all, mut jobs) = (manifest.without_stages(), RaceJobs::default());
+    let mut jobs = RaceJobs::default();
     for (place, agent) in manifest.agents.iter().enumerate() {
-        let count = Grid::of(&all, place).count();
+        let count = Grid::of(manifest, place).count();
         if agent.draws.is_empty() {
             jobs = RaceJobs { least: jobs.least + count, most: jobs.most + count };
             continue;
@@ -186,10 +180,9 @@ impl fmt::Display for RaceJobs {
 /// The races of a manifest and their jobs, in words; `None` if it has no search.
 pub fn race_line(manifest: &Manifest) -> Option<String> {
     let (search, jobs) = (manifest.search.as_ref()?, race_jobs(manifest)?);
-    let all = manifest.without_stages();
-    let raced = all.agents.iter().enumerate();
+    let raced = manifest.agents.iter().enumerate();
     let raced = raced
-        .filter(|(place, agent)| !agent.draws.is_empty() && Grid::of(&all, *place).count() > 0);
+        .filter(|(place, agent)| !agent.draws.is_empty() && Grid::of(manifest, *place).count() > 0);
     let names: Vec<String> = raced.map(|(_, agent)| printable(&agent.name)).collect();
     let (samples, last) = (search.samples, counted(search.race_seeds(), "seed"));
     Some(format!(
@@ -221,7 +214,7 @@ fn seeds_of_arms(search: &Search) -> [u64; 2] {
 
 /// The course of one agent's race.
 struct Course<'a, S> {
-    manifest: Manifest,
+    manifest: &'a Manifest,
     search: &'a Search,
     place: usize,
     scores: &'a mut S,
@@ -236,7 +229,7 @@ impl<E, S: FnMut(&[JobKey], MetricName) -> Result<Vec<Score>, E>> Course<'_, S> 
         let mut entrants: Vec<usize> = (0..arms).collect();
         for (at, seeds) in self.search.rungs.iter().enumerate() {
             entrants.iter().for_each(|arm| stage.seeds[*arm] = *seeds);
-            let table = self.scores(Some(&stage))?;
+            let table = self.scores(Some(Arc::new(stage.clone())))?;
             let is_last = at + 1 == self.search.rungs.len();
             let rung = Rung::of(self.search, &entrants, *seeds, is_last, &table);
             entrants = rung.going_on().collect();
@@ -255,9 +248,9 @@ impl<E, S: FnMut(&[JobKey], MetricName) -> Result<Vec<Score>, E>> Course<'_, S> 
             }
             break;
         }
+        let stage = Arc::new(stage);
         if let Outcome::Won { arm, fresh } = &mut outcome {
-            self.manifest.agents[self.place].stage = Some(stage.clone());
-            *fresh = self.fresh(*arm)?;
+            *fresh = self.fresh(*arm, Some(stage.clone()))?;
         }
         let agent = &self.manifest.agents[self.place];
         let drawn = |arm: usize| {
@@ -271,10 +264,9 @@ impl<E, S: FnMut(&[JobKey], MetricName) -> Result<Vec<Score>, E>> Course<'_, S> 
         Ok(Race { agent: agent.name.clone(), settings, rungs, outcome, place: self.place, stage })
     }
 
-    /// The value of an arm for each fresh seed.
-    fn fresh(&mut self, arm: usize) -> Result<Vec<Score>, E> {
-        let stage = self.manifest.agents[self.place].stage.clone();
-        let table = self.scores(stage.as_ref())?;
+    /// The value of an arm for each fresh seed, at a stage.
+    fn fresh(&mut self, arm: usize, stage: Option<Arc<Stage>>) -> Result<Vec<Score>, E> {
+        let table = self.scores(stage)?;
         let first = self.search.race_seeds();
         let seeds = first..first + self.search.fresh.len();
         Ok(seeds.map(|seed| table.get(&(arm, seed)).copied().unwrap_or(Score::Open)).collect())
@@ -282,13 +274,12 @@ impl<E, S: FnMut(&[JobKey], MetricName) -> Result<Vec<Score>, E>> Course<'_, S> 
 
     /// The value of every arm for every seed at a stage, by arm and place of the seed: the mean over scenarios and
     /// environments, once all of their jobs have ended.
-    fn scores(&mut self, stage: Option<&Stage>) -> Result<HashMap<(usize, usize), Score>, E> {
-        self.manifest.agents[self.place].stage = stage.cloned();
-        let grid = Grid::of(&self.manifest, self.place);
+    fn scores(&mut self, stage: Option<Arc<Stage>>) -> Result<HashMap<(usize, usize), Score>, E> {
+        let grid = Grid::at(self.manifest, self.place, stage.clone());
         let cells = std::iter::successors(grid.first(), |cell| grid.after(cell));
         let entrants = cells.filter_map(|cell| grid.entrant(&cell));
         let keys: Vec<JobKey> =
-            of_agent(&self.manifest, self.place).map(|planned| planned.form.key()).collect();
+            of_agent(self.manifest, self.place, stage).map(|planned| planned.form.key()).collect();
         let scores = (self.scores)(&keys, self.search.metric)?;
         let mut all: HashMap<(usize, usize), Vec<Score>> = HashMap::new();
         for (entrant, score) in entrants.zip(scores) {
@@ -300,18 +291,16 @@ impl<E, S: FnMut(&[JobKey], MetricName) -> Result<Vec<Score>, E>> Course<'_, S> 
 
 impl Race {
     /// The jobs and the work of the race up to now, and of the grid of its settings. `manifest` is the manifest of the
-    /// race, at any stage.
+    /// race.
     pub fn cost(&self, manifest: &Manifest) -> Cost {
-        let mut all = manifest.without_stages();
-        let raced = all.search.as_ref().map_or(0, Search::race_seeds);
-        let mut sum = |stage: Option<Stage>| {
-            all.agents[self.place].stage = stage;
-            let grid = Grid::of(&all, self.place);
+        let raced = manifest.search.as_ref().map_or(0, Search::race_seeds);
+        let sum = |stage: Option<Arc<Stage>>| {
+            let grid = Grid::at(manifest, self.place, stage.clone());
             let cells = std::iter::successors(grid.first(), |cell| grid.after(cell));
             let is_raced =
                 cells.map(|cell| grid.entrant(&cell).is_some_and(|(_, seed)| seed < raced));
-            let jobs = of_agent(&all, self.place).zip(is_raced).filter(|(_, is_raced)| *is_raced);
-            jobs.fold((0, 0), |(jobs, work), (planned, _)| {
+            let jobs = of_agent(manifest, self.place, stage).zip(is_raced);
+            jobs.filter(|(_, is_raced)| *is_raced).fold((0, 0), |(jobs, work), (planned, _)| {
                 (jobs + 1, work + u128::from(planned.job.work()))
             })
         };

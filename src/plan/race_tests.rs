@@ -3,9 +3,9 @@
 use std::collections::HashMap;
 use std::convert::Infallible;
 
+use super::jobs;
 use super::race::{Outcome, RaceJobs, Races, at_stage, race_jobs};
 use super::rung::{Fate, Lead};
-use super::{count, jobs};
 use crate::job::{JobKey, MetricName, Score};
 use crate::key::Parameter;
 use crate::manifest::{Manifest, parse};
@@ -63,7 +63,7 @@ impl Table {
     fn wanted(&self, manifest: &Manifest) -> u64 {
         let all = [manifest.clone()];
         let staged = at_stage(&all, |keys, metric| self.of(keys, metric)).unwrap();
-        count(&staged[0])
+        staged[0].count()
     }
 }
 

@@ -12,7 +12,7 @@ use crate::job::metric::LOWER_QUARTILE_RETURN;
 use crate::job::{Condition, DataPart, RecordedEpisodes, distinct};
 use crate::key::{DIRECTION, Parameter, Value, hidden};
 use crate::manifest::{Analysis, Faults, Manifest, Parameters, Published};
-use crate::plan;
+use crate::plan::{self, Staged};
 use crate::record::{DataSet, JobRecord, JobStatus};
 use crate::report::environment_words::Words;
 use crate::store::{DataQuery, Parts, Reader, StoreError};
@@ -49,9 +49,9 @@ pub fn assemble(
     // Faults in these files are reported before the long-running work.
     let published = manifests.iter().map(Published::of).collect::<Result<Vec<_>, _>>()?;
     let staged = plan::at_stage(manifests, |keys, metric| reader.scores(keys, metric))?;
-    let manifests = &*staged;
-    let experiment = |(manifest, published): (&Manifest, Option<Published>)| {
-        let (data, unknown_optima) = data_set(reader, manifest, &mut on_progress)?;
+    let experiment = |(staged, published): (&Staged<'_>, Option<Published>)| {
+        let manifest = staged.manifest();
+        let (data, unknown_optima) = data_set(reader, staged, &mut on_progress)?;
         let queries: Vec<DataQuery> =
             manifest.analyses.iter().map(|analysis| query(manifest, &data, analysis)).collect();
         let is_registered = is_registered(reader, &data)?;
@@ -91,7 +91,7 @@ pub fn assemble(
             jobs: data.jobs,
         })
     };
-    manifests.iter().zip(published).map(experiment).collect()
+    staged.iter().zip(published).map(experiment).collect()
 }
 
 /// The comment above the SQL if its jobs differ from the figure's jobs.
@@ -111,12 +111,12 @@ fn is_registered(reader: &Reader, data: &DataSet) -> Result<bool, StoreError> {
 /// the reasons for unknown optima.
 fn data_set(
     reader: &Reader,
-    manifest: &Manifest,
+    manifest: &Staged<'_>,
     mut on_progress: impl FnMut(Work, usize, usize),
 ) -> Result<(DataSet, Vec<String>), StoreError> {
-    let total = usize::try_from(plan::count(manifest)).unwrap_or(usize::MAX);
+    let total = usize::try_from(manifest.count()).unwrap_or(usize::MAX);
     let mut places = optima::Places::default();
-    let planned = plan::jobs(manifest).inspect(|planned| places.add(&planned.job));
+    let planned = manifest.jobs().inspect(|planned| places.add(&planned.job));
     let mut read = 0;
     let parts = |job: &JobRecord| parts(manifest, job);
     // A metric needs no more of the returns than their lower quartile; a kind of analysis may need them all.

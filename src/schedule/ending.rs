@@ -27,27 +27,10 @@ impl Cause {
     }
 }
 
-/// How the estimates of completed jobs ended.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct EstimatesEnd {
-    /// Jobs whose estimates could not be added.
-    pub failed: usize,
-    /// Jobs whose estimates remain to be added, after a stop.
-    pub lacking: usize,
-}
-
-impl EstimatesEnd {
-    /// The end of the estimates of this number of jobs.
-    pub fn of(Estimated { read, trained, differing, failures }: &Estimated, jobs: usize) -> Self {
-        let failed = differing + failures.len();
-        EstimatesEnd { failed, lacking: jobs - read - trained - failed }
-    }
-}
-
 /// How a sweep ended.
 pub struct End {
-    /// The estimates that completed jobs lacked.
-    pub estimated: EstimatesEnd,
+    /// Number of completed jobs that lacked estimates.
+    lacking: usize,
     /// Number of jobs to run.
     queued: usize,
     /// Number of jobs that had completed before the sweep.
@@ -64,7 +47,7 @@ impl End {
     /// The end of a sweep that has not begun.
     pub fn before(remaining: &Remaining) -> End {
         End {
-            estimated: EstimatesEnd::default(),
+            lacking: remaining.lacking.len(),
             queued: remaining.queue.len(),
             completed_before: remaining.completed,
             failed_before: remaining.failed,
@@ -87,7 +70,7 @@ impl End {
     /// The end with its cause. A stop after the last job has no effect.
     pub fn because(self, is_stopped: bool, on_failure: OnFailure) -> End {
         let cause = match on_failure {
-            _ if self.left() == 0 && self.estimated.lacking == 0 => Cause::NothingLeft,
+            _ if self.left() == 0 && self.lacking_estimates() == 0 => Cause::NothingLeft,
             _ if is_stopped => Cause::Stopped,
             // Another process deleted jobs that lacked estimates.
             OnFailure::Stop if self.left() == 0 && self.tally.failed == 0 => Cause::NothingLeft,
@@ -110,6 +93,16 @@ impl End {
     /// Why it ended.
     pub fn cause(&self) -> Cause {
         self.cause
+    }
+
+    /// How the estimates that completed jobs lacked came about.
+    pub fn estimated(&self) -> &Estimated {
+        &self.tally.estimated
+    }
+
+    /// Number of completed jobs whose estimates remain to be added, after a stop.
+    fn lacking_estimates(&self) -> usize {
+        self.lacking - self.tally.estimated.jobs()
     }
 
     /// Number of jobs that the sweep ran to their end.

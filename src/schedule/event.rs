@@ -5,7 +5,7 @@ use std::time::Duration;
 
 use crate::job::Outcome;
 use crate::schedule::checkpoint::CheckpointNote;
-use crate::schedule::queued::Queued;
+use crate::schedule::queued::{Purpose, Queued};
 use crate::train::TrainingProgress;
 
 /// An event of a sweep.
@@ -67,6 +67,20 @@ pub enum Event<'a> {
         /// The number of jobs that other processes run, if no other work is left; otherwise 0.
         waiting_for: usize,
     },
+}
+
+impl Event<'_> {
+    /// Whether it is an event of a run, and not of a completed job that is trained again for estimates.
+    pub fn is_of_run(&self) -> bool {
+        match self {
+            Event::Started { queued, .. }
+            | Event::Ended { queued, .. }
+            | Event::Lost { queued, .. }
+            | Event::Checkpoint { queued, .. }
+            | Event::Skipped { queued, .. } => queued.purpose == Purpose::Run,
+            Event::FewerWorkers { .. } | Event::Tick { .. } => true,
+        }
+    }
 }
 
 /// A receiver of the events of a sweep, such as a progress display.

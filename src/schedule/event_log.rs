@@ -28,8 +28,11 @@ impl EventLog {
         EventLog { swept, queues: (0..workers).map(|_| EventQueue::default()).collect() }
     }
 
-    /// The objects to write after an event.
+    /// The objects to write after an event; none while estimates of completed jobs are added.
     pub fn of(&mut self, event: &Event<'_>) -> Vec<Value> {
+        if !event.is_of_run() {
+            return Vec::new();
+        }
         match *event {
             Event::Started { worker, queued } => {
                 let event = json!({

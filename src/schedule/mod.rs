@@ -30,6 +30,7 @@ mod programs;
 mod provenance;
 mod queued;
 mod race;
+mod runner;
 mod selection;
 mod survey;
 mod sweep;
@@ -37,19 +38,18 @@ mod worker;
 
 pub use checkpoint::{CheckpointFolder, CheckpointNote};
 pub use curve::RunningCurve;
-pub use ending::{Cause, End, EstimatesEnd};
+pub use ending::{Cause, End};
 pub use estimate::{Left, Speeds, spoken};
-pub use estimates::{Estimated, add_estimates, trains_again};
+pub use estimates::{Estimated, trains_again};
 pub use event::{Event, EventSink, Found};
 pub use event_log::EventLog;
-pub use manifests::{
-    dropped_note, register_experiment, removal, run_manifests, run_queue, stored_manifest,
-};
+pub use manifests::{removal, stored_manifest};
 pub use preview::Preview;
 pub use programs::ChangedPrograms;
 pub use provenance::{command, of_this_process};
-pub use queued::Queued;
-pub use race::{at_stage, race_lines, race_notes, races, races_ended};
+pub use queued::{Purpose, Queued};
+pub use race::{race_lines, race_notes, races, races_ended};
+pub use runner::{Caller, Ended, register, run_manifests};
 pub use selection::{Filtered, Selection};
 pub use survey::{Change, Reason, Remaining, Sharing, Survey, Surveyed};
 pub use sweep::{Context, MOST_WORKERS, OnFailure, Options, SweepError, Tally, one_per_core, run};

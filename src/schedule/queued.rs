@@ -6,6 +6,15 @@ use std::time::Duration;
 
 use crate::job::{EstimateDeclaration, Job, JobKey};
 
+/// What a job is in the queue for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Purpose {
+    /// A run.
+    Run,
+    /// The estimates that its completed run lacks.
+    Estimates,
+}
+
 /// A job in the queue, with the name of its agent.
 #[derive(Clone, Debug)]
 pub struct Queued {
@@ -19,6 +28,8 @@ pub struct Queued {
     pub time_limit: Option<Duration>,
     /// The declared estimates of the decisions of its test or trial.
     pub estimates: Vec<Arc<EstimateDeclaration>>,
+    /// What it is in the queue for.
+    pub purpose: Purpose,
     /// The folder of the job's manifest, in which an outside program starts.
     pub folder: PathBuf,
 }

@@ -1,21 +1,18 @@
 //! The races of searches in a store: how far they have come, and which jobs they want next.
 
-use std::borrow::Cow;
-
 use crate::job::{JobKey, MetricName, Score};
 use crate::key::printable;
 use crate::manifest::Manifest;
-use crate::plan::{self, Race, Races};
+use crate::plan::{self, Race, Races, Staged};
 use crate::store::{Reader, StoreError};
 
-/// The manifests, and in place of each search the manifest at the stage that its races have come to in the store;
-/// `reader` is `None` if there is no store yet.
+/// The manifests at the stage that their races have come to in the store; `reader` is `None` if there is no store yet.
 ///
 /// **Errors**: the store fails.
-pub fn at_stage<'m>(
+pub(super) fn at_stage<'m>(
     manifests: &'m [Manifest],
     reader: Option<&Reader>,
-) -> Result<Cow<'m, [Manifest]>, StoreError> {
+) -> Result<Vec<Staged<'m>>, StoreError> {
     plan::at_stage(manifests, |keys, metric| scores(reader, keys, metric))
 }
 

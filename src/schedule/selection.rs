@@ -1,23 +1,27 @@
-//! The jobs of a command: the jobs of its manifests that match filter and shard.
+//! The jobs of a command: the jobs of its manifests, as far as their races have come, that match filter and shard.
 
 use std::collections::HashSet;
 use std::sync::Arc;
 
+use super::race::at_stage;
 use crate::job::{JobKey, PlannedJob, counted};
 use crate::key::printable;
 use crate::manifest::Manifest;
-use crate::plan::{self, Filter, FilterError, Shard};
-use crate::store::StoredArm;
+use crate::plan::{self, Filter, FilterError, Shard, Staged};
+use crate::store::{Reader, StoreError, StoredArm};
 
 /// A selection of jobs from at least one manifest.
+#[derive(Clone)]
 pub struct Selection<'a> {
     manifests: &'a [Manifest],
+    staged: Vec<Staged<'a>>,
     filter: Option<&'a Filter>,
+    shard: Option<Shard>,
     part: Option<Arc<HashSet<JobKey>>>,
 }
 
 impl<'a> Selection<'a> {
-    /// The jobs of the manifests that match the filter.
+    /// The jobs of the manifests that match the filter; of a search, all that its races may come to.
     ///
     /// **Errors**: no job matches, or one of the filter's values occurs in no job; the message names the
     /// condition.
@@ -34,7 +38,26 @@ impl<'a> Selection<'a> {
                 return Err(unmet);
             }
         }
-        Ok(Selection { manifests, filter, part: None })
+        let staged = manifests.iter().map(Staged::whole).collect();
+        Ok(Selection { manifests, staged, filter, shard: None, part: None })
+    }
+
+    /// The selection at the stage that the races of its manifests have come to in the store; `reader` is `None` if
+    /// there is no store yet.
+    ///
+    /// **Errors**: the store fails.
+    pub fn at_stage(&self, reader: Option<&Reader>) -> Result<Selection<'a>, StoreError> {
+        let staged = at_stage(self.manifests, reader)?;
+        let selection = Selection { staged, ..self.clone() };
+        Ok(match self.shard {
+            Some(shard) => Selection { part: None, ..selection }.shard(shard),
+            None => selection,
+        })
+    }
+
+    /// Whether both are at the same stage of all races.
+    pub fn is_at_stage_of(&self, other: &Selection<'_>) -> bool {
+        self.staged == other.staged
     }
 
     /// Restricts the selection to one shard of its jobs. Each rung of a race is divided by itself, because the next
@@ -42,8 +65,8 @@ impl<'a> Selection<'a> {
     pub fn shard(self, shard: Shard) -> Self {
         let mut rungs: Vec<Vec<(JobKey, u64)>> = Vec::new();
         let mut known = HashSet::new();
-        for manifest in self.manifests {
-            for planned in self.jobs(manifest) {
+        for (index, manifest) in self.manifests.iter().enumerate() {
+            for planned in self.jobs(index) {
                 let key = planned.form.key();
                 let rung = manifest.search.as_ref().map_or(0, |one| one.rung_of(planned.job.seed));
                 if known.insert(key) {
@@ -53,7 +76,7 @@ impl<'a> Selection<'a> {
             }
         }
         let keys = rungs.into_iter().flat_map(|jobs| shard.keys(jobs)).collect();
-        self.part(keys)
+        Selection { shard: Some(shard), ..self.part(keys) }
     }
 
     /// Restricts the selection to the jobs with these keys.
@@ -76,15 +99,20 @@ impl<'a> Selection<'a> {
         self.manifests
     }
 
+    /// The manifests, each at the stage of the selection.
+    pub fn staged(&self) -> &[Staged<'a>] {
+        &self.staged
+    }
+
     /// Whether a filter, shard or part restricts the selection.
     pub fn is_filtered(&self) -> bool {
         self.filter.is_some() || self.part.is_some()
     }
 
-    /// The selected jobs of one manifest, one at a time. Agents with equal content repeat their jobs.
-    pub fn jobs(&self, manifest: &'a Manifest) -> impl Iterator<Item = PlannedJob> + use<'a> {
+    /// The selected jobs of the manifest at this index, one at a time. Agents with equal content repeat their jobs.
+    pub fn jobs(&self, manifest: usize) -> impl Iterator<Item = PlannedJob> + use<'a> {
         let (filter, part) = (self.filter, self.part.clone());
-        plan::jobs(manifest).filter(move |job| {
+        self.staged[manifest].jobs().filter(move |job| {
             filter.is_none_or(|filter| filter.meets(job))
                 && part.as_ref().is_none_or(|keys| keys.contains(&job.form.key()))
         })
@@ -150,10 +178,11 @@ mod tests {
         let staged = plan::at_stage(&manifests, |keys, _| {
             Ok::<_, FilterError>(keys.iter().map(of).collect())
         });
-        let staged = staged.unwrap();
+        let whole = Selection::new(&manifests, None).unwrap();
+        let staged = Selection { staged: staged.unwrap(), ..whole };
         for number in ["1/2", "2/2"] {
-            let selection = Selection::new(&staged, None).unwrap().shard(number.parse().unwrap());
-            let jobs = || selection.jobs(&staged[0]);
+            let selection = staged.clone().shard(number.parse().unwrap());
+            let jobs = || selection.jobs(0);
             // Of 8 jobs of the first rung, and of 4 × 2 of the second.
             assert_eq!(jobs().filter(|planned| planned.job.seed == 1).count(), 4);
             assert_eq!(jobs().count(), 8);

@@ -10,7 +10,7 @@ use std::time::Duration;
 
 use super::checkpoint::CheckpointFolder;
 use super::programs::{ChangedPrograms, files};
-use super::queued::Queued;
+use super::queued::{Purpose, Queued};
 use super::selection::Selection;
 use crate::job::{JobKey, PlannedJob, Versions};
 use crate::manifest::Manifest;
@@ -111,7 +111,7 @@ impl<'a> Survey<'a> {
         manifest: usize,
         mut see: impl FnMut(Surveyed<'_>) -> Result<(), E>,
     ) -> Result<(), E> {
-        let mut jobs = self.selection.jobs(&self.selection.manifests()[manifest]).peekable();
+        let mut jobs = self.selection.jobs(manifest).peekable();
         while jobs.peek().is_some() {
             let mut distinct = Vec::new();
             for planned in jobs.by_ref().take(JobStates::TOGETHER) {
@@ -166,7 +166,7 @@ impl<'a> Survey<'a> {
     /// **Errors**: the store fails.
     pub fn dropped(&self, manifest: usize) -> Result<u64, StoreError> {
         let Some(states) = &self.states else { return Ok(0) };
-        let declared = &self.selection.manifests()[manifest];
+        let declared = &self.selection.staged()[manifest];
         let mut others = HashSet::new();
         states.reader().jobs_of(&declared.name, |key| {
             if self.met.get(&key).is_none_or(|met| met.manifest != manifest) {
@@ -174,7 +174,7 @@ impl<'a> Survey<'a> {
             }
         })?;
         if !others.is_empty() && self.selection.is_filtered() {
-            for planned in plan::jobs(declared) {
+            for planned in declared.jobs() {
                 others.remove(&planned.form.key());
             }
         }
@@ -201,7 +201,10 @@ impl<'a> Survey<'a> {
                         let (agent, folder) = (planned.agent.to_string(), manifest.folder());
                         let (job, folder) = (planned.job, folder.to_owned());
                         let estimates = manifest.estimates_of(&agent);
-                        queue.push(Queued { key, agent, job, time_limit, estimates, folder });
+                        let purpose = Purpose::Run;
+                        let queued =
+                            Queued { key, agent, job, time_limit, estimates, purpose, folder };
+                        queue.push(queued);
                     }
                     Sharing::First => {}
                     Sharing::Shared => {
@@ -336,7 +339,7 @@ impl Remaining {
             }
             let estimates = reader.lacking_estimates(&queued.key, &queued.estimates)?;
             if !estimates.is_empty() {
-                lacking.push(Queued { estimates, ..queued });
+                lacking.push(Queued { estimates, purpose: Purpose::Estimates, ..queued });
             }
         }
         Ok(Remaining { queue, completed: completed.len(), lacking, failed, changed })

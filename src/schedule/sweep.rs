@@ -9,14 +9,15 @@ use std::sync::{Arc, mpsc};
 use std::thread::{self, Scope};
 use std::time::{Duration, Instant};
 
-use crate::job::Outcome;
+use crate::job::{JobKey, Outcome};
 use crate::kill_point::{self, KillPoint};
 use crate::schedule::checkpoint::CheckpointFolder;
+use crate::schedule::estimates::{Computed, Estimated};
 use crate::schedule::event::{Event, EventSink, Found};
 use crate::schedule::panic;
 use crate::schedule::programs;
-use crate::schedule::queued::Queued;
-use crate::schedule::worker::{Message, Report, Shared, Slot, Train, Worker};
+use crate::schedule::queued::{Purpose, Queued};
+use crate::schedule::worker::{Message, Report, Shared, Slot, Train, Work, Worker};
 use crate::store::{
     Claim, Claimed, Finished, Isolation, RetryFailed, RunEnd, SessionId, Store, StoreError,
 };
@@ -86,7 +87,7 @@ pub enum OnFailure {
 }
 
 /// The number of jobs by their outcome in a sweep.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Tally {
     /// Completed by this sweep.
     pub completed: usize,
@@ -98,26 +99,8 @@ pub struct Tally {
     pub already_completed: usize,
     /// Already failed, and not retried.
     pub already_failed: usize,
-    /// Completed before, and given the estimates that they lacked.
-    pub estimated: usize,
-    /// Completed before, and still without estimates: training again failed or gave other results.
-    pub not_estimated: usize,
-}
-
-impl Tally {
-    /// The tally of two stages of a race, of which `earlier` is the first. What it ran counts as done before by the
-    /// second.
-    pub fn after(self, earlier: Tally) -> Tally {
-        let before = |already: usize, ran: usize| already.saturating_sub(ran);
-        Tally {
-            completed: earlier.completed + self.completed,
-            failed: earlier.failed + self.failed,
-            already_completed: before(self.already_completed, earlier.completed),
-            already_failed: before(self.already_failed, earlier.failed),
-            estimated: earlier.estimated + self.estimated,
-            ..self
-        }
-    }
+    /// Jobs that were completed before and lacked estimates.
+    pub estimated: Estimated,
 }
 
 /// Why a sweep ended early.
@@ -132,7 +115,8 @@ pub enum SweepError {
     NoWorker(#[source] io::Error),
 }
 
-/// Runs every queued job without a completed run until all jobs are done or `stop` is set.
+/// Runs every queued job without a completed run, and adds the estimates that completed ones lack, until all jobs are
+/// done or `stop` is set. Jobs whose recorded decisions are read for estimates have no events.
 ///
 /// **Errors**: no worker can be started, or the store fails. If the store fails, unfinished work is lost, but
 /// every reported run is stored.
@@ -148,7 +132,8 @@ pub fn run(
     let slots: Vec<Arc<Slot>> = (0..wanted).map(|_| Arc::default()).collect();
     // Set when the sweep must end early, for any reason.
     let halt = Arc::new(AtomicBool::new(false));
-    let folder = CheckpointFolder::beside(store.path());
+    let path = store.path().to_owned();
+    let folder = CheckpointFolder::beside(&path);
     thread::scope(|scope| {
         let _clock = start_clock(scope, &slots, context.stop, &halt)?;
         let (messages, inbox) = mpsc::channel();
@@ -157,6 +142,7 @@ pub fn run(
             halt: &halt,
             folder: &folder,
             curves: context.curves.unwrap_or(&folder),
+            store: &path,
             checkpoint_every: context.options.checkpoint_every,
             messages,
         };
@@ -252,20 +238,37 @@ enum Assigned {
     SomeForNow,
 }
 
-/// An outcome that is not stored yet.
+/// The end of a job that is not stored yet.
 struct Gathered {
     worker: usize,
     queued: Queued,
-    claim: Claim,
-    outcome: Outcome,
+    end: Ended,
     wall: Duration,
     at: Instant,
 }
 
+/// How a job ended, with the claim on its run.
+enum Ended {
+    Ran(Claim, Outcome),
+    Estimated(Computed),
+}
+
 impl Gathered {
-    fn end(&self) -> RunEnd<'_> {
+    /// The end of a run.
+    fn run(&self) -> Option<RunEnd<'_>> {
         let wall_seconds = self.wall.as_secs_f64();
-        RunEnd { claim: &self.claim, outcome: &self.outcome, wall_seconds }
+        match &self.end {
+            Ended::Ran(claim, outcome) => Some(RunEnd { claim, outcome, wall_seconds }),
+            Ended::Estimated(_) => None,
+        }
+    }
+
+    /// The estimates of a job.
+    fn estimated(&self) -> Option<(JobKey, &Computed)> {
+        match &self.end {
+            Ended::Ran(..) => None,
+            Ended::Estimated(computed) => Some((self.queued.key, computed)),
+        }
     }
 }
 
@@ -382,11 +385,15 @@ impl Sweep<'_, '_> {
                 continue;
             }
             let Some((queued, claim)) = self.claim_next(&mut skips)? else { break };
-            let files = programs::files(&queued.job, &queued.folder);
-            if !files.is_empty() {
-                self.store.record_programs(&claim, &files)?;
+            if let Some(claim) = &claim {
+                let files = programs::files(&queued.job, &queued.folder);
+                if !files.is_empty() {
+                    self.store.record_programs(claim, &files)?;
+                }
             }
-            self.sink.on_event(Event::Started { worker: index, queued: &queued });
+            if queued.trains() {
+                self.sink.on_event(Event::Started { worker: index, queued: &queued });
+            }
             self.workers[index].start(queued, claim);
             self.started_at = Instant::now();
         }
@@ -405,14 +412,20 @@ impl Sweep<'_, '_> {
         }
     }
 
-    /// The next free job; `None` if no job is free, or if so many jobs were skipped that messages should be
-    /// handled first. `skips` counts the skipped jobs.
-    fn claim_next(&mut self, skips: &mut usize) -> Result<Option<(Queued, Claim)>, StoreError> {
+    /// The next free job, with the claim on its run if it needs one; `None` if no job is free, or if so many jobs were
+    /// skipped that messages should be handled first. `skips` counts the skipped jobs.
+    fn claim_next(
+        &mut self,
+        skips: &mut usize,
+    ) -> Result<Option<(Queued, Option<Claim>)>, StoreError> {
         while *skips < SKIPS_AT_ONCE {
             let Some(queued) = self.waiting.pop_front() else { break };
+            if queued.purpose == Purpose::Estimates {
+                return Ok(Some((queued, None)));
+            }
             let retry = self.context.options.retry_failed;
             match self.store.claim(self.session, &queued.key, retry, self.isolation)? {
-                Claimed::Claimed(claim) => return Ok(Some((queued, claim))),
+                Claimed::Claimed(claim) => return Ok(Some((queued, Some(claim)))),
                 Claimed::Suspect => self.suspects.push_back(queued),
                 Claimed::HeldElsewhere => self.held_elsewhere.push_back(queued),
                 Claimed::Completed => {
@@ -429,46 +442,71 @@ impl Sweep<'_, '_> {
         Ok(None)
     }
 
-    /// Receives an outcome, to be stored together with others.
+    /// Receives the end of a job, to be stored together with others.
     fn gather(&mut self, report: Report) {
-        let Report { worker, outcome, wall } = report;
+        let Report { worker, work, wall } = report;
         let (queued, claim) = self.workers[worker].finish();
-        if let (Outcome::Failed(_), OnFailure::Stop) = (&outcome, self.context.options.on_failure) {
+        let end = match (work, claim) {
+            (Work::Ran(outcome), Some(claim)) => Ended::Ran(claim, outcome),
+            (Work::Estimated(computed), None) => Ended::Estimated(computed),
+            _ => unreachable!("a worker with a claim runs, and one without estimates"),
+        };
+        if let (Ended::Ran(_, Outcome::Failed(_)), OnFailure::Stop) =
+            (&end, self.context.options.on_failure)
+        {
             self.halt.store(true, Ordering::Relaxed);
         }
-        self.gathered.push(Gathered { worker, queued, claim, outcome, wall, at: Instant::now() });
+        self.gathered.push(Gathered { worker, queued, end, wall, at: Instant::now() });
     }
 
-    /// Stores, counts and reports the gathered outcomes.
+    /// Stores, counts and reports what has been gathered.
     fn store_gathered(&mut self) -> Result<(), StoreError> {
         let gathered = mem::take(&mut self.gathered);
-        let ends: Vec<RunEnd<'_>> = gathered.iter().map(Gathered::end).collect();
-        let finished = self.store.finish_all(&ends)?;
+        let runs: Vec<RunEnd<'_>> = gathered.iter().filter_map(Gathered::run).collect();
+        let mut finished = self.store.finish_all(&runs)?.into_iter();
         kill_point::pass(KillPoint::EndsStored);
-        for (Gathered { worker, queued, claim, outcome, wall, .. }, finished) in
-            gathered.into_iter().zip(finished)
-        {
-            match (finished, &outcome) {
-                (Finished::ClaimLost, _) => self.folder.forget_run(&queued.key, claim.attempt),
-                (Finished::Stored, Outcome::Completed(_) | Outcome::Failed(_)) => {
-                    self.folder.forget(&queued.key, claim.attempt);
+        self.tally.estimated.store(self.store, gathered.iter().filter_map(Gathered::estimated))?;
+        for Gathered { worker, queued, end, wall, .. } in gathered {
+            match end {
+                Ended::Ran(claim, outcome) => {
+                    let finished = finished.next().expect("every run has an end");
+                    self.finish(worker, (queued, claim), (outcome, wall), finished);
                 }
-                (Finished::Stored, Outcome::Interrupted) => {}
-            }
-            match (finished, &outcome) {
-                // Another process will complete the job, so this outcome is not needed.
-                (Finished::ClaimLost, _) => {
-                    self.sink.on_event(Event::Lost { worker, queued: &queued });
-                    self.held_elsewhere.push_back(queued);
-                    continue;
+                Ended::Estimated(computed) => {
+                    if let Some(outcome) = &computed.trained {
+                        let (queued, outcome) = (&queued, outcome);
+                        self.sink.on_event(Event::Ended { worker, queued, outcome, wall });
+                    }
                 }
-                (Finished::Stored, Outcome::Completed(_)) => self.tally.completed += 1,
-                (Finished::Stored, Outcome::Failed(_)) => self.tally.failed += 1,
-                (Finished::Stored, Outcome::Interrupted) => self.tally.interrupted += 1,
             }
-            self.sink.on_event(Event::Ended { worker, queued: &queued, outcome: &outcome, wall });
         }
         self.beat()
+    }
+
+    /// Counts and reports a run whose end has been stored, unless its claim was lost.
+    fn finish(
+        &mut self,
+        worker: usize,
+        (queued, claim): (Queued, Claim),
+        (outcome, wall): (Outcome, Duration),
+        finished: Finished,
+    ) {
+        match (finished, &outcome) {
+            // Another process will complete the job, so this outcome is not needed.
+            (Finished::ClaimLost, _) => {
+                self.folder.forget_run(&queued.key, claim.attempt);
+                self.sink.on_event(Event::Lost { worker, queued: &queued });
+                self.held_elsewhere.push_back(queued);
+                return;
+            }
+            (Finished::Stored, Outcome::Completed(_)) => self.tally.completed += 1,
+            (Finished::Stored, Outcome::Failed(_)) => self.tally.failed += 1,
+            (Finished::Stored, Outcome::Interrupted) => self.tally.interrupted += 1,
+        }
+        if !matches!(outcome, Outcome::Interrupted) {
+            self.folder.forget(&queued.key, claim.attempt);
+        }
+        self.sink.on_event(Event::Ended { worker, queued: &queued, outcome: &outcome, wall });
     }
 
     fn tick(&mut self, busy: bool) -> Result<(), StoreError> {

@@ -12,10 +12,11 @@ use crate::schedule::checkpoint::{
     Alarm, Attempt, CheckpointFolder, CheckpointNote, Entry, Form, Keeper, Stopwatch,
 };
 use crate::schedule::curve::{self, CurveFile};
+use crate::schedule::estimates::Computed;
 use crate::schedule::panic;
 use crate::schedule::queued::Queued;
-use crate::store::Claim;
-use crate::train::{Checkpoints, StopHandle, TrainingControl, TrainingProgress};
+use crate::store::{Claim, Reader};
+use crate::train::{Checkpoints, KeptNowhere, StopHandle, TrainingControl, TrainingProgress};
 
 /// A function that trains a job; the program uses [`crate::train::run()`].
 pub type Train<'a> = &'a (dyn Fn(&Job, &dyn TrainingControl) -> Outcome + Sync);
@@ -65,9 +66,17 @@ pub(super) enum Message {
 /// The end of a job.
 pub(super) struct Report {
     pub(super) worker: usize,
-    pub(super) outcome: Outcome,
+    pub(super) work: Work,
     /// The time that the job took, including the earlier runs that it resumed from.
     pub(super) wall: Duration,
+}
+
+/// What a worker has done.
+pub(super) enum Work {
+    /// It ran a job.
+    Ran(Outcome),
+    /// It computed the estimates that a job lacked.
+    Estimated(Computed),
 }
 
 /// State that all workers of a sweep share.
@@ -78,6 +87,8 @@ pub(super) struct Shared<'a> {
     pub(super) folder: &'a CheckpointFolder,
     /// The folder for the learning curves of running jobs.
     pub(super) curves: &'a CheckpointFolder,
+    /// The file of the store, from which recorded decisions are read.
+    pub(super) store: &'a Path,
     /// The time between two checkpoints.
     pub(super) checkpoint_every: Duration,
     pub(super) messages: mpsc::Sender<Message>,
@@ -85,10 +96,10 @@ pub(super) struct Shared<'a> {
 
 /// The coordinating thread's side of a worker.
 pub(super) struct Worker<'scope> {
-    /// Jobs to train, with their attempts.
-    trainings: mpsc::Sender<(Queued, Attempt)>,
+    /// Jobs, with the attempts of their runs.
+    jobs: mpsc::Sender<(Queued, Option<Attempt>)>,
     slot: &'scope Arc<Slot>,
-    holds: Option<(Queued, Claim)>,
+    holds: Option<(Queued, Option<Claim>)>,
 }
 
 impl<'scope> Worker<'scope> {
@@ -101,29 +112,33 @@ impl<'scope> Worker<'scope> {
         slot: &'scope Arc<Slot>,
         shared: Shared<'scope>,
     ) -> io::Result<Self> {
-        let (trainings, inbox) = mpsc::channel::<(Queued, Attempt)>();
+        let (jobs, inbox) = mpsc::channel::<(Queued, Option<Attempt>)>();
         let thread = thread::Builder::new().name(format!("worker {index}"));
         thread.spawn_scoped(scope, move || {
             // The loop ends when the sweep drops its end of the channel.
+            let mut reader = None;
             for (queued, attempt) in inbox {
-                let report = work(index, (&queued, attempt), slot, &shared);
+                let report = match attempt {
+                    Some(attempt) => work(index, (&queued, attempt), slot, &shared),
+                    None => estimate(index, (&queued, &mut reader), slot, &shared),
+                };
                 if shared.messages.send(Message::Ended(Box::new(report))).is_err() {
                     break;
                 }
             }
         })?;
-        Ok(Worker { trainings, slot, holds: None })
+        Ok(Worker { jobs, slot, holds: None })
     }
 
     pub(super) fn is_idle(&self) -> bool {
         self.holds.is_none()
     }
 
-    pub(super) fn start(&mut self, queued: Queued, claim: Claim) {
+    pub(super) fn start(&mut self, queued: Queued, claim: Option<Claim>) {
         self.slot.set(None);
-        let attempt = Attempt { number: claim.attempt, deaths: claim.deaths };
-        let training = (queued.clone(), attempt);
-        self.trainings.send(training).expect("a worker lives as long as its sweep");
+        let attempt = |claim: &Claim| Attempt { number: claim.attempt, deaths: claim.deaths };
+        let job = (queued.clone(), claim.as_ref().map(attempt));
+        self.jobs.send(job).expect("a worker lives as long as its sweep");
         self.holds = Some((queued, claim));
     }
 
@@ -134,7 +149,7 @@ impl<'scope> Worker<'scope> {
     }
 
     /// Returns the job that has ended.
-    pub(super) fn finish(&mut self) -> (Queued, Claim) {
+    pub(super) fn finish(&mut self) -> (Queued, Option<Claim>) {
         self.slot.set(None);
         self.holds.take().expect("a report comes from a worker that holds a job")
     }
@@ -167,31 +182,79 @@ fn work(
     slot.curve.set(curve::EVERY);
     let entry = Entry { key: *key, attempt: attempt.number, form: Form::Curve };
     let curve = CurveFile::new(shared.curves, entry);
-    let control = SlotControl { slot, halt: shared.halt, keeper, estimates, curve, folder };
+    let keeps = Some(Keeps { keeper, curve });
+    let control = SlotControl { slot, halt: shared.halt, keeps, estimates, folder };
     let outcome = match caught(slot, || (shared.train)(job, &control)) {
         Outcome::Interrupted if slot.deadline.rings() => {
             Outcome::Failed(over_time(slot, limit, job))
         }
         outcome => outcome,
     };
-    Report { worker, outcome, wall: control.keeper.before() + slot.worked.look() }
+    Report { worker, work: Work::Ran(outcome), wall: control.before() + slot.worked.look() }
+}
+
+/// Computes the estimates that a job lacks: reads its recorded decisions, or trains it again.
+fn estimate(
+    worker: usize,
+    (queued, reader): (&Queued, &mut Option<Reader>),
+    slot: &Arc<Slot>,
+    shared: &Shared<'_>,
+) -> Report {
+    slot.worked.restart();
+    slot.deadline.set(queued.time_limit.unwrap_or(Duration::MAX));
+    let Queued { job, estimates, folder, .. } = queued;
+    let computed = if queued.trains() {
+        let control = SlotControl { slot, halt: shared.halt, keeps: None, estimates, folder };
+        let outcome = match caught(slot, || (shared.train)(job, &control)) {
+            Outcome::Interrupted if slot.deadline.rings() => Outcome::Failed(Failure {
+                kind: FailureKind::OverTime,
+                message: "training it again exceeded its time limit".to_owned(),
+                episode: slot.episode(),
+            }),
+            outcome => outcome,
+        };
+        Computed::trained(job, outcome)
+    } else {
+        let opened = match reader.take() {
+            Some(open) => Ok(open),
+            None => Reader::open(shared.store),
+        };
+        match opened {
+            Ok(open) => Computed::read(reader.insert(open), queued, shared.halt),
+            Err(error) => Computed::without(error.to_string()),
+        }
+    };
+    Report { worker, work: Work::Estimated(computed), wall: slot.worked.look() }
 }
 
 struct SlotControl<'a> {
     slot: &'a Arc<Slot>,
     halt: &'a Arc<AtomicBool>,
-    keeper: Keeper<'a>,
+    /// `None` for a job that is trained again.
+    keeps: Option<Keeps<'a>>,
     estimates: &'a [Arc<EstimateDeclaration>],
-    curve: CurveFile<'a>,
     folder: &'a Path,
+}
+
+/// What is kept of a running job.
+struct Keeps<'a> {
+    keeper: Keeper<'a>,
+    curve: CurveFile<'a>,
+}
+
+impl SlotControl<'_> {
+    /// The time that earlier runs took from which this one was resumed.
+    fn before(&self) -> Duration {
+        self.keeps.as_ref().map_or(Duration::ZERO, |keeps| keeps.keeper.before())
+    }
 }
 
 impl TrainingControl for SlotControl<'_> {
     fn report(&self, progress: TrainingProgress, curve: &[CurvePoint]) {
         self.slot.set(Some(progress));
-        if self.report_is_due() {
+        if let Some(keeps) = self.keeps.as_ref().filter(|_| self.report_is_due()) {
             self.slot.curve.set(curve::EVERY);
-            self.curve.add(progress, self.keeper.before() + self.worked(), curve);
+            keeps.curve.add(progress, self.before() + self.worked(), curve);
         }
     }
 
@@ -221,7 +284,10 @@ impl TrainingControl for SlotControl<'_> {
     }
 
     fn checkpoints(&self) -> &dyn Checkpoints {
-        &self.keeper
+        match &self.keeps {
+            Some(keeps) => &keeps.keeper,
+            None => &KeptNowhere,
+        }
     }
 }
 

@@ -8,7 +8,9 @@ use jitai::job::Job;
 use jitai::job::{Outcome, Provenance};
 use jitai::manifest;
 use jitai::plan::{self};
-use jitai::schedule::{self, Context, Event, EventSink, OnFailure, Options, Queued, Tally};
+use jitai::schedule::{
+    self, Context, Event, EventSink, OnFailure, Options, Purpose, Queued, Tally,
+};
 use jitai::store::{Experiment, RetryFailed, SessionId, Store};
 use jitai::train::{self, TrainingControl};
 
@@ -271,6 +273,7 @@ pub fn queued(folder: &Folder, text: &str) -> (Store, SessionId, Vec<Queued>) {
         job: planned.job,
         time_limit: None,
         estimates: Vec::new(),
+        purpose: Purpose::Run,
         folder: ".".into(),
     });
     let session = store.begin_session(&provenance()).unwrap();

@@ -8,7 +8,7 @@ use jitai::agent::{
     Agent, DecisionRule, DuelingDqn, LinearThompson, Ppo, Reinforce, RuleParameters,
 };
 use jitai::env::{ParticipantSampler, Population, PopulationPhases, StepCount};
-use jitai::experiment::{self, Options, Store};
+use jitai::experiment::{self, Event, Options, Selection, Store};
 use jitai::job::Job;
 use jitai::job::{Evaluation, RecordedDecisions};
 use jitai::job::{Outcome, ParticipantValue, Phase, Results};
@@ -222,7 +222,9 @@ fn stored_participants_are_those_of_the_runs_and_choose_the_episodes_of_analyses
     let path = folder.path().join("jitai.sqlite");
     let mut store = Store::open(&path).unwrap();
     let never = AtomicBool::new(false);
-    experiment::run(&mut store, &manifests, Options::default(), &never, |_| {}).unwrap();
+    let selection = Selection::new(&manifests, None).unwrap();
+    let mut ignore = |_: Event<'_>| {};
+    experiment::run(&mut store, &selection, Options::default(), &never, &mut ignore).unwrap();
     drop(store);
     let raw = rusqlite::Connection::open(&path).unwrap();
     let names: Vec<&str> = ParticipantSampler::all_names().collect();

@@ -1,5 +1,7 @@
 //! The stage of a race, and the cells of a grid that it has come to.
 
+use std::sync::Arc;
+
 /// The arms of an agent and their seeds at one stage of its race.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Stage {
@@ -11,7 +13,7 @@ pub struct Stage {
 
 /// The cells of an agent that its race has come to, or may come to.
 #[derive(Debug)]
-pub(in crate::manifest) struct RaceCells<'m> {
+pub(in crate::manifest) struct RaceCells {
     /// The axis of the arms; `None` for an agent without draws, which has the fresh seeds alone.
     pub arms: Option<usize>,
     /// The axis of the seeds: first the seeds of the race, then the fresh ones.
@@ -19,10 +21,10 @@ pub(in crate::manifest) struct RaceCells<'m> {
     /// The number of seeds of the race.
     pub raced: usize,
     /// `None` for all cells that the race may come to.
-    pub stage: Option<&'m Stage>,
+    pub stage: Option<Arc<Stage>>,
 }
 
-impl RaceCells<'_> {
+impl RaceCells {
     /// The axes on which the race leaves out cells: none before it has a stage, and the seeds without draws.
     pub fn divided(&self) -> impl Iterator<Item = usize> {
         let seeds = (self.stage.is_some() || self.arms.is_none()).then_some(self.seeds);
@@ -32,7 +34,7 @@ impl RaceCells<'_> {
     /// Whether the cell with these places on the axes belongs to the race.
     pub fn has(&self, cell: &[usize]) -> bool {
         let seed = cell[self.seeds];
-        match (self.arms.map(|axis| cell[axis]), self.stage) {
+        match (self.arms.map(|axis| cell[axis]), self.stage.as_deref()) {
             (None, _) => seed >= self.raced,
             (Some(_), None) => true,
             (Some(arm), Some(stage)) if seed >= self.raced => stage.winner == Some(arm),
