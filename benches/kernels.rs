@@ -6,7 +6,7 @@ use jitai::env::{
     Action, EpisodeStatus, LaneSet, LaneStreams, PhysicalActivity, StateNoise, StepCount,
     StepNoise, VectorEnvironment,
 };
-use jitai::kernel::{Adam, Aligned, Isa, Product, Shallow, ShallowGradient, Start, dot};
+use jitai::kernel::{Adam, Aligned, Isa, Product, Shallow, ShallowGradient, SumStart, dot};
 use jitai::rng::{Purpose, Stream};
 
 fn main() {
@@ -32,7 +32,7 @@ fn product_64x128x128(bencher: Bencher<'_, '_>, name: &str) {
     let mut result = numbers(64 * 128);
     bencher.counter(ItemsCount::new(2 * 64 * 128 * 128u32)).bench_local(|| {
         let product = Product {
-            start: Start::Stored,
+            start: SumStart::Stored,
             left: &left,
             left_stride: 128,
             left_transposed: false,

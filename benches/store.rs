@@ -191,7 +191,7 @@ impl Large {
         let manifest = jitai::manifest::parse("bench", text.as_bytes()).unwrap();
         let mut fresh = Fresh::new();
         let selection = Selection::new(slice::from_ref(&manifest), None).unwrap();
-        drop(register(&mut fresh.store, &selection, &AtomicBool::new(false), |_| {}).unwrap());
+        let _ = register(&mut fresh.store, &selection, &AtomicBool::new(false), |_| {}).unwrap();
         let jobs: Vec<Job> = plan::jobs(&manifest).map(|planned| planned.job).collect();
         assert_eq!(jobs.len(), 100_000);
         let evaluation = Evaluation { test_episodes: 10, ..Evaluation::default() };

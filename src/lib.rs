@@ -128,13 +128,13 @@ pub mod experiment {
         Stage, Zip, hints, load, load_with, parse, parse_with, same_name, schema,
     };
     pub use crate::plan::{
-        Cost, Entrant, Factors, Fate, Filter, FilterError, Lead, Outcome as RaceOutcome, Race,
-        RaceJobs, Races, Reference, Rung, Shard, ShardError, Swept, count, expand, jobs, race_jobs,
+        Cost, Entrant, Factors, Fate, Filter, FilterError, Lead, Race, RaceJobs, RaceOutcome,
+        Races, Reference, Rung, Shard, ShardError, Swept, count, expand, jobs, race_jobs,
         race_line,
     };
     pub use crate::schedule::{
-        Caller, Cause, CheckpointNote, End, Ended, Estimated, Event, EventLog, EventSink, Found,
-        MOST_WORKERS, OnFailure, Options, Preview, Purpose, Queued, Remaining, Selection, Speeds,
+        Caller, Cause, CheckpointNote, End, EndedRun, Estimated, Event, EventLog, EventSink, Found,
+        MOST_WORKERS, OnFailure, Options, Preview, Queued, QueuedFor, Remaining, Selection, Speeds,
         Survey, Surveyed, SweepError, Tally, command, race_notes, races_ended, removal,
         run_manifests as run,
     };
@@ -160,19 +160,19 @@ pub mod results {
         AmongParticipants, CompletedRun, DataSet, JobRecord, JobStatus, Settings,
     };
     pub use crate::report::{
-        AssembleError, Hosts, ReportFigure, ReportFile, ReportedExperiment, ReportedRace, Work,
-        assemble, figures, report, splits,
+        AssembleError, AssemblyWork, Hosts, ReportFigure, ReportFile, ReportedExperiment,
+        ReportedRace, assemble, figures, report, splits,
     };
     pub use crate::store::{
         Answer, ColumnType, ExperimentCounts, FailedJob, Interrupter, JobState, Pace, Parts,
-        QueryError, Reader, StoredWeights, VIEWS, Value as SqlValue,
+        QueryError, Reader, SqlValue, StoredWeights, VIEWS,
     };
     pub use crate::train::{NoTruth, Truth, truth};
 }
 
 /// Environments: the contract and its tests, and the simulation from the paper.
 pub mod environment {
-    pub use crate::env::contract::{Clause, Violation, check};
+    pub use crate::env::contract::{Clause, ContractViolation, check};
     pub use crate::env::outside;
     pub use crate::env::{
         Action, ActionSpec, ContextDraw, Environment, EpisodeStatus, Family, Feature, FeatureSpec,
@@ -208,7 +208,7 @@ pub mod algorithm {
         BanditPosterior, BanditUpdate, Diverged, DuelingDqn, Engine, Learner, LearnerError,
         LinearThompson, LinearThompsonLearner, Losses, Minibatch, OutOfMemory, Ppo, PpoEngine,
         PpoLearner, Recurrent, RegistrationError, Reinforce, ReinforceEngine, ReinforceLearner,
-        Shape, Span, Start, StartError, Task, TerminalTarget, Trained, TrainedEpisode,
+        Shape, SpanEnd, Start, StartError, Task, TerminalTarget, Trained, TrainedEpisode,
         Trajectories, Trunk, Unavailable, WeightTensor, Weights, WeightsError, Work,
         dueling_dqn_learner, linear_thompson_learner, ppo_learner, register_algorithm,
         reinforce_learner, trained_linear_thompson,
@@ -228,19 +228,19 @@ pub mod algorithm {
 /// Findings: the results of declared analyses, as reports draw them.
 pub mod findings {
     pub use crate::analyse::declared::{
-        ActionPanel, BinShares, Candidate, Comparison, Content, ContrastFigure, ContrastRow,
-        CurveFigure, CurveLine, CurvePoint, Distance, ErrorFigure, ErrorPoint, Finding, HeatFigure,
-        HeatTile, JobCounts, LearningFigure, LearningLine, LearningPanel, Ranking, RecoveryRow,
-        Reproduction, Scale,
+        ActionPanel, BinShares, Candidate, Comparison, ContrastFigure, ContrastRow, CurveFigure,
+        CurveLine, Distance, ErrorFigure, ErrorPoint, Finding, FindingContent, HeatFigure,
+        HeatTile, JobCounts, LearningFigure, LearningLine, LearningPanel, LinePoint, Ranking,
+        RecoveryRow, Reproduction, Scale,
     };
 }
 
 /// Statistics over seeds: pure functions of samples.
 pub mod statistics {
     pub use crate::analyse::{
-        Aggregate, Agreement, Contrast, Corrected, Design, Detectable, DuplicateSeed, Estimate,
-        FEW_SEEDS, HedgesG, Improvement, Interval, LEVEL, Likeness, Lost, MOST_ARRANGEMENTS,
-        Moments, POWER, RESAMPLES, Recovered, Sample, TTest, Undefined, Verdict, agreement,
+        Aggregate, Agreement, Contrast, Corrected, Detectable, DuplicateSeed, FEW_SEEDS, HedgesG,
+        Improvement, Interval, LEVEL, Likeness, Lost, MOST_ARRANGEMENTS, Moments, POWER, RESAMPLES,
+        Recovered, Sample, SeedPairing, TTest, UncertainNumber, Undefined, Verdict, agreement,
         correct, detectable, hedges_g, improvement, interquartile_mean, lower_quartile,
         mean_and_sd, mean_interval, moving_mean, paired_hedges_g, paired_improvement,
         paired_permutation_p, paired_t_test, permutation_p, quantile, recovered, share_interval,

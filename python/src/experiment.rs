@@ -9,7 +9,7 @@ use std::time::{Duration, Instant};
 
 use jitai::algorithm::Parameter;
 use jitai::experiment::{
-    self, Caller, End, Ended, Estimated, Event, EventLog, EventSink, Factors, Faults, Filter,
+    self, Caller, End, EndedRun, Estimated, Event, EventLog, EventSink, Factors, Faults, Filter,
     MOST_WORKERS, Manifest, OnFailure, Options, Overridden, Override, Preview, Published,
     Remaining, RetryFailed, Runs, Selection, Shard, Speeds, Store, Survey, SweepError, Swept,
 };
@@ -384,7 +384,7 @@ fn swept(asked: &Asked, stop: &AtomicBool, events: &Sender<Json>) -> PyResult<Js
         progressed: Instant::now(),
     };
     let ended = experiment::run(&mut store, &selection, asked.options, stop, &mut sent);
-    let Some(Ended { end, .. }) = ended.map_err(sweep_error)? else {
+    let Some(EndedRun { end, .. }) = ended.map_err(sweep_error)? else {
         return Err(PyRuntimeError::new_err("stopped before the first job"));
     };
     let mut notes = sent.notes;

@@ -166,7 +166,7 @@ fn query_error(error: QueryError) -> PyErr {
 }
 
 /// A column of a result.
-struct Column {
+struct ViewColumn {
     name: String,
     declared: ColumnType,
     values: Values,
@@ -252,15 +252,15 @@ fn as_real(whole: i64) -> Option<f64> {
     (-LARGEST_EXACT..=LARGEST_EXACT).contains(&whole).then_some(whole as f64)
 }
 
-impl Column {
-    fn new(name: &str, declared: ColumnType) -> Column {
+impl ViewColumn {
+    fn new(name: &str, declared: ColumnType) -> ViewColumn {
         let values = match declared {
             ColumnType::Integer => Values::Integers(Vec::new()),
             ColumnType::Real => Values::Reals(Vec::new()),
             ColumnType::Text => Values::Cells(Vec::new()),
             ColumnType::Several | ColumnType::Undeclared => Values::Nulls,
         };
-        Column { name: name.to_owned(), declared, values, nulls: Vec::new() }
+        ViewColumn { name: name.to_owned(), declared, values, nulls: Vec::new() }
     }
 
     fn push(&mut self, value: SqlValue<'_>) {
@@ -368,7 +368,11 @@ fn extended<T>(mut values: Vec<T>, last: T) -> Vec<T> {
     values
 }
 
-fn answer(reader: &Reader, sql: &str, values: &[(Option<String>, Cell)]) -> PyResult<Vec<Column>> {
+fn answer(
+    reader: &Reader,
+    sql: &str,
+    values: &[(Option<String>, Cell)],
+) -> PyResult<Vec<ViewColumn>> {
     let values: Vec<(Option<&str>, SqlValue<'_>)> =
         values.iter().map(|(name, value)| (name.as_deref(), value.as_sql())).collect();
     // A frame would need other names than the query gives.
@@ -377,7 +381,7 @@ fn answer(reader: &Reader, sql: &str, values: &[(Option<String>, Cell)]) -> PyRe
             "several columns are called `{name}`; name each of them, as in `a.{name} AS {name}_of_a`"
         )));
     }
-    let mut columns: Vec<Column> = Vec::new();
+    let mut columns: Vec<ViewColumn> = Vec::new();
     reader
         .query_with(sql, &values, |part| {
             match part {
@@ -385,7 +389,7 @@ fn answer(reader: &Reader, sql: &str, values: &[(Option<String>, Cell)]) -> PyRe
                     let written = reader.written_out(sql, &values);
                     let types = reader.column_types(&written, names.len());
                     let pairs = names.iter().zip(types);
-                    columns = pairs.map(|(name, kind)| Column::new(name, kind)).collect();
+                    columns = pairs.map(|(name, kind)| ViewColumn::new(name, kind)).collect();
                 }
                 Answer::Row(values) => {
                     let pairs = columns.iter_mut().zip(values);

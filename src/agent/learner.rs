@@ -31,7 +31,7 @@ resumable!([] TrainedEpisode { parts number, total_reward, length, terminated, l
 
 /// How a span of training ended.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Span {
+pub enum SpanEnd {
     /// The span was completed.
     Whole,
     /// The span was suspended, because a pause was requested.
@@ -51,7 +51,7 @@ pub trait Learner<Env: VectorEnvironment = Simulated>: Resumable {
         finished: &mut Vec<TrainedEpisode>,
         observer: Option<&mut dyn StepObserver<Env>>,
         pause: &dyn Fn() -> bool,
-    ) -> Result<Span, LearnerError>;
+    ) -> Result<SpanEnd, LearnerError>;
 
     /// Trains until at least `episodes` more episodes have ended, and returns them.
     ///

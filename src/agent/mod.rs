@@ -74,7 +74,7 @@ pub use fused::{
     FusedRecurrentActorCritic, FusedRecurrentDqn, FusedRecurrentDuelingNetwork, FusedReinforce,
 };
 pub use layers::Shape;
-pub use learner::{Actions, Diverged, Learner, LearnerError, Span, TrainedEpisode};
+pub use learner::{Actions, Diverged, Learner, LearnerError, SpanEnd, TrainedEpisode};
 pub use linear_thompson::{
     BanditAllocation, BanditDraw, BanditFeatures, BanditPolicy, BanditPosterior, BanditSums,
     BanditUpdate, LinearThompson, LinearThompsonLearner, LinearThompsonPolicy, LinearThompsonStudy,

@@ -7,7 +7,7 @@
 use std::ops::Range;
 
 use crate::agent::actor::{Actor, StepObserver};
-use crate::agent::learner::{Actions, Diverged, Learner, LearnerError, Span, TrainedEpisode};
+use crate::agent::learner::{Actions, Diverged, Learner, LearnerError, SpanEnd, TrainedEpisode};
 use crate::agent::memory::{self, OutOfMemory, reserve};
 use crate::agent::network::{Activation, Engine, LAYER_WIDTHS, LEARNING_RATE};
 use crate::agent::policy::{ActionNetwork, Choice, NetworkActor, sample, sampling_probabilities};
@@ -195,7 +195,7 @@ impl<E: ReinforceEngine, Env: VectorEnvironment> ReinforceLearner<E, Env> {
         &mut self,
         mut observer: Option<&mut dyn StepObserver<Env>>,
         pause: &dyn Fn() -> bool,
-    ) -> Result<Span, OutOfMemory> {
+    ) -> Result<SpanEnd, OutOfMemory> {
         let Workspace {
             trajectories,
             positions,
@@ -224,7 +224,7 @@ impl<E: ReinforceEngine, Env: VectorEnvironment> ReinforceLearner<E, Env> {
         let mut ahead = 0;
         while self.environment.any_running() {
             if pause() {
-                return Ok(Span::BrokenOff);
+                return Ok(SpanEnd::BrokenOff);
             }
             self.environment.observe(observations);
             self.engine.logits(observations, logits);
@@ -271,7 +271,7 @@ impl<E: ReinforceEngine, Env: VectorEnvironment> ReinforceLearner<E, Env> {
                 observer.paid(&self.environment, paid);
             }
         }
-        Ok(Span::Whole)
+        Ok(SpanEnd::Whole)
     }
 
     /// The records of the sampled episodes.
@@ -294,9 +294,9 @@ impl<E: ReinforceEngine, Env: VectorEnvironment> Learner<Env> for ReinforceLearn
         finished: &mut Vec<TrainedEpisode>,
         observer: Option<&mut dyn StepObserver<Env>>,
         pause: &dyn Fn() -> bool,
-    ) -> Result<Span, LearnerError> {
-        if self.sample(observer, pause)? == Span::BrokenOff {
-            return Ok(Span::BrokenOff);
+    ) -> Result<SpanEnd, LearnerError> {
+        if self.sample(observer, pause)? == SpanEnd::BrokenOff {
+            return Ok(SpanEnd::BrokenOff);
         }
         finished.extend(self.finished());
         let Workspace { trajectories, positions, rewards, .. } = &mut self.workspace;
@@ -318,7 +318,7 @@ impl<E: ReinforceEngine, Env: VectorEnvironment> Learner<Env> for ReinforceLearn
             last.loss_sum = f64::from(loss);
             last.updates = 1;
         }
-        Ok(Span::Whole)
+        Ok(SpanEnd::Whole)
     }
 
     fn policy(&self, actions: Actions) -> Box<dyn Actor<Env>> {

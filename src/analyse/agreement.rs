@@ -8,7 +8,7 @@ use crate::estimate::t_of_p;
 
 /// A number with its uncertainty.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Estimate {
+pub struct UncertainNumber {
     /// The number.
     pub value: f64,
     /// Its standard error, above 0.
@@ -17,21 +17,21 @@ pub struct Estimate {
     pub df: f64,
 }
 
-impl Estimate {
+impl UncertainNumber {
     /// The mean of some values.
     ///
     /// **Errors**: fewer than two values, or values without variance.
-    pub fn of_mean(values: &[f64]) -> Result<Estimate, Undefined> {
+    pub fn of_mean(values: &[f64]) -> Result<UncertainNumber, Undefined> {
         let Moments { n, mean, sd } = Moments::of(values)?;
         let standard_error = sd? / (n as f64).sqrt();
         vary(standard_error, mean)?;
-        Ok(Estimate { value: mean, standard_error, df: n as f64 - 1.0 })
+        Ok(UncertainNumber { value: mean, standard_error, df: n as f64 - 1.0 })
     }
 
     /// The difference that a t test compares with 0.
-    pub fn of_test(test: &TTest) -> Estimate {
+    pub fn of_test(test: &TTest) -> UncertainNumber {
         let TTest { difference: value, standard_error, df, .. } = *test;
-        Estimate { value, standard_error, df }
+        UncertainNumber { value, standard_error, df }
     }
 
     /// The difference of the means of two independent arms, with Satterthwaite's degrees of freedom.
@@ -40,7 +40,7 @@ impl Estimate {
     ///
     /// **Source**: Welch, "The generalization of 'Student's' problem when several different population
     /// variances are involved", 1947.
-    pub fn of_difference(first: &[f64], second: &[f64]) -> Result<Estimate, Undefined> {
+    pub fn of_difference(first: &[f64], second: &[f64]) -> Result<UncertainNumber, Undefined> {
         let TTest { difference: value, standard_error, .. } = unpaired_t_test(first, second)?;
         let part = |values: &[f64]| -> Result<(f64, f64), Undefined> {
             let Moments { n, sd, .. } = Moments::of(values)?;
@@ -50,7 +50,7 @@ impl Estimate {
         };
         let ((share_1, free_1), (share_2, free_2)) = (part(first)?, part(second)?);
         let df = 1.0 / (share_1.powi(2) / free_1 + share_2.powi(2) / free_2);
-        Ok(Estimate { value, standard_error, df })
+        Ok(UncertainNumber { value, standard_error, df })
     }
 
     /// The estimate of a difference that is published with only the p value of its two-sided t
@@ -59,12 +59,12 @@ impl Estimate {
     /// For a p printed as 0.00000, pass the upper bound of the values that are printed so.
     ///
     /// **Errors**: the difference is 0, `p` is not strictly between 0 and 1, or `df` is below 1.
-    pub fn of_published(difference: f64, p: f64, df: f64) -> Result<Estimate, Undefined> {
+    pub fn of_published(difference: f64, p: f64, df: f64) -> Result<UncertainNumber, Undefined> {
         if difference == 0.0 || !(p > 0.0 && p < 1.0) || !(df >= 1.0 && df.is_finite()) {
             return Err(Undefined::OutOfRange);
         }
         let standard_error = finite(difference.abs() / t_of_p(p, df))?;
-        Ok(Estimate { value: finite(difference)?, standard_error, df })
+        Ok(UncertainNumber { value: finite(difference)?, standard_error, df })
     }
 }
 
@@ -97,7 +97,10 @@ pub struct Agreement {
 ///
 /// **Source**: Satterthwaite, "An approximate distribution of estimates of variance components",
 /// 1946.
-pub fn agreement(first: &Estimate, second: &Estimate) -> Result<Agreement, Undefined> {
+pub fn agreement(
+    first: &UncertainNumber,
+    second: &UncertainNumber,
+) -> Result<Agreement, Undefined> {
     let (part_1, part_2) = (first.standard_error.powi(2), second.standard_error.powi(2));
     let share = part_1 / (part_1 + part_2);
     let df = finite(1.0 / (share.powi(2) / first.df + (1.0 - share).powi(2) / second.df))?;

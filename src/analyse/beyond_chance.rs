@@ -4,7 +4,7 @@
 use super::interval::{Interval, NORMAL_CRITICAL};
 use super::monte_carlo::monte_carlo_p;
 use super::noncentral::normal;
-use super::operating::Simulated;
+use super::operating::MonteCarloMean;
 use super::undefined::Undefined;
 use crate::manifest::DidItLearn;
 
@@ -20,7 +20,7 @@ pub struct BeyondChance {
     /// The p-values of the trials.
     pub p_values: Vec<f64>,
     /// The share of them that is at most [`ALPHA`].
-    pub share: Result<Simulated, Undefined>,
+    pub share: Result<MonteCarloMean, Undefined>,
 }
 
 /// Judges trials, with their seeds and numbers, by those of trials without an effect.
@@ -60,7 +60,7 @@ pub fn beyond_chance(trials: &[(u64, f64)], references: &[(u64, f64)]) -> Beyond
         _ => {
             let value = p_values.iter().filter(|p| **p <= ALPHA).count() as f64 / n;
             let model = Model::new(levels / n, [n, references.len() as f64], &twins);
-            Ok(Simulated { value, interval: Ok(model.interval(value)) })
+            Ok(MonteCarloMean { value, interval: Ok(model.interval(value)) })
         }
     };
     BeyondChance { p_values, share }

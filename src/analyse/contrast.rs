@@ -10,7 +10,7 @@ use super::undefined::{Undefined, finite};
 
 /// How the seeds of two arms are paired.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Design {
+pub enum SeedPairing {
     /// Seeds are not paired.
     Independent,
     /// Equal seeds form a pair; seeds that only one arm has are left out.
@@ -21,7 +21,7 @@ pub enum Design {
 #[derive(Clone, Debug, PartialEq)]
 pub struct Contrast {
     /// How the seeds are paired.
-    pub design: Design,
+    pub design: SeedPairing,
     /// Numbers of compared seeds of each arm.
     pub seeds: (usize, usize),
     /// Means of the compared seeds of each arm.
@@ -42,23 +42,23 @@ pub struct Contrast {
     pub permutation_p: Result<f64, Undefined>,
 }
 
-impl Design {
+impl SeedPairing {
     /// The design of two arms: matched if the seeds of one are among those of the other, at least two; else
     /// independent. It depends on the seeds that the arms were given, not on those that have a value yet.
-    pub fn of(first: &Sample, second: &Sample) -> Design {
+    pub fn of(first: &Sample, second: &Sample) -> SeedPairing {
         let (few, many) = match first.given().len() <= second.given().len() {
             true => (first.given(), second.given()),
             false => (second.given(), first.given()),
         };
         let are_shared = few.len() > 1 && few.iter().all(|seed| many.binary_search(seed).is_ok());
-        if are_shared { Design::Matched } else { Design::Independent }
+        if are_shared { SeedPairing::Matched } else { SeedPairing::Independent }
     }
 
     /// The samples as this design compares them: of matched seeds, those that both have.
     pub fn compared(self, first: &Sample, second: &Sample) -> (Sample, Sample) {
         match self {
-            Design::Independent => (first.clone(), second.clone()),
-            Design::Matched => (first.shared_with(second), second.shared_with(first)),
+            SeedPairing::Independent => (first.clone(), second.clone()),
+            SeedPairing::Matched => (first.shared_with(second), second.shared_with(first)),
         }
     }
 }
@@ -66,19 +66,19 @@ impl Design {
 /// The test to report of two arms.
 ///
 /// **Errors**: as [`paired_t_test`] and [`unpaired_t_test`], or no seed in common.
-pub fn t_test(first: &Sample, second: &Sample, design: Design) -> Result<TTest, Undefined> {
+pub fn t_test(first: &Sample, second: &Sample, design: SeedPairing) -> Result<TTest, Undefined> {
     match design {
-        Design::Independent => unpaired_t_test(first.values(), second.values()),
-        Design::Matched => paired_t_test(&first.matched(second)?),
+        SeedPairing::Independent => unpaired_t_test(first.values(), second.values()),
+        SeedPairing::Matched => paired_t_test(&first.matched(second)?),
     }
 }
 
 impl Contrast {
     /// Compares the first sample with the second.
-    pub fn new(first: &Sample, second: &Sample, design: Design) -> Contrast {
+    pub fn new(first: &Sample, second: &Sample, design: SeedPairing) -> Contrast {
         match design {
-            Design::Independent => independent(first.values(), second.values()),
-            Design::Matched => matched(first.matched(second)),
+            SeedPairing::Independent => independent(first.values(), second.values()),
+            SeedPairing::Matched => matched(first.matched(second)),
         }
     }
 }
@@ -86,7 +86,7 @@ impl Contrast {
 fn independent(first: &[f64], second: &[f64]) -> Contrast {
     let means = means(first, second);
     Contrast {
-        design: Design::Independent,
+        design: SeedPairing::Independent,
         seeds: (first.len(), second.len()),
         means,
         difference: means.and_then(|(one, two)| finite(one - two)),
@@ -106,7 +106,7 @@ fn matched(pairs: Result<Vec<(f64, f64)>, Undefined>) -> Contrast {
     });
     let (paired, n) = (pairs.and_then(paired_t_test), pairs.map_or(0, <[_]>::len));
     Contrast {
-        design: Design::Matched,
+        design: SeedPairing::Matched,
         seeds: (n, n),
         means,
         difference: means.and_then(|(one, two)| finite(one - two)),
@@ -131,7 +131,8 @@ mod tests {
         let of = |seeds: std::ops::Range<u64>| {
             Sample::new(seeds.map(|seed| (seed, seed as f64)), 0, 0).unwrap()
         };
-        let is_matched = |one: &Sample, other: &Sample| Design::of(one, other) == Design::Matched;
+        let is_matched =
+            |one: &Sample, other: &Sample| SeedPairing::of(one, other) == SeedPairing::Matched;
         assert!(is_matched(&of(1..11), &of(1..11)));
         assert!(is_matched(&of(1..13), &of(1..3)));
         assert!(!is_matched(&of(1..13), &of(1..2)), "a single pair");

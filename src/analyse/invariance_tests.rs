@@ -24,7 +24,8 @@ fn map(values: &[f64], function: impl Fn(f64) -> f64) -> Vec<f64> {
 
 fn contrasts(first: &[f64], second: &[f64]) -> [Contrast; 2] {
     let (first, second) = (sample(first), sample(second));
-    [Design::Independent, Design::Matched].map(|design| Contrast::new(&first, &second, design))
+    [SeedPairing::Independent, SeedPairing::Matched]
+        .map(|design| Contrast::new(&first, &second, design))
 }
 
 /// The numbers of a contrast. Numbers in units of the metric are divided by `unit`.
@@ -111,7 +112,7 @@ fn the_order_of_seeds_changes_nothing() {
             let pairs: Vec<(u64, f64)> = (1..).zip(values.iter().copied()).collect();
             Sample::new(pairs.into_iter().rev(), 0, 0).unwrap()
         };
-        let same = Contrast::new(&backwards(&first), &backwards(&second), Design::Matched);
+        let same = Contrast::new(&backwards(&first), &backwards(&second), SeedPairing::Matched);
         assert_eq!(same, plain[1]);
     }
 }
@@ -211,7 +212,7 @@ fn odd_samples() -> Vec<Sample> {
 fn degenerate_samples_never_give_a_number_that_is_none() {
     for first in odd_samples() {
         for second in odd_samples() {
-            for design in [Design::Independent, Design::Matched] {
+            for design in [SeedPairing::Independent, SeedPairing::Matched] {
                 let contrast = Contrast::new(&first, &second, design);
                 for number in numbers(&contrast, 1.0).into_iter().flatten() {
                     assert!(number.is_finite(), "{contrast:?}");
@@ -231,7 +232,7 @@ fn degenerate_samples_never_give_a_number_that_is_none() {
 #[test]
 fn a_failed_arm_is_reported_in_every_column() {
     let (failed, whole) = (Sample::new([], 3, 0).unwrap(), sample(&[1.0, 2.0, 3.0]));
-    for design in [Design::Independent, Design::Matched] {
+    for design in [SeedPairing::Independent, SeedPairing::Matched] {
         for number in numbers(&Contrast::new(&whole, &failed, design), 1.0) {
             assert_eq!(number, Err(Undefined::NoSeeds));
         }

@@ -33,10 +33,10 @@ mod invariance_tests;
 #[cfg(test)]
 mod reference_tests;
 
-pub use agreement::{Agreement, Estimate, Likeness, Verdict, agreement};
+pub use agreement::{Agreement, Likeness, UncertainNumber, Verdict, agreement};
 pub use beyond_chance::{ALPHA as CHANCE, BeyondChance, beyond_chance};
 pub use bootstrap::{Aggregate, RESAMPLES, interquartile_mean};
-pub use contrast::{Contrast, Design, t_test};
+pub use contrast::{Contrast, SeedPairing, t_test};
 pub use effect_size::{HedgesG, hedges_g, paired_hedges_g};
 pub use grouped::grouped;
 pub use improvement::{Improvement, improvement, paired_improvement};
@@ -44,7 +44,7 @@ pub use interval::{Interval, LEVEL, mean_interval, share_interval};
 pub use moments::{Moments, mean_and_sd};
 pub use monte_carlo::monte_carlo_p;
 pub use multiplicity::{Corrected, correct};
-pub use operating::{Formula, Operating, SampleSize, Simulated, TrialEstimate, sample_size};
+pub use operating::{Formula, MonteCarloMean, Operating, SampleSize, TrialEstimate, sample_size};
 pub use permutation::{MOST_ARRANGEMENTS, paired_permutation_p, permutation_p};
 pub use power::{Detectable, FEW_SEEDS, POWER, detectable};
 pub use quantile::{lower_quartile, quantile};

@@ -21,7 +21,7 @@ pub struct TrialEstimate {
 
 /// A number with its Monte Carlo interval of level [`LEVEL`].
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Simulated {
+pub struct MonteCarloMean {
     /// The number.
     pub value: f64,
     /// Its interval over trials.
@@ -34,19 +34,19 @@ pub struct Operating {
     /// Trials with an estimate.
     pub trials: usize,
     /// The mean estimate.
-    pub mean: Result<Simulated, Undefined>,
+    pub mean: Result<MonteCarloMean, Undefined>,
     /// The mean true effect.
-    pub truth: Result<Simulated, Undefined>,
+    pub truth: Result<MonteCarloMean, Undefined>,
     /// The mean difference between the estimate and the true effect of its trial.
-    pub bias: Result<Simulated, Undefined>,
+    pub bias: Result<MonteCarloMean, Undefined>,
     /// The standard deviation of the estimates over trials.
-    pub empirical_error: Result<Simulated, Undefined>,
+    pub empirical_error: Result<MonteCarloMean, Undefined>,
     /// The mean estimated standard error.
-    pub mean_error: Result<Simulated, Undefined>,
+    pub mean_error: Result<MonteCarloMean, Undefined>,
     /// The share of intervals that contain the mean true effect.
-    pub coverage: Result<Simulated, Undefined>,
+    pub coverage: Result<MonteCarloMean, Undefined>,
     /// The share of intervals that exclude 0.
-    pub power: Result<Simulated, Undefined>,
+    pub power: Result<MonteCarloMean, Undefined>,
 }
 
 impl Operating {
@@ -86,27 +86,30 @@ impl Operating {
     }
 }
 
-fn mean(values: &[f64]) -> Result<Simulated, Undefined> {
+fn mean(values: &[f64]) -> Result<MonteCarloMean, Undefined> {
     let value = Moments::of(values)?.mean;
-    Ok(Simulated { value, interval: mean_interval(values) })
+    Ok(MonteCarloMean { value, interval: mean_interval(values) })
 }
 
 /// The standard deviation, with its interval by the chi-squared distribution.
-fn deviation(values: &[f64]) -> Result<Simulated, Undefined> {
+fn deviation(values: &[f64]) -> Result<MonteCarloMean, Undefined> {
     at_least(2, values.len())?;
     let value = finite(mean_and_sd(values).1.unwrap_or(f64::NAN))?;
     let df = values.len() as f64 - 1.0;
     let tail = (1.0 - LEVEL) / 2.0;
     let end = |p: f64| value * (df / chi_squared_of_p(p, df)).sqrt();
-    Ok(Simulated { value, interval: Ok(Interval { low: end(1.0 - tail), high: end(tail) }) })
+    Ok(MonteCarloMean { value, interval: Ok(Interval { low: end(1.0 - tail), high: end(tail) }) })
 }
 
 /// The share of trials that count, with Wilson's interval.
-pub(super) fn share<T>(trials: &[T], counts: impl Fn(&T) -> bool) -> Result<Simulated, Undefined> {
+pub(super) fn share<T>(
+    trials: &[T],
+    counts: impl Fn(&T) -> bool,
+) -> Result<MonteCarloMean, Undefined> {
     at_least(1, trials.len())?;
     let count = trials.iter().filter(|trial| counts(*trial)).count();
     let interval = Ok(wilson(count, trials.len()));
-    Ok(Simulated { value: count as f64 / trials.len() as f64, interval })
+    Ok(MonteCarloMean { value: count as f64 / trials.len() as f64, interval })
 }
 
 /// The interval of a share of at least one trial.
@@ -142,9 +145,9 @@ pub struct SampleSize {
 /// square root of the number of people, as it is for an estimate whose standard error falls with that root. The ends of
 /// the interval are where the upper and the lower ends of the intervals of the powers, interpolated in the same way, reach
 /// `power`. `None` if the power is nowhere reached from below.
-pub fn sample_size(powers: &[(f64, Simulated)], power: f64) -> Option<SampleSize> {
+pub fn sample_size(powers: &[(f64, MonteCarloMean)], power: f64) -> Option<SampleSize> {
     let ends = |of: fn(Interval) -> f64| {
-        let of = |(people, at): &(f64, Simulated)| Some((*people, of(at.interval.ok()?)));
+        let of = |(people, at): &(f64, MonteCarloMean)| Some((*people, of(at.interval.ok()?)));
         reached(&powers.iter().filter_map(of).collect::<Vec<_>>(), power)
     };
     let values: Vec<(f64, f64)> = powers.iter().map(|(people, at)| (*people, at.value)).collect();
@@ -230,7 +233,7 @@ mod tests {
     fn characteristics_by_hand() {
         let trials = [trial(1.0, 2.5), trial(3.0, 3.5), trial(5.0, 3.0), trial(7.0, 3.0)];
         let found = Operating::of(&trials);
-        let value = |of: &Result<Simulated, Undefined>| of.unwrap().value;
+        let value = |of: &Result<MonteCarloMean, Undefined>| of.unwrap().value;
         assert_eq!(found.trials, 4);
         assert_eq!((value(&found.truth), value(&found.bias)), (3.0, 1.0));
         assert_eq!(value(&found.empirical_error), (20.0_f64 / 3.0).sqrt());
@@ -285,7 +288,7 @@ mod tests {
         let at = |people: f64| {
             let value = normal(0.3 * people.sqrt() - NORMAL_CRITICAL);
             let interval = Ok(Interval { low: value - 0.05, high: value + 0.05 });
-            (people, Simulated { value, interval })
+            (people, MonteCarloMean { value, interval })
         };
         let found = sample_size(&[20.0, 40.0, 80.0, 160.0].map(at), 0.8).unwrap();
         let exact = ((NORMAL_CRITICAL + 0.841_621_233_572_914) / 0.3_f64).powi(2);

@@ -1,6 +1,6 @@
 //! The recovered share of a loss.
 
-use super::contrast::Design;
+use super::contrast::SeedPairing;
 use super::interval::{Interval, critical};
 use super::moments::{Moments, vary};
 use super::sample::Sample;
@@ -30,11 +30,11 @@ pub fn recovered(
     with: &Sample,
     without: &Sample,
     optimum: f64,
-    design: Design,
+    design: SeedPairing,
 ) -> Result<Recovered, Undefined> {
     let (of_with, of_without): (Vec<f64>, Vec<f64>) = match design {
-        Design::Independent => (with.values().to_vec(), without.values().to_vec()),
-        Design::Matched => with.matched(without)?.into_iter().unzip(),
+        SeedPairing::Independent => (with.values().to_vec(), without.values().to_vec()),
+        SeedPairing::Matched => with.matched(without)?.into_iter().unzip(),
     };
     let (with, without) = (Moments::of(&of_with)?, Moments::of(&of_without)?);
     let (gain, loss) = (with.mean - without.mean, optimum - without.mean);
@@ -46,8 +46,8 @@ pub fn recovered(
         // Squared standard errors of the means, and their covariance.
         let squared = |moments: &Moments| Ok(moments.sd?.powi(2) / moments.n as f64);
         let covariance = match design {
-            Design::Independent => 0.0,
-            Design::Matched => {
+            SeedPairing::Independent => 0.0,
+            SeedPairing::Matched => {
                 let pairs = of_with.iter().zip(&of_without);
                 let products = pairs.map(|(one, other)| (one - with.mean) * (other - without.mean));
                 let n = with.n as f64;
@@ -90,7 +90,7 @@ mod tests {
 
     /// The share of independent samples.
     fn share_of(with: &[f64], without: &[f64], optimum: f64) -> Result<Recovered, Undefined> {
-        recovered(&sample(with), &sample(without), optimum, Design::Independent)
+        recovered(&sample(with), &sample(without), optimum, SeedPairing::Independent)
     }
 
     #[test]
@@ -111,7 +111,7 @@ mod tests {
         // Student's t with 2 degrees of freedom is 4.302653; the standard error of the mean is 1.
         let root = 3f64.sqrt();
         let with = [90.0 - root, 90.0, 90.0 + root];
-        for design in [Design::Independent, Design::Matched] {
+        for design in [SeedPairing::Independent, SeedPairing::Matched] {
             let found = recovered(&sample(&with), &sample(&[60.0; 3]), 100.0, design).unwrap();
             let Interval { low, high } = found.interval.unwrap();
             assert!((low - (0.75 - 4.302653 / 40.0)).abs() < 1e-6, "{low}");
@@ -123,7 +123,7 @@ mod tests {
     fn the_ends_of_the_interval_are_where_the_test_just_rejects() {
         let (with, without) = ([3100.0, 3050.0, 3180.0, 3120.0], [2700.0, 2900.0, 2760.0, 2650.0]);
         let optimum = 3300.0;
-        for design in [Design::Independent, Design::Matched] {
+        for design in [SeedPairing::Independent, SeedPairing::Matched] {
             let found = recovered(&sample(&with), &sample(&without), optimum, design).unwrap();
             let Interval { low, high } = found.interval.unwrap();
             assert!(low < found.share && found.share < high);

@@ -109,12 +109,12 @@ fn contrasts_of_independent_and_of_matched_seeds() {
         let (first, second) = (numbers(&case["first"]), numbers(&case["second"]));
         let (first, second) = (sample(&first), sample(&second));
         let what = format!("{:?} against {:?}", first.values(), second.values());
-        let ours = Contrast::new(&first, &second, Design::Independent);
+        let ours = Contrast::new(&first, &second, SeedPairing::Independent);
         assert_t_test(ours.student, &case["student"], &what);
         assert_t_test(ours.test, &case["unpaired"], &what);
         assert_effect(&ours, &case, "", &what);
         if !case["paired"].is_null() {
-            let ours = Contrast::new(&first, &second, Design::Matched);
+            let ours = Contrast::new(&first, &second, SeedPairing::Matched);
             assert_t_test(ours.test, &case["paired"], &what);
             assert_effect(&ours, &case, "paired_", &what);
         }
@@ -164,7 +164,9 @@ fn recoveries_of_independent_and_of_matched_seeds() {
     for case in cases("recovery") {
         let [with, without] = ["with", "without"].map(|side| sample(&numbers(&case[side])));
         let optimum = number(&case["optimum"]);
-        for (design, name) in [(Design::Independent, "unpaired"), (Design::Matched, "paired")] {
+        for (design, name) in
+            [(SeedPairing::Independent, "unpaired"), (SeedPairing::Matched, "paired")]
+        {
             let ours = recovered(&with, &without, optimum, design).unwrap();
             assert_near(ours.share, number(&case["share"]), "share");
             assert_interval(ours.interval.unwrap(), &case[name], TOLERANCE, name);
@@ -231,8 +233,9 @@ fn moving_means_are_those_of_single_episodes() {
 fn joint_intervals_with_published_numbers() {
     for case in cases("agreement") {
         let (ours, published) = (numbers(&case["ours"]), numbers(&case["published"]));
-        let ours = Estimate { value: ours[0], standard_error: ours[1], df: ours[2] };
-        let theirs = Estimate::of_published(published[0], published[1], published[2]).unwrap();
+        let ours = UncertainNumber { value: ours[0], standard_error: ours[1], df: ours[2] };
+        let theirs =
+            UncertainNumber::of_published(published[0], published[1], published[2]).unwrap();
         assert_near(theirs.standard_error, number(&case["standard_error"]), "published error");
         let joint = agreement(&ours, &theirs).unwrap();
         assert_interval(joint.interval, &case["interval"], TOLERANCE, "joint");

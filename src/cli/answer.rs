@@ -6,10 +6,10 @@ use std::ops::ControlFlow;
 use clap::ValueEnum;
 
 use crate::cli::Error;
-use crate::cli::output::{Field, Format, Rows};
+use crate::cli::output::{Format, OutputField, OutputRows};
 #[cfg(feature = "parquet")]
 use crate::cli::parquet::Columns;
-use crate::store::{Answer, QueryError, Reader, Value};
+use crate::store::{Answer, QueryError, Reader, SqlValue};
 
 /// Output format of an answer.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
@@ -75,7 +75,7 @@ impl From<Failed> for Error {
 /// The writer of an answer.
 enum Written<W: Write> {
     /// Written row by row.
-    Lines(Rows<W>),
+    Lines(OutputRows<W>),
     /// Collected as columns, and written at the end.
     #[cfg(feature = "parquet")]
     Columns(Columns, W),
@@ -104,10 +104,10 @@ impl<W: Write> Written<W> {
             }
         };
         let names: Vec<String> = names.iter().map(|name| (*name).to_owned()).collect();
-        Rows::new(format, &names, out).map(Written::Lines).map_err(Failed::Output)
+        OutputRows::new(format, &names, out).map(Written::Lines).map_err(Failed::Output)
     }
 
-    fn row(&mut self, values: &[Value<'_>]) -> io::Result<()> {
+    fn row(&mut self, values: &[SqlValue<'_>]) -> io::Result<()> {
         match self {
             Written::Lines(rows) => rows.row(&values.iter().map(field).collect::<Vec<_>>()),
             #[cfg(feature = "parquet")]
@@ -163,12 +163,12 @@ pub(super) fn write<W: Write>(
     written.map_or(Ok(()), Written::finish).map_err(Failed::Output)
 }
 
-fn field<'a>(value: &Value<'a>) -> Field<'a> {
+fn field<'a>(value: &SqlValue<'a>) -> OutputField<'a> {
     match *value {
-        Value::Null => Field::Empty,
-        Value::Integer(number) => Field::Integer(number),
-        Value::Real(number) => Field::Real(number),
-        Value::Text(text) => Field::text(text),
-        Value::Blob(bytes) => Field::Bytes(bytes),
+        SqlValue::Null => OutputField::Empty,
+        SqlValue::Integer(number) => OutputField::Integer(number),
+        SqlValue::Real(number) => OutputField::Real(number),
+        SqlValue::Text(text) => OutputField::text(text),
+        SqlValue::Blob(bytes) => OutputField::Bytes(bytes),
     }
 }

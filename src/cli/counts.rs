@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-use crate::cli::output::Field;
+use crate::cli::output::OutputField;
 use crate::store::Counts;
 
 /// The columns of [`fields`].
@@ -22,10 +22,10 @@ pub(super) fn fields<'a>(
     experiment: &'a str,
     counts: &Counts,
     left: Option<Duration>,
-) -> Vec<Field<'a>> {
-    let integer = |count: u64| Field::Integer(count as i64);
+) -> Vec<OutputField<'a>> {
+    let integer = |count: u64| OutputField::Integer(count as i64);
     vec![
-        Field::text(experiment),
+        OutputField::text(experiment),
         integer(counts.total()),
         integer(counts.completed),
         integer(counts.running),
@@ -33,8 +33,8 @@ pub(super) fn fields<'a>(
         integer(counts.interrupted),
         integer(counts.pending),
         // Estimates are rounded to a tenth of a second.
-        left.map_or(Field::Empty, |left| {
-            Field::Rounded((left.as_secs_f64() * 10.0).round() / 10.0, 0)
+        left.map_or(OutputField::Empty, |left| {
+            OutputField::Rounded((left.as_secs_f64() * 10.0).round() / 10.0, 0)
         }),
     ]
 }

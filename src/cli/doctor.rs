@@ -11,7 +11,7 @@ use crate::cli::store_argument::this_command;
 use crate::cli::{Error, Exit, StoreArgument};
 use crate::job::Job;
 use crate::key::printable;
-use crate::store::{self, Diagnosis, Finding, Salvaged, Store};
+use crate::store::{self, Diagnosis, Discovery, Salvaged, Store};
 
 /// Check a store for damage: its file, its references, and every result against its digest
 ///
@@ -69,7 +69,7 @@ fn show_diagnosis(arguments: &Arguments, diagnosis: &Diagnosis) -> Result<(), Er
     if arguments.format == TextOrJson::Json {
         let findings: Vec<_> = findings
             .iter()
-            .map(|Finding { part, job_key, what }| {
+            .map(|Discovery { part, job_key, what }| {
                 json!({ "part": part, "job_key": job_key, "what": what })
             })
             .collect();
@@ -95,7 +95,7 @@ fn show_diagnosis(arguments: &Arguments, diagnosis: &Diagnosis) -> Result<(), Er
         return Ok(writeln!(out, "{store} is healthy: {runs}, all intact")?);
     }
     writeln!(out, "{store} is damaged:")?;
-    for Finding { part, job_key, what } in findings {
+    for Discovery { part, job_key, what } in findings {
         let of_job = job_key.as_ref().map(|key| format!(" of job {key}")).unwrap_or_default();
         let part = if *part == "job" { "" } else { part };
         let subject = format!("{part}{of_job}");

@@ -225,7 +225,7 @@ fn write_columns(file: BufWriter<File>) -> Result<(), csv::Error> {
     let mut out = csv::Writer::from_writer(file);
     out.write_record(["view", "column", "type", "unit", "meaning"])?;
     for column in store::columns() {
-        let store::Column { view, name, kind, unit, meaning } = column;
+        let store::ViewColumn { view, name, kind, unit, meaning } = column;
         out.write_record([view, name, kind, unit, meaning])?;
     }
     out.flush()?;

@@ -2,7 +2,7 @@
 
 use std::io;
 
-use crate::cli::output::{Field, Format, Rows};
+use crate::cli::output::{Format, OutputField, OutputRows};
 use crate::cli::{Error, Exit, StoreArgument};
 use crate::store::{Command, Reader};
 
@@ -23,11 +23,11 @@ pub(super) fn run(arguments: &Arguments) -> Result<Exit, Error> {
     let recorded = Reader::open(&arguments.store.store)?.log()?;
     let columns = ["changed_at", "command", "folder", "host", "code_version", "git_revision"];
     let columns = columns.map(str::to_owned);
-    let mut rows = Rows::new(arguments.format, &columns, io::stdout().lock())?;
+    let mut rows = OutputRows::new(arguments.format, &columns, io::stdout().lock())?;
     for (changed_at, command) in &recorded {
         let Command { words, folder, host, code_version, git_revision } = command;
         let texts = [changed_at, words, folder, host, code_version, git_revision];
-        rows.row(&texts.map(Field::text))?;
+        rows.row(&texts.map(OutputField::text))?;
     }
     rows.finish()?;
     Ok(Exit::Done)

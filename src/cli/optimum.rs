@@ -6,7 +6,7 @@ use std::io::{self, Write};
 use std::path::PathBuf;
 
 use crate::cli::counting::Counting;
-use crate::cli::output::{Field, Format, Rows};
+use crate::cli::output::{Format, OutputField, OutputRows};
 use crate::cli::setting::{adjusted, sets, with_parameter};
 use crate::cli::{Error, Exit, StoreArgument, check};
 use crate::env::StepCountModel;
@@ -64,7 +64,7 @@ fn of_manifests(manifests: &[Manifest], format: Format) -> Result<(), Error> {
     let swept = swept(manifests);
     let columns = ["experiment"].iter().chain(&COLUMNS).chain(&swept);
     let columns: Vec<String> = columns.map(ToString::to_string).collect();
-    let mut rows = Rows::new(format, &columns, io::stdout().lock())?;
+    let mut rows = OutputRows::new(format, &columns, io::stdout().lock())?;
     let mut missing: Vec<NoOptimum> = Vec::new();
     for manifest in manifests {
         let family = manifest.family();
@@ -84,13 +84,13 @@ fn of_manifests(manifests: &[Manifest], format: Format) -> Result<(), Error> {
                 if !missing.contains(&error) {
                     missing.push(error);
                 }
-                [Field::Empty, Field::Empty]
+                [OutputField::Empty, OutputField::Empty]
             });
             let of_key = |key: &&str| match &environment.to_json()[*key] {
-                serde_json::Value::String(word) => Field::text(word.clone()),
-                other => Field::Nested(other.clone()),
+                serde_json::Value::String(word) => OutputField::text(word.clone()),
+                other => OutputField::Nested(other.clone()),
             };
-            let mut row = vec![Field::text(&manifest.name)];
+            let mut row = vec![OutputField::text(&manifest.name)];
             row.extend(known(environment, scenario).into_iter().chain(found));
             row.extend(swept.iter().map(of_key));
             rows.row(&row)?;
@@ -117,25 +117,27 @@ fn of_arguments(arguments: &Arguments) -> Result<(), Error> {
     for (environment, scenario) in &pairs {
         optimum::check(environment, scenario).map_err(refused)?;
     }
-    let mut rows = Rows::new(arguments.format, &COLUMNS.map(str::to_owned), io::stdout().lock())?;
+    let mut rows =
+        OutputRows::new(arguments.format, &COLUMNS.map(str::to_owned), io::stdout().lock())?;
     for ((environment, scenario), found) in pairs.iter().zip(found_of(&pairs)) {
         let found = optimum_and_error(found.map_err(refused)?);
-        let row: Vec<Field<'_>> = known(environment, scenario).into_iter().chain(found).collect();
+        let row: Vec<OutputField<'_>> =
+            known(environment, scenario).into_iter().chain(found).collect();
         rows.row(&row)?;
     }
     Ok(rows.finish()?)
 }
 
 /// The last two columns of [`COLUMNS`]: the optimum and its error.
-fn optimum_and_error(found: Optimum) -> [Field<'static>; 2] {
-    [Field::Rounded(found.mean_return, 1), Field::Rounded(found.error, 2)]
+fn optimum_and_error(found: Optimum) -> [OutputField<'static>; 2] {
+    [OutputField::Rounded(found.mean_return, 1), OutputField::Rounded(found.error, 2)]
 }
 
 /// The first three columns of [`COLUMNS`], which need no optimum.
-fn known(environment: &StepCount, scenario: &Scenario) -> [Field<'static>; 3] {
+fn known(environment: &StepCount, scenario: &Scenario) -> [OutputField<'static>; 3] {
     let error = context_error(environment.sigma, environment.context_probability);
-    let sigma = Field::Real(environment.sigma);
-    [Field::text(scenario.to_string()), sigma, Field::Rounded(error, 4)]
+    let sigma = OutputField::Real(environment.sigma);
+    [OutputField::text(scenario.to_string()), sigma, OutputField::Rounded(error, 4)]
 }
 
 /// The distinct environments, scenarios and populations of a manifest's jobs, in job order.

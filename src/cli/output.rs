@@ -45,7 +45,7 @@ pub(super) enum TextOrJson {
 
 /// One value of a row.
 #[derive(Clone, Debug, PartialEq)]
-pub(super) enum Field<'a> {
+pub(super) enum OutputField<'a> {
     /// No value: empty in text and CSV, `null` in JSON.
     Empty,
     /// A whole number.
@@ -65,51 +65,58 @@ pub(super) enum Field<'a> {
     Nested(Value),
 }
 
-impl<'a> Field<'a> {
+impl<'a> OutputField<'a> {
     pub(super) fn text(text: impl Into<Cow<'a, str>>) -> Self {
-        Field::Text(text.into())
+        OutputField::Text(text.into())
     }
 
     fn is_number(&self) -> bool {
-        matches!(self, Field::Integer(_) | Field::Real(_) | Field::Rounded(..) | Field::Figure(_))
+        matches!(
+            self,
+            OutputField::Integer(_)
+                | OutputField::Real(_)
+                | OutputField::Rounded(..)
+                | OutputField::Figure(_)
+        )
     }
 
     /// The text for a table: rounded, with control characters escaped, and cut if it is long.
     fn for_reading(&self) -> String {
         match self {
-            Field::Rounded(value, decimals) => rounded(*value, *decimals),
-            Field::Real(value) => short(significant(*value)),
-            Field::Text(text) => shown(text),
-            Field::Nested(value) => shown(&value.to_string()),
-            Field::Bytes(bytes) if bytes.len() > MOST_SHOWN / 2 => {
+            OutputField::Rounded(value, decimals) => rounded(*value, *decimals),
+            OutputField::Real(value) => short(significant(*value)),
+            OutputField::Text(text) => shown(text),
+            OutputField::Nested(value) => shown(&value.to_string()),
+            OutputField::Bytes(bytes) if bytes.len() > MOST_SHOWN / 2 => {
                 let first = HEXLOWER.encode(&bytes[..MOST_SHOWN / 2]);
                 format!("x'{first}… ({} bytes)", bytes.len())
             }
-            Field::Empty | Field::Integer(_) | Field::Figure(_) | Field::Bytes(_) => {
-                self.exact().into_owned()
-            }
+            OutputField::Empty
+            | OutputField::Integer(_)
+            | OutputField::Figure(_)
+            | OutputField::Bytes(_) => self.exact().into_owned(),
         }
     }
 
     /// The text with every digit.
     fn exact(&self) -> Cow<'_, str> {
         match self {
-            Field::Empty => Cow::Borrowed(""),
-            Field::Integer(value) => Cow::Owned(value.to_string()),
-            Field::Real(value) => Cow::Owned(short(*value)),
+            OutputField::Empty => Cow::Borrowed(""),
+            OutputField::Integer(value) => Cow::Owned(value.to_string()),
+            OutputField::Real(value) => Cow::Owned(short(*value)),
             // Adding 0 removes the sign of −0.
-            Field::Rounded(value, _) => Cow::Owned(short(value + 0.0)),
-            Field::Figure(text) => Cow::Borrowed(text),
-            Field::Text(text) => Cow::Borrowed(text),
-            Field::Bytes(bytes) => Cow::Owned(as_sql(bytes)),
-            Field::Nested(value) => Cow::Owned(value.to_string()),
+            OutputField::Rounded(value, _) => Cow::Owned(short(value + 0.0)),
+            OutputField::Figure(text) => Cow::Borrowed(text),
+            OutputField::Text(text) => Cow::Borrowed(text),
+            OutputField::Bytes(bytes) => Cow::Owned(as_sql(bytes)),
+            OutputField::Nested(value) => Cow::Owned(value.to_string()),
         }
     }
 
     /// The text for CSV, safe to open in a spreadsheet.
     fn for_csv(&self) -> Cow<'_, str> {
         match self {
-            Field::Text(text) => defused(text),
+            OutputField::Text(text) => defused(text),
             _ => self.exact(),
         }
     }
@@ -117,20 +124,20 @@ impl<'a> Field<'a> {
     /// Writes the field as JSON, long bytes in pieces.
     fn write_json(&self, out: &mut impl Write) -> io::Result<()> {
         match self {
-            Field::Empty => out.write_all(b"null"),
-            Field::Integer(value) => Ok(serde_json::to_writer(out, value)?),
-            Field::Real(value) => Ok(serde_json::to_writer(out, value)?),
-            Field::Rounded(value, _) => Ok(serde_json::to_writer(out, &(value + 0.0))?),
-            Field::Figure(text) => Ok(serde_json::to_writer(out, text)?),
-            Field::Text(text) => Ok(serde_json::to_writer(out, text)?),
-            Field::Bytes(bytes) => {
+            OutputField::Empty => out.write_all(b"null"),
+            OutputField::Integer(value) => Ok(serde_json::to_writer(out, value)?),
+            OutputField::Real(value) => Ok(serde_json::to_writer(out, value)?),
+            OutputField::Rounded(value, _) => Ok(serde_json::to_writer(out, &(value + 0.0))?),
+            OutputField::Figure(text) => Ok(serde_json::to_writer(out, text)?),
+            OutputField::Text(text) => Ok(serde_json::to_writer(out, text)?),
+            OutputField::Bytes(bytes) => {
                 out.write_all(b"\"x'")?;
                 for piece in bytes.chunks(1 << 12) {
                     out.write_all(HEXLOWER.encode(piece).as_bytes())?;
                 }
                 out.write_all(b"'\"")
             }
-            Field::Nested(value) => Ok(serde_json::to_writer(out, value)?),
+            OutputField::Nested(value) => Ok(serde_json::to_writer(out, value)?),
         }
     }
 }
@@ -185,7 +192,7 @@ pub(super) fn shell_word(text: &str) -> String {
 }
 
 /// A writer of rows with the same columns.
-pub(super) enum Rows<W: Write> {
+pub(super) enum OutputRows<W: Write> {
     /// Rows are collected to find the widths of the columns, and written in blocks. The widths of
     /// earlier blocks are minimum widths for the next block.
     Table(W, Box<Table>, Vec<u16>),
@@ -195,7 +202,7 @@ pub(super) enum Rows<W: Write> {
     Json(W, Vec<String>, usize),
 }
 
-impl<W: Write> Rows<W> {
+impl<W: Write> OutputRows<W> {
     /// Starts a writer of rows with these columns.
     pub(super) fn new(format: Format, columns: &[String], mut out: W) -> io::Result<Self> {
         Ok(match format {
@@ -203,24 +210,24 @@ impl<W: Write> Rows<W> {
                 let mut table = empty(columns.len());
                 table.set_header(columns.iter().map(|name| shown(name)));
                 lay_out(&mut table, &[]);
-                Rows::Table(out, Box::new(table), Vec::new())
+                OutputRows::Table(out, Box::new(table), Vec::new())
             }
             Format::Csv => {
                 let mut writer = csv::Writer::from_writer(out);
                 writer.write_record(columns).map_err(cause)?;
-                Rows::Csv(Box::new(writer))
+                OutputRows::Csv(Box::new(writer))
             }
             Format::Json => {
                 out.write_all(b"[")?;
-                Rows::Json(out, columns.to_vec(), 0)
+                OutputRows::Json(out, columns.to_vec(), 0)
             }
         })
     }
 
     /// Adds a row, one field per column.
-    pub(super) fn row(&mut self, fields: &[Field<'_>]) -> io::Result<()> {
+    pub(super) fn row(&mut self, fields: &[OutputField<'_>]) -> io::Result<()> {
         match self {
-            Rows::Table(out, table, widths) => {
+            OutputRows::Table(out, table, widths) => {
                 if table.row_count() >= ALIGNED_TOGETHER {
                     print(table, out)?;
                     *widths = table.column_max_content_widths();
@@ -241,13 +248,13 @@ impl<W: Write> Rows<W> {
                     lay_out(table, widths);
                 }
             }
-            Rows::Csv(writer) => {
+            OutputRows::Csv(writer) => {
                 for field in fields {
                     writer.write_field(field.for_csv().as_bytes()).map_err(cause)?;
                 }
                 writer.write_record(None::<&[u8]>).map_err(cause)?;
             }
-            Rows::Json(out, columns, count) => {
+            OutputRows::Json(out, columns, count) => {
                 out.write_all(if *count == 0 { b"\n{" } else { b",\n{" })?;
                 // A map would sort the columns by name.
                 for (i, (name, field)) in columns.iter().zip(fields).enumerate() {
@@ -268,12 +275,12 @@ impl<W: Write> Rows<W> {
     /// Writes the end of the output.
     pub(super) fn finish(self) -> io::Result<()> {
         match self {
-            Rows::Table(mut out, table, _) => {
+            OutputRows::Table(mut out, table, _) => {
                 print(&table, &mut out)?;
                 out.flush()
             }
-            Rows::Csv(mut writer) => writer.flush(),
-            Rows::Json(mut out, _, count) => {
+            OutputRows::Csv(mut writer) => writer.flush(),
+            OutputRows::Json(mut out, _, count) => {
                 out.write_all(if count == 0 { b"]\n" } else { b"\n]\n" })?;
                 out.flush()
             }
@@ -322,9 +329,10 @@ mod tests {
     fn written(format: Format) -> String {
         let mut out = Vec::new();
         let columns = ["name", "mean"].map(str::to_owned);
-        let mut rows = Rows::new(format, &columns, &mut out).unwrap();
-        rows.row(&[Field::text("a,\"b\"\u{1b}[31m"), Field::Rounded(1234.5678, 1)]).unwrap();
-        rows.row(&[Field::text("c"), Field::Empty]).unwrap();
+        let mut rows = OutputRows::new(format, &columns, &mut out).unwrap();
+        rows.row(&[OutputField::text("a,\"b\"\u{1b}[31m"), OutputField::Rounded(1234.5678, 1)])
+            .unwrap();
+        rows.row(&[OutputField::text("c"), OutputField::Empty]).unwrap();
         rows.finish().unwrap();
         String::from_utf8(out).unwrap()
     }
@@ -339,10 +347,20 @@ mod tests {
     fn formulas_are_defused_in_csv_and_numbers_are_not() {
         let mut out = Vec::new();
         let columns = ["a", "b", "c"].map(str::to_owned);
-        let mut rows = Rows::new(Format::Csv, &columns, &mut out).unwrap();
+        let mut rows = OutputRows::new(Format::Csv, &columns, &mut out).unwrap();
         let bytes = [0, 0xaf];
-        rows.row(&[Field::text("=cmd()"), Field::text("-0.5"), Field::Bytes(&bytes)]).unwrap();
-        rows.row(&[Field::Real(-0.5), Field::Figure("-1 ± 2".into()), Field::Empty]).unwrap();
+        rows.row(&[
+            OutputField::text("=cmd()"),
+            OutputField::text("-0.5"),
+            OutputField::Bytes(&bytes),
+        ])
+        .unwrap();
+        rows.row(&[
+            OutputField::Real(-0.5),
+            OutputField::Figure("-1 ± 2".into()),
+            OutputField::Empty,
+        ])
+        .unwrap();
         rows.finish().unwrap();
         let text = String::from_utf8(out).unwrap();
         assert_eq!(text, "a,b,c\n'=cmd(),-0.5,x'00af'\n-0.5,-1 ± 2,\n");
@@ -352,10 +370,11 @@ mod tests {
     fn rows_past_those_aligned_together_keep_the_same_columns() {
         let mut out = Vec::new();
         let columns = ["name", "count", "note"].map(str::to_owned);
-        let mut rows = Rows::new(Format::Table, &columns, &mut out).unwrap();
+        let mut rows = OutputRows::new(Format::Table, &columns, &mut out).unwrap();
         for row in 0..=ALIGNED_TOGETHER {
             let name = if row == 0 { "a long name" } else { "x" };
-            rows.row(&[Field::text(name), Field::Integer(7), Field::text("end")]).unwrap();
+            rows.row(&[OutputField::text(name), OutputField::Integer(7), OutputField::text("end")])
+                .unwrap();
         }
         rows.finish().unwrap();
         let text = String::from_utf8(out).unwrap();
@@ -367,15 +386,15 @@ mod tests {
 
     #[test]
     fn zero_has_no_sign_unless_a_query_returns_one() {
-        let (nothing, little) = (Field::Rounded(-0.0, 2), Field::Rounded(-0.004, 2));
-        assert_eq!([&nothing, &little].map(Field::for_reading), ["0.00", "0.00"]);
+        let (nothing, little) = (OutputField::Rounded(-0.0, 2), OutputField::Rounded(-0.004, 2));
+        assert_eq!([&nothing, &little].map(OutputField::for_reading), ["0.00", "0.00"]);
         assert_eq!([&nothing, &little].map(|field| field.exact().into_owned()), ["0", "-0.004"]);
-        let json = |field: Field<'_>| {
+        let json = |field: OutputField<'_>| {
             let mut out = Vec::new();
             field.write_json(&mut out).unwrap();
             String::from_utf8(out).unwrap()
         };
-        assert_eq!((json(nothing), json(Field::Real(-0.0))), ("0.0".into(), "-0.0".into()));
+        assert_eq!((json(nothing), json(OutputField::Real(-0.0))), ("0.0".into(), "-0.0".into()));
     }
 
     #[test]

@@ -213,12 +213,12 @@ impl Columns {
 #[cfg(test)]
 mod tests {
     use ::parquet::file::reader::{FileReader, SerializedFileReader};
-    use ::parquet::record::Field;
+    use ::parquet::record::OutputField;
 
     use super::*;
 
     /// The physical types and the rows of a file.
-    fn read(columns: Columns) -> (Vec<PhysicalType>, Vec<Vec<Field>>) {
+    fn read(columns: Columns) -> (Vec<PhysicalType>, Vec<Vec<OutputField>>) {
         let mut bytes = Vec::new();
         columns.write(&mut bytes).unwrap();
         let mut file = tempfile::tempfile().unwrap();
@@ -242,12 +242,17 @@ mod tests {
         let (types, rows) = read(columns);
         let text = PhysicalType::BYTE_ARRAY;
         assert_eq!(types, [PhysicalType::INT64, PhysicalType::DOUBLE, text, text]);
-        let string = |text: &str| Field::Str(text.to_owned());
+        let string = |text: &str| OutputField::Str(text.to_owned());
         assert_eq!(
             rows,
             [
-                vec![Field::Long(-3), Field::Double(1.0), string("0.5"), Field::Null],
-                vec![Field::Null, Field::Double(2.5), string("[1]"), Field::Null],
+                vec![
+                    OutputField::Long(-3),
+                    OutputField::Double(1.0),
+                    string("0.5"),
+                    OutputField::Null
+                ],
+                vec![OutputField::Null, OutputField::Double(2.5), string("[1]"), OutputField::Null],
             ]
         );
     }
@@ -264,8 +269,8 @@ mod tests {
         let (_, found) = read(columns);
         assert_eq!(found.len() as i64, rows);
         for (row, fields) in (0..).zip(found) {
-            let number = if row % 5 == 0 { Field::Null } else { Field::Long(row) };
-            assert_eq!(fields, [number, Field::Str(format!("word {}", row % 3))]);
+            let number = if row % 5 == 0 { OutputField::Null } else { OutputField::Long(row) };
+            assert_eq!(fields, [number, OutputField::Str(format!("word {}", row % 3))]);
         }
     }
 
@@ -284,7 +289,10 @@ mod tests {
         columns.row(&[Value::Real(0.5), Value::Integer(2), Value::Integer(3), Value::Real(1.5)]);
         let (types, rows) = read(columns);
         assert_eq!(types, [double, double, text, double]);
-        let three = Field::Str("3".to_owned());
-        assert_eq!(rows, [[Field::Double(0.5), Field::Double(2.0), three, Field::Double(1.5)]]);
+        let three = OutputField::Str("3".to_owned());
+        assert_eq!(
+            rows,
+            [[OutputField::Double(0.5), OutputField::Double(2.0), three, OutputField::Double(1.5)]]
+        );
     }
 }

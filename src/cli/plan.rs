@@ -4,7 +4,7 @@ use std::io::{self, Write};
 use std::num::NonZeroUsize;
 
 use crate::cli::check::ManifestArguments;
-use crate::cli::output::{Field, Format, Rows};
+use crate::cli::output::{Format, OutputField, OutputRows};
 use crate::cli::workers::workers;
 use crate::cli::{Error, Exit, StoreArgument, counts};
 use crate::key::{Parameter, printable, shortened};
@@ -80,7 +80,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<Exit, Error> {
 
 fn list_experiments(preview: &Preview<'_>, format: Format) -> io::Result<()> {
     let columns = counts::COLUMNS.map(str::to_owned);
-    let mut rows = Rows::new(format, &columns, io::stdout().lock())?;
+    let mut rows = OutputRows::new(format, &columns, io::stdout().lock())?;
     for (name, counts, left) in preview.experiments() {
         rows.row(&counts::fields(name, counts, left))?;
     }
@@ -91,31 +91,31 @@ fn list_experiments(preview: &Preview<'_>, format: Format) -> io::Result<()> {
 fn list_jobs(mut survey: Survey<'_>, manifests: &[Manifest], format: Format) -> Result<(), Error> {
     let columns =
         ["experiment", "job_key", "agent", "scenario", "sigma", "seed", "swept", "state", "reason"];
-    let mut rows = Rows::new(format, &columns.map(str::to_owned), io::stdout().lock())?;
+    let mut rows = OutputRows::new(format, &columns.map(str::to_owned), io::stdout().lock())?;
     let swept = Swept::of(manifests);
     for (index, manifest) in manifests.iter().enumerate() {
         survey.walk(index, |surveyed| {
             let reason = surveyed.reason()?;
             let Surveyed { key, planned, state, .. } = surveyed;
             let row = rows.row(&[
-                Field::text(&manifest.name),
-                Field::text(key.to_string()),
-                Field::text(&*planned.agent),
-                Field::text(planned.job.scenario.to_string()),
+                OutputField::text(&manifest.name),
+                OutputField::text(key.to_string()),
+                OutputField::text(&*planned.agent),
+                OutputField::text(planned.job.scenario.to_string()),
                 planned
                     .job
                     .number(Parameter::Environment("sigma"))
-                    .map_or(Field::Empty, Field::Real),
-                Field::Integer(planned.job.seed as i64),
+                    .map_or(OutputField::Empty, OutputField::Real),
+                OutputField::Integer(planned.job.seed as i64),
                 match format {
-                    Format::Json => Field::Nested(swept.object(&planned.agent, &planned.job)),
-                    Format::Csv => Field::text(swept.words(&planned.agent, &planned.job)),
+                    Format::Json => OutputField::Nested(swept.object(&planned.agent, &planned.job)),
+                    Format::Csv => OutputField::text(swept.words(&planned.agent, &planned.job)),
                     Format::Table => {
-                        Field::text(shortened(&swept.words(&planned.agent, &planned.job)))
+                        OutputField::text(shortened(&swept.words(&planned.agent, &planned.job)))
                     }
                 },
-                Field::text(state.name()),
-                reason.map_or(Field::Empty, |reason| Field::text(reason.to_string())),
+                OutputField::text(state.name()),
+                reason.map_or(OutputField::Empty, |reason| OutputField::text(reason.to_string())),
             ]);
             row.map_err(Error::from)
         })?;

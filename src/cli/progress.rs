@@ -24,7 +24,7 @@ const WORKER_WIDTH: usize = 77;
 
 /// How progress is shown.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Style {
+pub(super) enum ProgressForm {
     /// Bars on standard error.
     Bars,
     /// One line per finished job on standard error.
@@ -35,16 +35,16 @@ pub(super) enum Style {
     Quiet,
 }
 
-impl Style {
+impl ProgressForm {
     /// Bars on a terminal, lines elsewhere.
-    pub(super) fn for_stderr() -> Style {
-        if io::stderr().is_terminal() { Style::Bars } else { Style::Lines }
+    pub(super) fn for_stderr() -> ProgressForm {
+        if io::stderr().is_terminal() { ProgressForm::Bars } else { ProgressForm::Lines }
     }
 }
 
 /// Shows a sweep.
-pub(super) struct Shown {
-    style: Style,
+pub(super) struct Progress {
+    style: ProgressForm,
     jobs: usize,
     done: usize,
     failed: usize,
@@ -66,23 +66,23 @@ struct Bars {
     workers: Vec<ProgressBar>,
 }
 
-impl Shown {
+impl Progress {
     /// Progress of the jobs in `queue`; `speeds` come from earlier sweeps.
     pub(super) fn new(
-        style: Style,
+        style: ProgressForm,
         queue: &[Queued],
         workers: usize,
         speeds: Speeds,
         swept: Swept,
     ) -> Self {
         let workers = workers.min(queue.len());
-        let bars =
-            (style == Style::Bars && !queue.is_empty()).then(|| Bars::new(queue.len(), workers));
+        let bars = (style == ProgressForm::Bars && !queue.is_empty())
+            .then(|| Bars::new(queue.len(), workers));
         let mut unbegun = Left::default();
         for Queued { job, .. } in queue {
             unbegun.add(job, 1);
         }
-        Shown {
+        Progress {
             style,
             jobs: queue.len(),
             done: 0,
@@ -92,7 +92,11 @@ impl Shown {
             unbegun,
             running: (0..workers).map(|_| None).collect(),
             bars,
-            writer: if style == Style::Json { Writer::of_data() } else { Writer::of_progress() },
+            writer: if style == ProgressForm::Json {
+                Writer::of_data()
+            } else {
+                Writer::of_progress()
+            },
             waiting_reported: false,
             log: EventLog::new(workers, swept.clone()),
             swept,
@@ -121,8 +125,8 @@ impl Shown {
                 let (all, line) = (bars.all.clone(), line.to_owned());
                 self.writer.write(move || drop(all.println(line)));
             }
-            (None, Style::Bars | Style::Lines) => self.complain(line),
-            (None, Style::Json | Style::Quiet) => {}
+            (None, ProgressForm::Bars | ProgressForm::Lines) => self.complain(line),
+            (None, ProgressForm::Json | ProgressForm::Quiet) => {}
         }
     }
 
@@ -133,7 +137,7 @@ impl Shown {
     }
 
     fn emit(&mut self, event: &Event<'_>) {
-        if self.style == Style::Json {
+        if self.style == ProgressForm::Json {
             for line in self.log.of(event) {
                 self.writer.write(move || drop(writeln!(io::stdout(), "{line}")));
             }
@@ -174,7 +178,7 @@ impl Shown {
             Outcome::Interrupted => "interrupted".to_owned(),
         };
         // On a terminal, the bars show completed jobs and the number of failed jobs.
-        if self.style == Style::Lines || is_news {
+        if self.style == ProgressForm::Lines || is_news {
             let (done, jobs, name) = (self.done, self.jobs, self.name(queued));
             let left = self.left().map_or_else(String::new, |time| format!(", {time} left"));
             self.say(&format!("[{done}/{jobs}] {name}: {what}, {seconds:.1} s{left}"));
@@ -188,7 +192,7 @@ impl Shown {
                 if let Some((_, started, _)) = &mut self.running[worker] {
                     *started = started.checked_sub(resumed.worked).unwrap_or(*started);
                 }
-                if self.style == Style::Lines {
+                if self.style == ProgressForm::Lines {
                     let (episode, episodes) = (resumed.episode, queued.job.agent.episodes());
                     let from = match episode < episodes {
                         true => format!("from episode {episode} of {episodes}"),
@@ -239,8 +243,8 @@ impl Shown {
     /// Writes a warning to standard error, also in JSON and quiet runs.
     fn warn(&self, line: &str) {
         match self.style {
-            Style::Json | Style::Quiet => self.complain(line),
-            Style::Bars | Style::Lines => self.say(line),
+            ProgressForm::Json | ProgressForm::Quiet => self.complain(line),
+            ProgressForm::Bars | ProgressForm::Lines => self.say(line),
         }
     }
 
@@ -304,7 +308,7 @@ fn worker_line(progress: Option<TrainingProgress>, name: &str) -> String {
     line
 }
 
-impl EventSink for Shown {
+impl EventSink for Progress {
     fn on_event(&mut self, event: Event<'_>) {
         self.emit(&event);
         match event {
@@ -322,7 +326,7 @@ impl EventSink for Shown {
     }
 }
 
-impl Drop for Shown {
+impl Drop for Progress {
     fn drop(&mut self) {
         // Bars that are dropped may be drawn once more.
         if let Some(bars) = self.bars.take() {

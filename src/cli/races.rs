@@ -5,9 +5,9 @@ use std::io::{self, Write};
 use serde_json::{Value, json};
 
 use crate::cli::Error;
-use crate::cli::output::{Field, Format, Rows};
+use crate::cli::output::{Format, OutputField, OutputRows};
 use crate::manifest::Search;
-use crate::plan::{Outcome, Race};
+use crate::plan::{Race, RaceOutcome};
 use crate::schedule;
 use crate::store::Reader;
 
@@ -47,11 +47,11 @@ impl SearchRaces {
         let mut out = io::stdout().lock();
         writeln!(out, "\nraces:")?;
         let columns = ["experiment", "agent", "state"].map(str::to_owned);
-        let mut rows = Rows::new(Format::Table, &columns, &mut out)?;
+        let mut rows = OutputRows::new(Format::Table, &columns, &mut out)?;
         for (experiment, search, races) in &self.0 {
             for race in races {
                 let state = race.state(search);
-                rows.row(&[experiment, &race.agent, &state].map(Field::text))?;
+                rows.row(&[experiment, &race.agent, &state].map(OutputField::text))?;
             }
         }
         Ok(rows.finish()?)
@@ -60,8 +60,8 @@ impl SearchRaces {
 
 fn described(search: &Search, race: &Race) -> Value {
     let winner = match race.outcome {
-        Outcome::Won { arm, .. } => Some(arm + 1),
-        Outcome::Running | Outcome::Lost => None,
+        RaceOutcome::Won { arm, .. } => Some(arm + 1),
+        RaceOutcome::Running | RaceOutcome::Lost => None,
     };
     json!({
         "agent": race.agent,

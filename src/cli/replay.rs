@@ -10,7 +10,7 @@ use serde::Deserialize;
 
 use crate::cli::output::{Format, counted};
 use crate::cli::setting::preset;
-use crate::cli::steps::{Step, StepRows};
+use crate::cli::steps::{ShownStep, StepRows};
 use crate::cli::{Error, Exit};
 use crate::env::{
     Action, ContextDraw, EpisodeStatus, Feature, ForcedNoise, LaneSet, LaneStreams,
@@ -135,7 +135,7 @@ fn environment(case: &Case) -> Result<StepCount, String> {
 }
 
 /// Replays an episode; returns its steps and the lane after the last step.
-fn replay(case: &Case) -> Result<(Vec<Step>, PhysicalActivity), String> {
+fn replay(case: &Case) -> Result<(Vec<ShownStep>, PhysicalActivity), String> {
     let environment = environment(case)?;
     // The lane is not observed, and every context is set, so the random stream has no effect.
     let mut lane = PhysicalActivity::new(&environment, &Scenario::of(Feature::Context), 1);
@@ -161,7 +161,7 @@ fn replay(case: &Case) -> Result<(Vec<Step>, PhysicalActivity), String> {
         }
         lane.set_context(0, ContextDraw::new(recorded.context, recorded.p0));
         lane.set_available(0, recorded.available != Some(0));
-        let mut step = Step::chosen(&lane, all[t]);
+        let mut step = ShownStep::chosen(&lane, all[t]);
         // The plain step does not know that a message was unavailable.
         let (actions, mut reward) = ([lane.taken(0, all[t])], [0.0]);
         match forced(&environment, case, t)? {
@@ -222,7 +222,7 @@ pub(super) struct Differences {
 
 impl Differences {
     /// Compares an episode with its recorded values.
-    fn look(&mut self, number: usize, case: &Case, steps: &[Step], lane: &PhysicalActivity) {
+    fn look(&mut self, number: usize, case: &Case, steps: &[ShownStep], lane: &PhysicalActivity) {
         self.steps += steps.len();
         for (step, recorded) in steps.iter().zip(&case.steps) {
             let place = format!("episode {number}, step {}", step.time);

@@ -7,7 +7,7 @@ use crate::cli::check::ManifestArguments;
 use crate::cli::counting::Counting;
 use crate::cli::{Error, Exit, StoreArgument, folder};
 use crate::manifest::Published;
-use crate::report::{AssembleError, Hosts, Work, assemble, report};
+use crate::report::{AssembleError, AssemblyWork, Hosts, assemble, report};
 use crate::store::Reader;
 
 /// Write tables, figures and an HTML page about the results in the store
@@ -33,13 +33,13 @@ pub(super) fn run(arguments: &Arguments) -> Result<Exit, Error> {
     }
     let reader = Reader::open(&arguments.store.store)?;
     folder::make(&arguments.out)?;
-    let mut shown: Option<(Work, Counting)> = None;
+    let mut shown: Option<(AssemblyWork, Counting)> = None;
     let experiments = assemble(&reader, &manifests, |work, done, of| {
         let is_other = shown.as_ref().is_none_or(|(shown, _)| *shown != work);
         if is_other || done == 1 {
             let what = match work {
-                Work::Jobs => "jobs read",
-                Work::Optima => "optima",
+                AssemblyWork::Jobs => "jobs read",
+                AssemblyWork::Optima => "optima",
             };
             shown = Some((work, Counting::new(of, what)));
         }

@@ -12,7 +12,7 @@ use clap::ValueEnum;
 use crate::cli::check::ManifestArguments;
 use crate::cli::on_end::{Jobs, OnEnd};
 use crate::cli::output::{counted, shell_word};
-use crate::cli::progress::{Shown, Style};
+use crate::cli::progress::{Progress, ProgressForm};
 use crate::cli::reader::say;
 use crate::cli::replacing::Replacing;
 use crate::cli::signals::RESUME;
@@ -24,7 +24,7 @@ use crate::key::printable;
 use crate::manifest::Manifest;
 use crate::plan::{Filter, Shard, Swept, headlines};
 use crate::schedule::{
-    self, Caller, Cause, End, Ended, Estimated, Event, EventSink, OnFailure, Options, Queued,
+    self, Caller, Cause, End, EndedRun, Estimated, Event, EventSink, OnFailure, Options, Queued,
     Remaining, Selection, Speeds,
 };
 use crate::store::{FailedJob, Reader, RetryFailed, StoreError, mean_returns};
@@ -155,7 +155,7 @@ fn run_jobs(
     let mut console = Console { arguments, on_end, shown: None, stages: 0 };
     let options = arguments.options();
     let ended = schedule::run_manifests(&mut store, &selection, options, stop, &mut console)?;
-    let Some(Ended { end, selection }) = ended else {
+    let Some(EndedRun { end, selection }) = ended else {
         say(&format!("stopped before the first job; {RESUME}"));
         return Ok(Exit::Interrupted);
     };
@@ -173,7 +173,7 @@ struct Console<'a> {
     arguments: &'a Arguments,
     on_end: &'a OnEnd,
     /// The progress of the jobs of a stage.
-    shown: Option<Shown>,
+    shown: Option<Progress>,
     /// The number of stages that have begun.
     stages: usize,
 }
@@ -291,13 +291,13 @@ impl Arguments {
     }
 
     /// The progress of a queue.
-    fn shown(&self, queue: &[Queued], (speeds, swept): (Speeds, Swept)) -> Shown {
+    fn shown(&self, queue: &[Queued], (speeds, swept): (Speeds, Swept)) -> Progress {
         let style = match self.format {
-            Format::Json => Style::Json,
-            Format::Text if self.quiet => Style::Quiet,
-            Format::Text => Style::for_stderr(),
+            Format::Json => ProgressForm::Json,
+            Format::Text if self.quiet => ProgressForm::Quiet,
+            Format::Text => ProgressForm::for_stderr(),
         };
-        Shown::new(style, queue, self.options().workers.get(), speeds, swept)
+        Progress::new(style, queue, self.options().workers.get(), speeds, swept)
     }
 }
 

@@ -20,7 +20,7 @@ use crate::cli::{Error, Exit};
 use crate::key::printable;
 use crate::report::rounded;
 use crate::store::Counts;
-use crate::watch::{ArmView, Band, Choice, FailureView, View, WatchError, Watcher};
+use crate::watch::{ArmView, Band, FailureView, View, ViewChoice, WatchError, Watcher};
 
 /// Longest time between a key or a signal and its effect.
 const LOOK: Duration = Duration::from_millis(100);
@@ -31,9 +31,9 @@ const COLOURS: [Color; 6] =
 const LINES: usize = 3;
 
 /// What is on the screen.
-struct Shown {
+struct Progress {
     view: View,
-    choice: Choice,
+    choice: ViewChoice,
     /// Whether the failures are shown in full in place of the curves.
     failures: bool,
     /// Why the last look failed; the view is the one before.
@@ -59,14 +59,14 @@ impl Drop for Screen {
 pub(super) fn show(
     watcher: Watcher,
     view: View,
-    choice: Choice,
+    choice: ViewChoice,
     stop: &AtomicBool,
 ) -> Result<Exit, Error> {
     let failed = |source| Error::Io { what: "use the terminal".to_owned(), source };
     let (choices, views) = look_on(watcher, choice.clone()).map_err(failed)?;
     let mut screen = Screen(Some(ratatui::try_init().map_err(failed)?));
     let keys = listen().map_err(failed)?;
-    let mut shown = Shown { view, choice, failures: false, error: None };
+    let mut shown = Progress { view, choice, failures: false, error: None };
     loop {
         let drawn =
             screen.0.as_mut().map(|terminal| terminal.draw(|frame| draw(&shown, frame)).map(drop));
@@ -124,7 +124,10 @@ type Views = mpsc::Receiver<Result<View, WatchError>>;
 
 /// Reads views in a thread, so that keys have their effect while a large store is read. A new choice is
 /// read at once.
-fn look_on(mut watcher: Watcher, mut choice: Choice) -> io::Result<(mpsc::Sender<Choice>, Views)> {
+fn look_on(
+    mut watcher: Watcher,
+    mut choice: ViewChoice,
+) -> io::Result<(mpsc::Sender<ViewChoice>, Views)> {
     let (choices, chosen) = mpsc::channel();
     let (views, seen) = mpsc::channel();
     let watch = move || {
@@ -147,10 +150,10 @@ fn look_on(mut watcher: Watcher, mut choice: Choice) -> io::Result<(mpsc::Sender
     Ok((choices, seen))
 }
 
-impl Shown {
+impl Progress {
     /// Changes what is shown.
     fn press(&mut self, key: KeyCode) {
-        let Shown { view, choice, .. } = self;
+        let Progress { view, choice, .. } = self;
         let last = view.arms.len().saturating_sub(1);
         let metrics = view.chart.metrics.max(1);
         match key {
@@ -171,7 +174,7 @@ impl Shown {
                 let now = view.experiments.iter().position(|name| *name == view.experiment);
                 let next = now.map_or(0, |now| (now + 1) % view.experiments.len());
                 let experiment = view.experiments.get(next).cloned();
-                *choice = Choice { experiment, ..Choice::default() };
+                *choice = ViewChoice { experiment, ..ViewChoice::default() };
             }
             KeyCode::Char('f') => self.failures = !self.failures,
             KeyCode::Esc => self.failures = false,
@@ -180,8 +183,8 @@ impl Shown {
     }
 }
 
-fn draw(shown: &Shown, frame: &mut Frame<'_>) {
-    let Shown { view, choice, failures, error } = shown;
+fn draw(shown: &Progress, frame: &mut Frame<'_>) {
+    let Progress { view, choice, failures, error } = shown;
     let below = below(view, *failures);
     let [title, bar, main, rest, keys] = Layout::vertical([
         Constraint::Length(1),
@@ -240,7 +243,7 @@ fn states(counts: &Counts, width: u16) -> Line<'static> {
 }
 
 /// The list of arms, scrolled so that the chosen one can be seen.
-fn arms(view: &View, choice: &Choice, area: Rect) -> Paragraph<'static> {
+fn arms(view: &View, choice: &ViewChoice, area: Rect) -> Paragraph<'static> {
     let height = usize::from(area.height).saturating_sub(1).max(1);
     let first = choice.arm.saturating_sub(height - 1);
     let room = usize::from(area.width).saturating_sub(18);
@@ -458,7 +461,7 @@ mod tests {
 
     use super::*;
     use crate::job::metric::MEAN_RETURN;
-    use crate::watch::{Chart as Curves, RunningView};
+    use crate::watch::{CurveChart as Curves, RunningView};
 
     fn counts(completed: u64, running: u64, pending: u64, failed: u64) -> Counts {
         Counts { completed, running, pending, failed, interrupted: 0 }
@@ -515,12 +518,12 @@ mod tests {
         }
     }
 
-    fn shown() -> Shown {
-        Shown { view: view(), choice: Choice::default(), failures: false, error: None }
+    fn shown() -> Progress {
+        Progress { view: view(), choice: ViewChoice::default(), failures: false, error: None }
     }
 
     /// The lines of a screen of this size.
-    fn screen(shown: &Shown, width: u16, height: u16) -> Vec<String> {
+    fn screen(shown: &Progress, width: u16, height: u16) -> Vec<String> {
         let mut terminal = Terminal::new(TestBackend::new(width, height)).unwrap();
         terminal.draw(|frame| draw(shown, frame)).unwrap();
         let buffer = terminal.backend().buffer();

@@ -10,9 +10,9 @@ use std::str::FromStr;
 use crate::agent::{
     self, Actions, Actor, DecisionRuleError, RuleParameters, RulePolicy, Start, Task, Unavailable,
 };
-use crate::cli::output::{Field, Format, Rows};
+use crate::cli::output::{Format, OutputField, OutputRows};
 use crate::cli::setting::adjusted;
-use crate::cli::steps::{Step, StepRows};
+use crate::cli::steps::{ShownStep, StepRows};
 use crate::cli::{Error, Exit, StoreArgument, replay};
 use crate::env::{
     self, Action, Environment, EpisodeStatus, Observer, PhysicalActivity, Scenario, Simulated,
@@ -215,7 +215,7 @@ impl Rolled {
     }
 
     /// Rolls the next episode and returns its steps.
-    fn episode(&mut self) -> Vec<Step> {
+    fn episode(&mut self) -> Vec<ShownStep> {
         let Rolled { lane, actor, unavailable, streams } = self;
         let mut steps = Steps { steps: Vec::new(), unavailable: *unavailable };
         train::begin(lane, &mut **actor, streams);
@@ -231,7 +231,7 @@ fn simulation(lane: &Simulated) -> &PhysicalActivity {
 
 /// Collects the steps of an episode.
 struct Steps {
-    steps: Vec<Step>,
+    steps: Vec<ShownStep>,
     unavailable: Unavailable,
 }
 
@@ -239,9 +239,9 @@ impl StepObserver<Simulated> for Steps {
     fn chosen(&mut self, lanes: &Simulated, actions: &[Action], probabilities: &[f64]) {
         let mut probabilities = probabilities.to_vec();
         let chosen = self.unavailable.choice(lanes, 0, actions[0], &mut probabilities);
-        let step = Step::chosen(simulation(lanes), chosen);
+        let step = ShownStep::chosen(simulation(lanes), chosen);
         let taken = if step.can_send { probabilities[chosen.index()] } else { 1.0 };
-        self.steps.push(Step { probability: Some(taken), ..step });
+        self.steps.push(ShownStep { probability: Some(taken), ..step });
     }
 
     fn paid(&mut self, lanes: &Simulated, rewards: &[f64]) {
@@ -287,15 +287,15 @@ fn summarise(rolled: &mut Rolled, arguments: &Arguments) -> Result<(), Error> {
     ];
     let net = (cost > 0.0).then_some("mean_net_return");
     let columns: Vec<String> = columns.into_iter().chain(net).map(str::to_owned).collect();
-    let mut rows = Rows::new(arguments.format, &columns, io::stdout().lock())?;
-    let net = net.map(|_| Field::Rounded(mean - cost * messages as f64 / n, 1));
+    let mut rows = OutputRows::new(arguments.format, &columns, io::stdout().lock())?;
+    let net = net.map(|_| OutputField::Rounded(mean - cost * messages as f64 / n, 1));
     let fields = [
-        Field::Integer(returns.len() as i64),
-        Field::Rounded(mean, 1),
-        sd.map_or(Field::Empty, |sd| Field::Rounded(sd, 1)),
-        Field::Rounded(steps as f64 / n, 2),
-        Field::Rounded(disengaged as f64 / n, 3),
-        Field::Rounded(messages as f64 / steps as f64, 3),
+        OutputField::Integer(returns.len() as i64),
+        OutputField::Rounded(mean, 1),
+        sd.map_or(OutputField::Empty, |sd| OutputField::Rounded(sd, 1)),
+        OutputField::Rounded(steps as f64 / n, 2),
+        OutputField::Rounded(disengaged as f64 / n, 3),
+        OutputField::Rounded(messages as f64 / steps as f64, 3),
     ];
     rows.row(&fields.into_iter().chain(net).collect::<Vec<_>>())?;
     Ok(rows.finish()?)

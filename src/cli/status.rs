@@ -6,10 +6,10 @@ use std::io::{self, Write};
 use serde_json::{Value, json};
 
 use crate::cli::changes::Changes;
-use crate::cli::output::{Field, Format, Rows, counted};
+use crate::cli::output::{Format, OutputField, OutputRows, counted};
 use crate::cli::races::SearchRaces;
 use crate::cli::{Error, Exit, StoreArgument, counts, submissions, summary, watch};
-use crate::cluster::{self, Cluster, Look};
+use crate::cluster::{self, Cluster, ClusterLook};
 use crate::job::JobKey;
 use crate::key::{Parameter, printable};
 use crate::plan::Swept;
@@ -63,7 +63,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<Exit, Error> {
 }
 
 /// The submissions of the store, with their states on the cluster.
-fn look(arguments: &Arguments) -> Result<Look, Error> {
+fn look(arguments: &Arguments) -> Result<ClusterLook, Error> {
     Ok(Cluster::of(&arguments.store.store, cluster::connect)?.look()?)
 }
 
@@ -102,7 +102,7 @@ fn show(reader: &Reader, arguments: &Arguments) -> Result<(), Error> {
                 .map(str::to_owned),
         );
     }
-    let mut rows = Rows::new(format, &columns, io::stdout().lock())?;
+    let mut rows = OutputRows::new(format, &columns, io::stdout().lock())?;
     let mut filters = Vec::new();
     for ExperimentCounts { experiment, counts, left: jobs_left } in experiments {
         // Tasks of a cluster run other jobs beside those of a filter.
@@ -129,15 +129,15 @@ fn show(reader: &Reader, arguments: &Arguments) -> Result<(), Error> {
         }
         let mut fields = counts::fields(&experiment, &counts, seconds);
         if format == Format::Json {
-            fields.push(Field::Nested(failed.described(&experiment)));
+            fields.push(OutputField::Nested(failed.described(&experiment)));
             let described = changes.as_ref().map(|changes| changes.described(&experiment));
-            fields.push(Field::Nested(described.unwrap_or_default()));
+            fields.push(OutputField::Nested(described.unwrap_or_default()));
             let described = races.as_ref().map(|races| races.described(&experiment));
-            fields.push(Field::Nested(described.unwrap_or_default()));
+            fields.push(OutputField::Nested(described.unwrap_or_default()));
             let described = estimates.iter().find(|(name, _)| *name == experiment).map(|(_, failed)| {
                 json!({ "jobs": failed.jobs, "name": failed.name, "reason": failed.reason })
             });
-            fields.push(Field::Nested(described.unwrap_or_default()));
+            fields.push(OutputField::Nested(described.unwrap_or_default()));
             let described = filtered.map(|(of, counts, _)| {
                 json!({
                     "filters": of.filters, "jobs": counts.total(), "completed": counts.completed,
@@ -145,7 +145,7 @@ fn show(reader: &Reader, arguments: &Arguments) -> Result<(), Error> {
                     "interrupted": counts.interrupted, "pending": counts.pending,
                 })
             });
-            fields.push(Field::Nested(described.unwrap_or_default()));
+            fields.push(OutputField::Nested(described.unwrap_or_default()));
         }
         rows.row(&fields)?;
     }
@@ -254,17 +254,17 @@ impl Failed {
         writeln!(out, "\nfailed:")?;
         let columns =
             ["experiment", "job_key", "job", "jobs", "attempt", "kind", "episode", "message"];
-        let mut rows = Rows::new(Format::Table, &columns.map(str::to_owned), &mut out)?;
+        let mut rows = OutputRows::new(Format::Table, &columns.map(str::to_owned), &mut out)?;
         for SameFailure { first: failed, jobs } in failures::different(&self.jobs) {
             rows.row(&[
-                Field::text(&failed.experiment),
-                Field::text(failed.job_key.to_string()),
-                Field::text(summary::name_of_failed(&self.swept[&failed.experiment], failed)),
-                Field::Integer(jobs as i64),
-                Field::Integer(i64::from(failed.attempt)),
-                Field::text(failed.failure.kind.word()),
-                Field::Integer(i64::from(failed.failure.episode)),
-                Field::text(&failed.failure.message),
+                OutputField::text(&failed.experiment),
+                OutputField::text(failed.job_key.to_string()),
+                OutputField::text(summary::name_of_failed(&self.swept[&failed.experiment], failed)),
+                OutputField::Integer(jobs as i64),
+                OutputField::Integer(i64::from(failed.attempt)),
+                OutputField::text(failed.failure.kind.word()),
+                OutputField::Integer(i64::from(failed.failure.episode)),
+                OutputField::text(&failed.failure.message),
             ])?;
         }
         Ok(rows.finish()?)

@@ -2,7 +2,7 @@
 
 use std::io::{self, Write};
 
-use crate::cli::output::{Field, Format, Rows};
+use crate::cli::output::{Format, OutputField, OutputRows};
 use crate::env::{Action, ContextDraw, EpisodeStatus, PhysicalActivity, VectorEnvironment};
 
 const COLUMNS: [&str; 15] = [
@@ -24,7 +24,7 @@ const COLUMNS: [&str; 15] = [
 ];
 
 /// A step of one episode.
-pub(super) struct Step {
+pub(super) struct ShownStep {
     /// Time of the step, from 0.
     pub(super) time: u32,
     /// The context with its inference.
@@ -50,10 +50,10 @@ pub(super) struct Step {
     pub(super) status: EpisodeStatus,
 }
 
-impl Step {
+impl ShownStep {
     /// The current step of the first lane with the chosen action; its reward is not known yet.
     pub(super) fn chosen(lanes: &PhysicalActivity, chosen: Action) -> Self {
-        Step {
+        ShownStep {
             time: lanes.times()[0],
             draw: lanes.context(0),
             habituation: lanes.habituation()[0],
@@ -85,34 +85,34 @@ fn ending(status: EpisodeStatus) -> &'static str {
 }
 
 /// A writer of steps, one row per step.
-pub(super) struct StepRows<W: Write>(Rows<W>);
+pub(super) struct StepRows<W: Write>(OutputRows<W>);
 
 impl<W: Write> StepRows<W> {
     pub(super) fn new(format: Format, out: W) -> io::Result<Self> {
-        Rows::new(format, &COLUMNS.map(str::to_owned), out).map(StepRows)
+        OutputRows::new(format, &COLUMNS.map(str::to_owned), out).map(StepRows)
     }
 
     /// Adds an episode; `number` counts from 1, as in the view `evaluation_episode`.
-    pub(super) fn episode(&mut self, number: usize, steps: &[Step]) -> io::Result<()> {
+    pub(super) fn episode(&mut self, number: usize, steps: &[ShownStep]) -> io::Result<()> {
         let mut total = 0.0;
         for step in steps {
             total += step.reward;
             self.0.row(&[
-                Field::Integer(number as i64),
-                Field::Integer(i64::from(step.time)),
-                Field::Integer(i64::from(step.draw.context)),
-                Field::Rounded(step.draw.probability_of_zero, 4),
-                Field::Integer(i64::from(step.draw.likely)),
-                Field::Rounded(step.habituation, 4),
-                Field::Rounded(step.disengagement, 4),
-                Field::Integer(i64::from(step.available)),
-                Field::Integer(i64::from(step.can_send)),
-                Field::Integer(step.chosen.index() as i64),
-                Field::Integer(step.action.index() as i64),
-                step.probability.map_or(Field::Empty, |p| Field::Rounded(p, 4)),
-                Field::Rounded(step.reward, 2),
-                Field::text(ending(step.status)),
-                Field::Rounded(total, 2),
+                OutputField::Integer(number as i64),
+                OutputField::Integer(i64::from(step.time)),
+                OutputField::Integer(i64::from(step.draw.context)),
+                OutputField::Rounded(step.draw.probability_of_zero, 4),
+                OutputField::Integer(i64::from(step.draw.likely)),
+                OutputField::Rounded(step.habituation, 4),
+                OutputField::Rounded(step.disengagement, 4),
+                OutputField::Integer(i64::from(step.available)),
+                OutputField::Integer(i64::from(step.can_send)),
+                OutputField::Integer(step.chosen.index() as i64),
+                OutputField::Integer(step.action.index() as i64),
+                step.probability.map_or(OutputField::Empty, |p| OutputField::Rounded(p, 4)),
+                OutputField::Rounded(step.reward, 2),
+                OutputField::text(ending(step.status)),
+                OutputField::Rounded(total, 2),
             ])?;
         }
         Ok(())

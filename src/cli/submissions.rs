@@ -4,10 +4,12 @@ use std::collections::HashSet;
 use std::io;
 
 use crate::cli::counting::Counting;
-use crate::cli::output::{Field, Format, Rows, counted};
+use crate::cli::output::{Format, OutputField, OutputRows, counted};
 use crate::cli::reader::say;
 use crate::cli::{Error, StoreArgument};
-use crate::cluster::{self, Chunk, ChunkState, ChunkSurvey, Cluster, Look, Loss, Stop, Submission};
+use crate::cluster::{
+    self, Chunk, ChunkState, ChunkSurvey, Cluster, ClusterLook, Loss, Stop, Submission,
+};
 use crate::job::JobKey;
 use crate::key::printable;
 use crate::store::{Conflict, Damage, JobState, Merged, Reader, Store};
@@ -124,16 +126,20 @@ const COLUMNS: [&str; 12] = [
 ];
 
 /// Prints the submissions of a store.
-pub(super) fn show(look: &Look, ended: &HashSet<JobKey>, format: Format) -> Result<(), Error> {
-    let integer = |count: usize| Field::Integer(count as i64);
-    let mut rows = Rows::new(format, &COLUMNS.map(str::to_owned), io::stdout().lock())?;
+pub(super) fn show(
+    look: &ClusterLook,
+    ended: &HashSet<JobKey>,
+    format: Format,
+) -> Result<(), Error> {
+    let integer = |count: usize| OutputField::Integer(count as i64);
+    let mut rows = OutputRows::new(format, &COLUMNS.map(str::to_owned), io::stdout().lock())?;
     for (submission, survey) in &look.surveys {
         let counts = survey.counts();
         let jobs: usize = survey.chunks.iter().map(|chunk| chunk.jobs).sum();
         let left = survey.chunks.iter().flat_map(|chunk| left_of(chunk, ended)).count();
         rows.row(&[
-            Field::text(submission.name()),
-            Field::text(state(survey, left)),
+            OutputField::text(submission.name()),
+            OutputField::text(state(survey, left)),
             integer(survey.chunks.len()),
             integer(counts.waiting),
             integer(counts.running),
@@ -143,7 +149,7 @@ pub(super) fn show(look: &Look, ended: &HashSet<JobKey>, format: Format) -> Resu
             integer(jobs),
             integer(jobs - left),
             integer(left),
-            Field::Rounded(survey.core_hours, 2),
+            OutputField::Rounded(survey.core_hours, 2),
         ])?;
     }
     rows.finish()?;
@@ -206,7 +212,7 @@ pub(super) fn list_lost(
 }
 
 /// Merges the new parts of the submissions, and reports conflicts and damage.
-pub(super) fn collect(look: &Look, store: &mut Store) -> Result<Merged, Error> {
+pub(super) fn collect(look: &ClusterLook, store: &mut Store) -> Result<Merged, Error> {
     let mut counting = Counting::new(0, "runs");
     let submissions = look.surveys.iter().map(|(submission, _)| submission);
     let merged = cluster::collect(submissions, store, |progress| {

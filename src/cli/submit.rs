@@ -17,8 +17,8 @@ use crate::cli::reader::say;
 use crate::cli::replacing::Replacing;
 use crate::cli::{Error, Exit, StoreArgument, signals, submissions};
 use crate::cluster::{
-    self, ChunkState, ChunkSurvey, Cluster, ClusterError, Draft, Look, Loss, Profile, Request,
-    Submission,
+    self, ChunkState, ChunkSurvey, Cluster, ClusterError, ClusterLook, Loss, Profile, Request,
+    Submission, SubmissionDraft,
 };
 use crate::manifest::Manifest;
 use crate::plan::Filter;
@@ -157,7 +157,7 @@ impl Submitting<'_> {
     }
 
     /// Merges finished work and submits missing jobs.
-    fn round(&mut self) -> Result<(Draft, Option<Submission>), Error> {
+    fn round(&mut self) -> Result<(SubmissionDraft, Option<Submission>), Error> {
         let profile = self.profile;
         let limits = self.cluster.limits(profile.engine).map_err(ClusterError::from)?;
         let submissions = self.cluster.submissions();
@@ -188,7 +188,7 @@ impl Submitting<'_> {
     }
 
     /// Merges new parts and records jobs that crashed their tasks.
-    fn collect(&mut self, look: &Look) -> Result<(), Error> {
+    fn collect(&mut self, look: &ClusterLook) -> Result<(), Error> {
         let merged = submissions::collect(look, &mut self.store)?;
         if merged.completed + merged.failed > 0 && !self.arguments.wait {
             let runs = counted(merged.completed + merged.failed, "run");
@@ -208,7 +208,7 @@ impl Submitting<'_> {
         Ok(())
     }
 
-    fn report(&self, draft: &Draft, submitted: Option<&Submission>) -> Result<(), Error> {
+    fn report(&self, draft: &SubmissionDraft, submitted: Option<&Submission>) -> Result<(), Error> {
         let mut out = io::stdout();
         if self.arguments.format == TextOrJson::Json {
             let object = json!({
@@ -313,7 +313,7 @@ impl Submitting<'_> {
     /// The submissions of these experiments, whose end the command awaits.
     fn ours<'l>(
         &self,
-        look: &'l Look,
+        look: &'l ClusterLook,
     ) -> impl DoubleEndedIterator<Item = &'l (Submission, ChunkSurvey)> {
         let names: Vec<&str> = self.manifests().iter().map(|m| m.name.as_str()).collect();
         let is_ours = |submission: &Submission| {
@@ -346,13 +346,13 @@ impl Submitting<'_> {
         Ok(())
     }
 
-    fn end(&self, draft: &Draft) -> Exit {
+    fn end(&self, draft: &SubmissionDraft) -> Exit {
         say(&format!("{} completed, {} failed", draft.completed, draft.failed));
         if draft.failed > 0 { Exit::JobsFailed } else { Exit::Done }
     }
 
     /// Lists the lost chunks that resubmission would not help.
-    fn give_up(&self, look: &Look, reader: &Reader) -> Result<Exit, Error> {
+    fn give_up(&self, look: &ClusterLook, reader: &Reader) -> Result<Exit, Error> {
         let ended = submissions::ended(reader)?;
         for (submission, survey) in &look.surveys {
             if survey.stopped.is_none() {
@@ -379,7 +379,7 @@ fn may_submit_again(survey: &ChunkSurvey) -> bool {
 }
 
 /// The progress line about open submissions.
-fn progress(look: &Look) -> String {
+fn progress(look: &ClusterLook) -> String {
     let (mut waiting, mut running, mut unknown, mut left) = (0, 0, 0, 0);
     for (_, survey) in look.surveys.iter().filter(|(_, survey)| submissions::is_open(survey)) {
         let counts = survey.counts();
@@ -399,8 +399,8 @@ fn progress(look: &Look) -> String {
 }
 
 /// The line about jobs that are not submitted.
-fn others(draft: &Draft) -> String {
-    let Draft { completed, failed, running, held, deferred, .. } = draft;
+fn others(draft: &SubmissionDraft) -> String {
+    let SubmissionDraft { completed, failed, running, held, deferred, .. } = draft;
     let mut line = format!("{completed} completed, {failed} failed, {held} held by the cluster");
     if *running > 0 {
         line.push_str(&format!(", {running} running in this store"));
@@ -460,7 +460,7 @@ fn dry_run(
 }
 
 /// Writes one line per chunk with its jobs and minutes, then the total.
-fn show_chunks(out: &mut impl Write, draft: &Draft) -> io::Result<()> {
+fn show_chunks(out: &mut impl Write, draft: &SubmissionDraft) -> io::Result<()> {
     for (number, chunk) in draft.chunks.iter().enumerate() {
         let (jobs, minutes) = (counted(chunk.keys.len(), "job"), chunk.seconds / 60.0);
         writeln!(out, "# chunk {number}: {jobs}, about {minutes:.1} min of one core")?;

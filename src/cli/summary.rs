@@ -4,12 +4,12 @@ use std::io::{self, Write};
 
 use crate::analyse::declared::summarise_arms;
 use crate::cli::Error;
-use crate::cli::output::{Field, Format, Rows};
+use crate::cli::output::{Format, OutputField, OutputRows};
 use crate::job::JobKey;
 use crate::key::printable;
 use crate::plan::Swept;
 use crate::record::JobRecord;
-use crate::report::{self, Line, rounded};
+use crate::report::{self, SummaryLine, rounded};
 use crate::schedule::Selection;
 use crate::store::{FailedJob, Parts, Reader};
 
@@ -47,7 +47,7 @@ pub(super) fn print(reader: &Reader, selection: &Selection<'_>) -> Result<Option
         columns.extend(has_errors.then(|| "context error".to_owned()));
         let terminated = if words.has_optimum { "disengaged" } else { "terminated" };
         columns.extend(["seeds", "mean return ± sd", terminated].map(str::to_owned));
-        let mut rows = Rows::new(Format::Table, &columns, &mut out)?;
+        let mut rows = OutputRows::new(Format::Table, &columns, &mut out)?;
         for (line, arm) in lines.iter().zip(arms.iter().filter(|arm| arm.has_ended())) {
             let error = has_errors.then_some(arm.context_error);
             rows.row(&fields(line, error))?;
@@ -57,22 +57,22 @@ pub(super) fn print(reader: &Reader, selection: &Selection<'_>) -> Result<Option
     Ok(example)
 }
 
-fn fields(line: &Line, context_error: Option<Option<f64>>) -> Vec<Field<'static>> {
-    let percent = |share: f64| Field::Figure(format!("{} %", rounded(100.0 * share, 1)));
-    let spread = line.returns.map_or(Field::Empty, |returns| match returns.sd {
-        Ok(sd) => Field::Figure(format!("{} ± {sd:.1}", rounded(returns.mean, 1))),
-        Err(_) => Field::Figure(rounded(returns.mean, 1)),
+fn fields(line: &SummaryLine, context_error: Option<Option<f64>>) -> Vec<OutputField<'static>> {
+    let percent = |share: f64| OutputField::Figure(format!("{} %", rounded(100.0 * share, 1)));
+    let spread = line.returns.map_or(OutputField::Empty, |returns| match returns.sd {
+        Ok(sd) => OutputField::Figure(format!("{} ± {sd:.1}", rounded(returns.mean, 1))),
+        Err(_) => OutputField::Figure(rounded(returns.mean, 1)),
     });
     let word = |text: &String| match text.parse::<f64>() {
-        Ok(_) => Field::Figure(text.clone()),
-        Err(_) => Field::text(text.clone()),
+        Ok(_) => OutputField::Figure(text.clone()),
+        Err(_) => OutputField::text(text.clone()),
     };
-    let mut fields: Vec<Field<'_>> = line.arm.iter().map(word).collect();
-    fields.extend(context_error.map(|error| error.map_or(Field::Empty, percent)));
+    let mut fields: Vec<OutputField<'_>> = line.arm.iter().map(word).collect();
+    fields.extend(context_error.map(|error| error.map_or(OutputField::Empty, percent)));
     fields.extend([
-        Field::Figure(line.seeds.clone()),
+        OutputField::Figure(line.seeds.clone()),
         spread,
-        line.terminated.map_or(Field::Empty, |share| percent(share.mean)),
+        line.terminated.map_or(OutputField::Empty, |share| percent(share.mean)),
     ]);
     fields
 }

@@ -4,7 +4,7 @@ use std::io;
 use std::path::PathBuf;
 
 use crate::cli::{Error, Exit, signals};
-use crate::cluster::{Assignment, Submission, TaskEnd, run_chunk};
+use crate::cluster::{Submission, TaskEnd, TaskOrder, run_chunk};
 
 /// Run one chunk of a submission, on a node of the cluster
 #[derive(clap::Args)]
@@ -32,7 +32,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<Exit, Error> {
         ));
     }
     let submission = Submission::open(&arguments.folder)?;
-    let assignment = Assignment {
+    let assignment = TaskOrder {
         submission: &submission,
         chunk: arguments.chunk,
         attempt: &arguments.attempt,

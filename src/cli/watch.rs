@@ -13,7 +13,7 @@ use crate::cli::output::{counted, no_experiment};
 use crate::cli::screen;
 use crate::cli::{Error, Exit, StoreArgument, signals};
 use crate::key::printable;
-use crate::watch::{Choice, FailureView, View, WatchError, Watcher};
+use crate::watch::{FailureView, View, ViewChoice, WatchError, Watcher};
 
 /// Watch an experiment while its jobs run: jobs by state, time left, failures, and learning curves
 ///
@@ -47,7 +47,8 @@ pub(super) fn run(arguments: &Arguments) -> Result<Exit, Error> {
         .map_err(|source| Error::Io { what: "listen for signals".to_owned(), source })?;
     let path = &arguments.store.store;
     let mut watcher = Watcher::open(path)?;
-    let mut choice = Choice { experiment: arguments.experiment.clone(), ..Choice::default() };
+    let mut choice =
+        ViewChoice { experiment: arguments.experiment.clone(), ..ViewChoice::default() };
     let (mut view, mut pause) = watcher.look(&choice).map_err(|error| match error {
         WatchError::Unknown { name, known } => {
             let known: Vec<&str> = known.iter().map(String::as_str).collect();

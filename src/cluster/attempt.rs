@@ -6,7 +6,7 @@ use super::clock::now;
 
 /// One attempt at a chunk: a task from its start on a node to its end.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Attempt {
+pub struct TaskAttempt {
     /// The chunk.
     pub chunk: u32,
     /// Unique name: the engine's name of the attempt, and eight hexadecimal digits.
@@ -39,11 +39,11 @@ pub enum AttemptEnd {
     Failed(String),
 }
 
-impl Attempt {
+impl TaskAttempt {
     /// An attempt that starts now.
-    pub fn begin(chunk: u32, attempt: String, host: String, cpus: u32) -> Attempt {
+    pub fn begin(chunk: u32, attempt: String, host: String, cpus: u32) -> TaskAttempt {
         let at = now();
-        Attempt {
+        TaskAttempt {
             chunk,
             attempt,
             host,

@@ -23,7 +23,7 @@ pub(super) struct Declaration {
     /// The keys of a profile that only this engine has.
     pub keys: &'static [Key],
     /// The forms of keys that are stricter than the kinds of the keys.
-    pub forms: &'static [Form],
+    pub forms: &'static [KeyForm],
     /// The program to which the other keys of a profile are passed as options.
     pub program: &'static str,
     /// Options that jitai sets, with the key to use instead, or another remedy; it may be empty.
@@ -39,7 +39,7 @@ pub(super) struct Declaration {
 }
 
 /// The form of the values of a key.
-pub(super) struct Form {
+pub(super) struct KeyForm {
     /// Name of the key.
     pub key: &'static str,
     /// The values, to follow "expected".
@@ -94,12 +94,12 @@ pub struct Alive {
     /// The chunk that the task runs.
     pub chunk: u32,
     /// Whether the task runs.
-    pub phase: Phase,
+    pub phase: TaskPhase,
 }
 
 /// Whether a task held by an engine is running.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Phase {
+pub enum TaskPhase {
     /// The task is queued, for the first time or again.
     Waiting,
     /// The task has a node.

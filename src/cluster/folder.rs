@@ -25,7 +25,7 @@ use std::path::{Path, PathBuf};
 
 use serde::{Deserialize, Serialize};
 
-use super::attempt::Attempt;
+use super::attempt::TaskAttempt;
 use super::clock::random;
 use super::engines::EngineKind;
 use super::error::ClusterError;
@@ -292,13 +292,13 @@ impl Submission {
     }
 
     /// The recorded attempts at all chunks, by chunk, the earliest first.
-    pub fn attempts(&self) -> Result<HashMap<u32, Vec<Attempt>>, ClusterError> {
+    pub fn attempts(&self) -> Result<HashMap<u32, Vec<TaskAttempt>>, ClusterError> {
         let folder = self.path.join("attempts");
-        let mut attempts: HashMap<u32, Vec<Attempt>> = HashMap::new();
+        let mut attempts: HashMap<u32, Vec<TaskAttempt>> = HashMap::new();
         for name in names(&folder)?.iter().filter(|name| name.ends_with(".json")) {
             let file = folder.join(name);
             let text = fs::read(&file).map_err(ClusterError::io("read", &file))?;
-            let attempt: Attempt = serde_json::from_slice(&text).map_err(|error| {
+            let attempt: TaskAttempt = serde_json::from_slice(&text).map_err(|error| {
                 ClusterError::Damaged { path: file.clone(), reason: error.to_string() }
             })?;
             attempts.entry(attempt.chunk).or_default().push(attempt);
@@ -310,7 +310,7 @@ impl Submission {
     }
 
     /// Writes the record of an attempt.
-    pub fn record_attempt(&self, attempt: &Attempt) -> io::Result<()> {
+    pub fn record_attempt(&self, attempt: &TaskAttempt) -> io::Result<()> {
         let name = format!("{}.{}.json", attempt.chunk, attempt.attempt);
         let text = serde_json::to_vec(attempt).expect("it has only plain fields");
         write_whole(&self.path.join("attempts").join(name), &text)

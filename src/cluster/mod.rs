@@ -33,12 +33,12 @@ mod survey;
 mod task;
 
 pub use collect::{collect, forget, has_new_parts};
-pub use engine::{Alive, Engine, EngineError, Limits, Phase};
+pub use engine::{Alive, Engine, EngineError, Limits, TaskPhase};
 pub use engines::{EngineKind, connect};
 pub use error::ClusterError;
 pub use folder::{HandedIn, Part, Stop, Submission, Submissions};
 pub use order::RUN_AGAIN;
 pub use profile::{Profile, schema};
-pub use submit::{Cluster, Draft, Filled, Look, Request};
+pub use submit::{Cluster, ClusterLook, Filled, Request, SubmissionDraft};
 pub use survey::{Chunk, ChunkCounts, ChunkState, ChunkSurvey, Loss};
-pub use task::{Assignment, TaskEnd, run_chunk};
+pub use task::{TaskEnd, TaskOrder, run_chunk};

@@ -10,7 +10,7 @@ use std::path::Path;
 use serde_json::{Map, Value as Json, json};
 use toml::de::{DeTable, DeValue};
 
-use super::engine::{Declaration, Form, text, text_or_number};
+use super::engine::{Declaration, KeyForm, text, text_or_number};
 use super::engines::EngineKind;
 use super::order::{Order, Tasks};
 use crate::key::{Key, Keyed, Value};
@@ -45,20 +45,20 @@ pub struct Profile {
 }
 
 /// The forms of the keys of every engine.
-const FORMS: &[Form] = &[
-    Form {
+const FORMS: &[KeyForm] = &[
+    KeyForm {
         key: "scratch",
         expected: "a folder, in which only variables such as $USER are special",
         read: |value| text(value).filter(|text| is_scratch(text)).map(Value::Text),
         schema: || json!({ "type": "string", "pattern": "^[/$]" }),
     },
-    Form {
+    KeyForm {
         key: "folder",
         expected: "an absolute path",
         read: |value| text(value).filter(|path| path.starts_with('/')).map(Value::Text),
         schema: || json!({ "type": "string", "pattern": "^/" }),
     },
-    Form {
+    KeyForm {
         key: "setup",
         expected: "a list of lines of shell",
         read: |value| {
@@ -185,7 +185,7 @@ pub(super) fn keys(declaration: &Declaration) -> impl Iterator<Item = &'static K
     [Choice::KEYS, Tasks::KEYS, declaration.keys].into_iter().flatten()
 }
 
-fn form(declaration: &Declaration, key: &Key) -> Option<&'static Form> {
+fn form(declaration: &Declaration, key: &Key) -> Option<&'static KeyForm> {
     FORMS.iter().chain(declaration.forms).find(|form| form.key == key.name)
 }
 

@@ -9,7 +9,7 @@ use std::time::Duration;
 use serde_json::{Value as Json, json};
 
 use super::engine::{
-    Alive, Declaration, Engine, EngineError, Form, Limits, Phase, Programs, text_or_number,
+    Alive, Declaration, Engine, EngineError, KeyForm, Limits, Programs, TaskPhase, text_or_number,
 };
 use super::order::{Order, RUN_AGAIN, quoted};
 use crate::key::{Keyed, Kind, Value};
@@ -47,13 +47,13 @@ pub(super) const SLURM: Declaration = Declaration {
     forms: &[
         word("partition"),
         word("account"),
-        Form {
+        KeyForm {
             key: "time_limit",
             expected: "minutes, or a text such as \"2:00:00\" or \"1-12\"",
             read: |value| text_or_number(value).filter(|time| is_time(time)).map(Value::Text),
             schema: || number_or("^([0-9]{1,6}-)?[0-9]{1,6}(:[0-9]{1,6}){0,2}$"),
         },
-        Form {
+        KeyForm {
             key: "memory",
             expected: "MB, or a text such as \"4G\"",
             read: |value| text_or_number(value).filter(|size| is_memory(size)).map(Value::Text),
@@ -90,8 +90,8 @@ pub(super) const SLURM: Declaration = Declaration {
 };
 
 /// The form of a key that is a word.
-const fn word(key: &'static str) -> Form {
-    Form {
+const fn word(key: &'static str) -> KeyForm {
+    KeyForm {
         key,
         expected: "a word without blanks",
         read: |value| {
@@ -231,8 +231,8 @@ fn tasks(line: &str) -> Option<Vec<Alive>> {
     let (state, chunks, array) = (fields.next()?, fields.next()?, fields.next()?);
     let phase = match state.trim() {
         "PENDING" | "REQUEUED" | "REQUEUE_HOLD" | "REQUEUE_FED" | "SPECIAL_EXIT"
-        | "RESV_DEL_HOLD" => Phase::Waiting,
-        _ => Phase::Running,
+        | "RESV_DEL_HOLD" => TaskPhase::Waiting,
+        _ => TaskPhase::Running,
     };
     let (name, array) = (fields.next()?.trim().to_owned(), array.trim().to_owned());
     let alive = |chunk| Alive { name: name.clone(), array: array.clone(), chunk, phase };
@@ -373,11 +373,11 @@ mod tests {
         };
         let name = |name: &str, array: &str| (name.to_owned(), array.to_owned());
         let (n, a) = name("jitai-1", "17");
-        assert_eq!(task("jitai-1|17|3|RUNNING"), Some((n, a, 3, Phase::Running)));
+        assert_eq!(task("jitai-1|17|3|RUNNING"), Some((n, a, 3, TaskPhase::Running)));
         let (n, a) = name("a|b", "17");
-        assert_eq!(task("a|b|17|3|PENDING"), Some((n, a, 3, Phase::Waiting)));
+        assert_eq!(task("a|b|17|3|PENDING"), Some((n, a, 3, TaskPhase::Waiting)));
         let (n, a) = name("jitai-1", "17");
-        assert_eq!(task("jitai-1|17|0|COMPLETING"), Some((n, a, 0, Phase::Running)));
+        assert_eq!(task("jitai-1|17|0|COMPLETING"), Some((n, a, 0, TaskPhase::Running)));
         for line in ["", "slurm_load_jobs error", "jitai-1|17|N/A|RUNNING"] {
             assert_eq!(task(line), None, "{line}");
         }

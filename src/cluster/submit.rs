@@ -33,7 +33,7 @@ pub struct Cluster<'a> {
 }
 
 /// The states of all submissions of a store.
-pub struct Look {
+pub struct ClusterLook {
     /// Each submission with its survey, the earliest first.
     pub surveys: Vec<(Submission, ChunkSurvey)>,
     /// Why the engine did not answer; `None` if it answered.
@@ -55,7 +55,7 @@ pub struct Request<'a> {
 
 /// The missing jobs, packed into chunks.
 #[derive(Clone, Debug, Default)]
-pub struct Draft {
+pub struct SubmissionDraft {
     /// The chunks.
     pub chunks: Vec<Filled>,
     /// Jobs that are completed.
@@ -79,7 +79,7 @@ pub struct Filled {
     pub seconds: f64,
 }
 
-impl Draft {
+impl SubmissionDraft {
     /// Number of jobs in all chunks.
     pub fn jobs(&self) -> usize {
         self.chunks.iter().map(|chunk| chunk.keys.len()).sum()
@@ -92,7 +92,7 @@ impl Draft {
     }
 }
 
-impl Look {
+impl ClusterLook {
     /// The submissions that may still have results of an experiment.
     pub fn open<'l>(
         &'l self,
@@ -136,7 +136,7 @@ impl<'a> Cluster<'a> {
     /// if the submitting process was killed before it could.
     ///
     /// **Errors**: a submission cannot be read. A silent engine is not an error.
-    pub fn look(&self) -> Result<Look, ClusterError> {
+    pub fn look(&self) -> Result<ClusterLook, ClusterError> {
         let submissions = self.submissions.list()?;
         let mut surveys = Vec::new();
         for submission in submissions {
@@ -164,14 +164,14 @@ impl<'a> Cluster<'a> {
                 Err(silent) => silence = Some(silent),
             }
         }
-        Ok(Look { surveys, silence })
+        Ok(ClusterLook { surveys, silence })
     }
 
     /// Marks submissions that never reached the engine because the submitting process was killed
     /// between writing the intent and calling the engine.
     ///
     /// **Errors**: the mark cannot be written.
-    pub fn abandon_unknown(&self, look: &mut Look) -> Result<Vec<String>, ClusterError> {
+    pub fn abandon_unknown(&self, look: &mut ClusterLook) -> Result<Vec<String>, ClusterError> {
         let mut abandoned = Vec::new();
         for (submission, survey) in &mut look.surveys {
             let begun = |state: &ChunkState| *state != ChunkState::Lost(Loss::NotBegun);
@@ -191,7 +191,7 @@ impl<'a> Cluster<'a> {
     /// **Errors**: the store or a mark cannot be written.
     pub fn record_crashes(
         &self,
-        look: &Look,
+        look: &ClusterLook,
         store: &mut Store,
     ) -> Result<Vec<JobKey>, ClusterError> {
         for (submission, survey) in &look.surveys {
@@ -229,7 +229,7 @@ impl<'a> Cluster<'a> {
     }
 
     /// The deaths with each job since the job was last recorded as crashed.
-    fn deaths(&self, look: &Look) -> Result<Deaths, ClusterError> {
+    fn deaths(&self, look: &ClusterLook) -> Result<Deaths, ClusterError> {
         let mut deaths = Deaths::default();
         let crashed = self.crash_marks()?;
         for (submission, survey) in &look.surveys {
@@ -270,12 +270,12 @@ impl<'a> Cluster<'a> {
         &self,
         request: Request<'_>,
         reader: Option<&Reader>,
-        look: &Look,
+        look: &ClusterLook,
         limits: Limits,
-    ) -> Result<Draft, ClusterError> {
+    ) -> Result<SubmissionDraft, ClusterError> {
         let speeds = reader.map_or(Ok(Speeds::default()), Speeds::of)?;
         let (held, deaths) = (look.held(), self.deaths(look)?);
-        let mut draft = Draft::default();
+        let mut draft = SubmissionDraft::default();
         let (mut keys, mut loads) = (Vec::new(), Vec::new());
         schedule::Survey::of(request.selection, reader).walk_all(|surveyed| {
             let Surveyed { key, planned, state, .. } = surveyed;
@@ -315,7 +315,7 @@ impl<'a> Cluster<'a> {
     }
 
     /// The script for a draft; `None` if no job is missing.
-    pub fn script(&self, draft: &Draft, request: Request<'_>) -> Option<String> {
+    pub fn script(&self, draft: &SubmissionDraft, request: Request<'_>) -> Option<String> {
         let name = clock::new_name();
         let folder = self.submissions.place(&name);
         (!draft.chunks.is_empty()).then(|| script(&name, &folder, draft, request))
@@ -325,7 +325,11 @@ impl<'a> Cluster<'a> {
     ///
     /// **Errors**: a file cannot be written; the engine rejects the array, which leaves no submission; or
     /// it is unknown whether the engine accepted the array.
-    pub fn launch(&self, draft: &Draft, request: Request<'_>) -> Result<Submission, ClusterError> {
+    pub fn launch(
+        &self,
+        draft: &SubmissionDraft,
+        request: Request<'_>,
+    ) -> Result<Submission, ClusterError> {
         let submission = self.write(draft, request)?;
         let script = submission.path().join("script.sh");
         match self.hand_over(&submission, &script) {
@@ -343,7 +347,11 @@ impl<'a> Cluster<'a> {
     }
 
     /// Writes all files of a submission, the intent last.
-    fn write(&self, draft: &Draft, request: Request<'_>) -> Result<Submission, ClusterError> {
+    fn write(
+        &self,
+        draft: &SubmissionDraft,
+        request: Request<'_>,
+    ) -> Result<Submission, ClusterError> {
         let name = clock::new_name();
         let path = self.submissions.place(&name);
         Submission::make_folders(&path)?;
@@ -422,7 +430,7 @@ fn record_found(submission: &Submission, alive: &[Alive]) -> Result<(), ClusterE
     }
 }
 
-fn script(name: &str, folder: &Path, draft: &Draft, request: Request<'_>) -> String {
+fn script(name: &str, folder: &Path, draft: &SubmissionDraft, request: Request<'_>) -> String {
     let chunks = draft.chunks.len() as u32;
     request.profile.script(&array_name(name), chunks, folder, request.program)
 }
@@ -434,7 +442,7 @@ fn folder_of(manifest: &Manifest) -> String {
     folder.canonicalize().unwrap_or_else(|_| folder.to_owned()).display().to_string()
 }
 
-fn intent(draft: &Draft, profile: &Profile, manifests: &[Manifest]) -> Intent {
+fn intent(draft: &SubmissionDraft, profile: &Profile, manifests: &[Manifest]) -> Intent {
     let made_by = schedule::of_this_process();
     Intent {
         format: Intent::format(),

@@ -6,13 +6,13 @@ use std::io;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::AtomicBool;
 
-use super::attempt::{Attempt, AttemptEnd};
-use super::engine::{Alive, Engine, EngineError, Limits, Phase};
+use super::attempt::{AttemptEnd, TaskAttempt};
+use super::engine::{Alive, Engine, EngineError, Limits, TaskPhase};
 use super::error::ClusterError;
 use super::folder::{HandedIn, Stop, Submission};
 use super::profile::Profile;
-use super::submit::{Cluster, Draft, Request};
-use super::task::{Assignment, TaskEnd, run_chunk};
+use super::submit::{Cluster, Request, SubmissionDraft};
+use super::task::{TaskEnd, TaskOrder, run_chunk};
 use crate::job::JobKey;
 use crate::manifest::{self, Manifest};
 use crate::schedule::Selection;
@@ -46,7 +46,7 @@ impl Fake {
     }
 
     /// Makes the engine hold the first chunks of the last array that it accepted.
-    fn hold(&self, chunks: u32, phase: Phase) {
+    fn hold(&self, chunks: u32, phase: TaskPhase) {
         let name = self.submitted.borrow().last().unwrap().clone();
         let task = |chunk| Alive { name: name.clone(), array: "17".to_owned(), chunk, phase };
         *self.alive.borrow_mut() = Ok((0..chunks).map(task).collect());
@@ -66,7 +66,7 @@ impl Engine for &Fake {
         match answer {
             Answer::Accepts | Answer::Loses => {
                 self.submitted.borrow_mut().push(name);
-                self.hold(1000, Phase::Waiting);
+                self.hold(1000, TaskPhase::Waiting);
             }
             Answer::Refuses => {}
             Answer::IsNotCalled => {
@@ -130,7 +130,11 @@ impl Lab {
         let never = AtomicBool::new(false);
         let mut opened = Store::open(&store).unwrap();
         let selection = Selection::new(&manifests, None).unwrap();
-        drop(crate::schedule::register(&mut opened, &selection, &never, |_| {}).unwrap());
+        assert!(
+            crate::schedule::register(&mut opened, &selection, &never, |_| {})
+                .unwrap()
+                .is_continue()
+        );
         // Four jobs per chunk, at an estimate of about 1 ms per job.
         let mut profile = Profile::default();
         profile.tasks.chunk_minutes = 0.0044 / 60.0;
@@ -151,7 +155,7 @@ impl Lab {
     }
 
     /// The draft of the next submission.
-    fn draft(&self) -> Draft {
+    fn draft(&self) -> SubmissionDraft {
         let cluster = self.cluster();
         let look = cluster.look().unwrap();
         let reader = Reader::open(&self.store).unwrap();
@@ -167,12 +171,12 @@ impl Lab {
     /// Records an attempt at a chunk that ended in this way, or that has not ended.
     fn attempt(&self, submission: &Submission, chunk: u32, end: Option<AttemptEnd>) {
         let name = format!("1.{}", submission.attempts().unwrap().len());
-        let attempt = Attempt { end, ..Attempt::begin(chunk, name, "n1".to_owned(), 1) };
+        let attempt = TaskAttempt { end, ..TaskAttempt::begin(chunk, name, "n1".to_owned(), 1) };
         submission.record_attempt(&attempt).unwrap();
     }
 }
 
-fn sizes(draft: &Draft) -> Vec<usize> {
+fn sizes(draft: &SubmissionDraft) -> Vec<usize> {
     draft.chunks.iter().map(|chunk| chunk.keys.len()).collect()
 }
 
@@ -184,7 +188,7 @@ fn what_the_engine_holds_is_not_submitted_again() {
     assert_eq!(submission.array().as_deref(), Some("17"));
     let draft = lab.draft();
     assert_eq!((draft.jobs(), draft.held), (0, 20));
-    lab.engine.hold(2, Phase::Running);
+    lab.engine.hold(2, TaskPhase::Running);
     let draft = lab.draft();
     assert_eq!((draft.jobs(), draft.held), (12, 8));
 }
@@ -269,7 +273,7 @@ fn a_task_starts_outside_programs_in_the_folder_of_their_manifest() {
     let scratch = tempfile::tempdir().unwrap();
     for chunk in 0..chunks {
         let (scratch, stop) = (scratch.path(), &AtomicBool::new(false));
-        let assignment = Assignment { submission: &submission, chunk, attempt: "1", scratch, stop };
+        let assignment = TaskOrder { submission: &submission, chunk, attempt: "1", scratch, stop };
         let mut log = Vec::new();
         let end = run_chunk(assignment, &mut log).unwrap();
         assert_eq!(end, TaskEnd::Finished, "{}", String::from_utf8_lossy(&log));
@@ -295,7 +299,7 @@ fn a_submission_holds_the_files_of_its_manifests() {
     fs::remove_file(lab.folder.path().join("people.csv")).unwrap();
     let (scratch, stop) = (tempfile::tempdir().unwrap(), &AtomicBool::new(false));
     let scratch = scratch.path();
-    let assignment = Assignment { submission: &submission, chunk: 0, attempt: "1", scratch, stop };
+    let assignment = TaskOrder { submission: &submission, chunk: 0, attempt: "1", scratch, stop };
     let mut log = Vec::new();
     let end = run_chunk(assignment, &mut log).unwrap();
     assert_eq!(end, TaskEnd::Finished, "{}", String::from_utf8_lossy(&log));
@@ -310,7 +314,7 @@ fn jobs_that_were_handed_in_are_not_left() {
     let jobs: Vec<(JobKey, HandedIn)> =
         keys[..3].iter().map(|key| (*key, HandedIn::Completed)).collect();
     submission.hand_in("0.1.0-1", &lab.store, &jobs).unwrap();
-    lab.engine.hold(5, Phase::Running);
+    lab.engine.hold(5, TaskPhase::Running);
     let look = lab.cluster().look().unwrap();
     assert_eq!(look.surveys[0].1.chunks[0].left, &keys[3..]);
     assert_eq!(look.surveys[0].1.held().count(), 17);

@@ -7,8 +7,8 @@
 
 use std::collections::{HashMap, HashSet};
 
-use super::attempt::{Attempt, AttemptEnd};
-use super::engine::{Alive, Phase};
+use super::attempt::{AttemptEnd, TaskAttempt};
+use super::engine::{Alive, TaskPhase};
 use super::error::ClusterError;
 use super::folder::{HandedIn, Stop, Submission};
 use crate::job::JobKey;
@@ -92,7 +92,7 @@ impl ChunkSurvey {
         alive: Option<&[Alive]>,
     ) -> Result<ChunkSurvey, ClusterError> {
         let name = submission.array_name();
-        let held: Option<HashMap<u32, Phase>> = alive.map(|alive| {
+        let held: Option<HashMap<u32, TaskPhase>> = alive.map(|alive| {
             let ours = alive.iter().filter(|task| task.name == name);
             ours.map(|task| (task.chunk, task.phase)).collect()
         });
@@ -155,13 +155,13 @@ impl ChunkCounts {
 
 /// The state of a chunk. `held` is the engine's answer about the chunk: `None` if the engine does not
 /// answer, `Some(None)` if the engine does not hold the chunk.
-fn state(attempts: &[Attempt], all_in: bool, held: Option<Option<&Phase>>) -> ChunkState {
+fn state(attempts: &[TaskAttempt], all_in: bool, held: Option<Option<&TaskPhase>>) -> ChunkState {
     let finished = attempts.iter().any(|attempt| attempt.end == Some(AttemptEnd::Finished));
     match held {
         _ if finished && all_in => ChunkState::Finished,
         None => ChunkState::Unknown,
-        Some(Some(Phase::Waiting)) => ChunkState::Waiting,
-        Some(Some(Phase::Running)) => ChunkState::Running,
+        Some(Some(TaskPhase::Waiting)) => ChunkState::Waiting,
+        Some(Some(TaskPhase::Running)) => ChunkState::Running,
         // The task was killed between the hand-in and the record of its end.
         Some(None) if all_in => ChunkState::Finished,
         Some(None) => ChunkState::Lost(match attempts.last().map(|last| &last.end) {
@@ -238,8 +238,8 @@ impl Deaths {
 mod tests {
     use super::*;
 
-    fn attempt(end: Option<AttemptEnd>) -> Attempt {
-        Attempt { end, ..Attempt::begin(0, "1.0".to_owned(), "n1".to_owned(), 1) }
+    fn attempt(end: Option<AttemptEnd>) -> TaskAttempt {
+        TaskAttempt { end, ..TaskAttempt::begin(0, "1.0".to_owned(), "n1".to_owned(), 1) }
     }
 
     #[test]
@@ -253,7 +253,7 @@ mod tests {
 
     #[test]
     fn a_chunk_that_the_engine_does_not_hold_is_lost_until_all_of_it_is_handed_in() {
-        let lost = |attempts: &[Attempt]| state(attempts, false, Some(None));
+        let lost = |attempts: &[TaskAttempt]| state(attempts, false, Some(None));
         assert_eq!(lost(&[]), ChunkState::Lost(Loss::NotBegun));
         assert_eq!(lost(&[attempt(None)]), ChunkState::Lost(Loss::Died));
         let stopped = attempt(Some(AttemptEnd::Stopped));
@@ -266,8 +266,8 @@ mod tests {
     #[test]
     fn a_chunk_that_was_preempted_waits_and_is_neither_done_nor_lost() {
         let stopped = [attempt(Some(AttemptEnd::Stopped))];
-        assert_eq!(state(&stopped, false, Some(Some(&Phase::Waiting))), ChunkState::Waiting);
-        assert_eq!(state(&stopped, false, Some(Some(&Phase::Running))), ChunkState::Running);
+        assert_eq!(state(&stopped, false, Some(Some(&TaskPhase::Waiting))), ChunkState::Waiting);
+        assert_eq!(state(&stopped, false, Some(Some(&TaskPhase::Running))), ChunkState::Running);
     }
 
     fn survey(left: &[&[u8]], deaths: u32, stopped: Option<Stop>) -> ChunkSurvey {

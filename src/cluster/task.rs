@@ -15,7 +15,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread;
 use std::time::{Duration, Instant};
 
-use super::attempt::{Attempt, AttemptEnd};
+use super::attempt::{AttemptEnd, TaskAttempt};
 use super::clock::{now, random};
 use super::error::ClusterError;
 use super::folder::{HandedIn, Submission, copy_whole};
@@ -39,7 +39,7 @@ const MOST_DEATHS: usize = 3;
 
 /// The assignment of a task.
 #[derive(Clone, Copy, Debug)]
-pub struct Assignment<'a> {
+pub struct TaskOrder<'a> {
     /// The submission.
     pub submission: &'a Submission,
     /// The chunk.
@@ -67,8 +67,8 @@ pub enum TaskEnd {
 ///
 /// **Errors**: the submission cannot be read, the scratch folder cannot be written, or nothing can
 /// be handed in.
-pub fn run_chunk(task: Assignment<'_>, out: &mut dyn Write) -> Result<TaskEnd, ClusterError> {
-    let Assignment { submission, chunk, attempt, .. } = task;
+pub fn run_chunk(task: TaskOrder<'_>, out: &mut dyn Write) -> Result<TaskEnd, ClusterError> {
+    let TaskOrder { submission, chunk, attempt, .. } = task;
     if submission.stopped().is_some() {
         say(out, "the submission was cancelled or submitted again; nothing is run");
         return Ok(TaskEnd::NotWanted);
@@ -87,7 +87,7 @@ pub fn run_chunk(task: Assignment<'_>, out: &mut dyn Write) -> Result<TaskEnd, C
     let cpus = submission.intent.cpus_per_task;
     // A controller that was killed may start a task a second time under the same name.
     let attempt = format!("{attempt}-{:08x}", random() as u32);
-    let attempt = Attempt::begin(chunk, attempt, host, cpus);
+    let attempt = TaskAttempt::begin(chunk, attempt, host, cpus);
     say(out, &format!("attempt {} at chunk {chunk} on {}", attempt.attempt, attempt.host));
     let mut run = Run { task, attempt, said_at: Instant::now(), out };
     run.record();
@@ -108,8 +108,8 @@ fn say(out: &mut dyn Write, line: &str) {
 
 /// A running attempt.
 struct Run<'a> {
-    task: Assignment<'a>,
-    attempt: Attempt,
+    task: TaskOrder<'a>,
+    attempt: TaskAttempt,
     said_at: Instant,
     out: &'a mut dyn Write,
 }
@@ -125,7 +125,7 @@ impl Run<'_> {
     }
 
     fn run(&mut self) -> Result<TaskEnd, ClusterError> {
-        let Assignment { submission, chunk, .. } = self.task;
+        let TaskOrder { submission, chunk, .. } = self.task;
         let mut left: Vec<JobKey> = submission.chunk(chunk)?;
         let all = left.len();
         let handed: HashSet<JobKey> = submission
@@ -255,7 +255,7 @@ impl Run<'_> {
             return fs::remove_file(&store).map_err(ClusterError::io("remove", &store));
         }
         store::seal(&store)?;
-        let Attempt { chunk, attempt, .. } = &self.attempt;
+        let TaskAttempt { chunk, attempt, .. } = &self.attempt;
         let stem = format!("{chunk}.{attempt}-{number}");
         let begun = Instant::now();
         loop {
@@ -351,7 +351,7 @@ struct Scratch {
 }
 
 impl Scratch {
-    fn make(task: Assignment<'_>, out: &mut dyn Write) -> Result<Scratch, ClusterError> {
+    fn make(task: TaskOrder<'_>, out: &mut dyn Write) -> Result<Scratch, ClusterError> {
         let name = task.submission.name();
         let (chunk, random) = (task.chunk, random() as u32);
         let path = task.scratch.join(format!("jitai-{name}-{chunk}-{random:08x}"));

@@ -1,6 +1,6 @@
 //! A test that every [`VectorEnvironment`] has to pass.
 //!
-//! In: a function that makes an environment. Out: nothing, or the first [`Violation`] of the contract.
+//! In: a function that makes an environment. Out: nothing, or the first [`ContractViolation`] of the contract.
 //! [`check`] plays episodes with random actions and compares walks that must agree bit for bit. The
 //! module depends only on the trait.
 
@@ -42,7 +42,7 @@ pub enum Clause {
 /// How an environment broke the contract.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("step {step}: {clause}: {detail}")]
-pub struct Violation {
+pub struct ContractViolation {
     /// The clause.
     pub clause: Clause,
     /// The step of the walk, from 0.
@@ -75,7 +75,7 @@ impl fmt::Display for Clause {
 pub fn check<Env: VectorEnvironment>(
     make: impl Fn(usize) -> Env,
     steps: usize,
-) -> Result<(), Violation> {
+) -> Result<(), ContractViolation> {
     check_walks(&make, steps, true)?;
     check_restoring(&make, steps, Sharing::Shared)?;
     check_restoring(&make, steps, Sharing::PerLane)
@@ -89,7 +89,7 @@ pub fn check_walks<Env: VectorEnvironment>(
     make: impl Fn(usize) -> Env,
     steps: usize,
     must_end: bool,
-) -> Result<(), Violation> {
+) -> Result<(), ContractViolation> {
     for sharing in [Sharing::Shared, Sharing::PerLane] {
         check_steps(Walk::new(make(LANES), &SEEDS, sharing)?, steps, must_end)?;
         check_same_episodes(&make, steps, sharing)?;
@@ -147,8 +147,8 @@ impl fmt::Debug for Seen {
 
 impl<Env: VectorEnvironment> Walk<Env> {
     /// A walk at the first step of every lane; lane i has seed i.
-    fn new(environment: Env, seeds: &[u64], sharing: Sharing) -> Result<Self, Violation> {
-        let broken = |clause, detail| Err(Violation { clause, step: 0, detail });
+    fn new(environment: Env, seeds: &[u64], sharing: Sharing) -> Result<Self, ContractViolation> {
+        let broken = |clause, detail| Err(ContractViolation { clause, step: 0, detail });
         let lanes = seeds.len();
         if environment.lanes() != lanes || environment.statuses().len() != lanes {
             let (has, statuses) = (environment.lanes(), environment.statuses().len());
@@ -222,8 +222,8 @@ impl<Env: VectorEnvironment> Walk<Env> {
         self.streams.of(lane).position()
     }
 
-    fn check_bounds(&mut self, step: usize, ran: &[bool]) -> Result<(), Violation> {
-        let broken = |clause, detail| Err(Violation { clause, step, detail });
+    fn check_bounds(&mut self, step: usize, ran: &[bool]) -> Result<(), ContractViolation> {
+        let broken = |clause, detail| Err(ContractViolation { clause, step, detail });
         self.environment.observe(&mut self.observations);
         let spec = self.environment.observation_spec();
         let observations = &self.observations;
@@ -263,7 +263,7 @@ fn check_steps<Env: VectorEnvironment>(
     mut walk: Walk<Env>,
     steps: usize,
     must_end: bool,
-) -> Result<(), Violation> {
+) -> Result<(), ContractViolation> {
     let per_lane = matches!(walk.streams, LaneStreams::PerLane(_));
     let mut waited = [0; LANES];
     let mut ends = 0;
@@ -279,7 +279,7 @@ fn check_steps<Env: VectorEnvironment>(
             let inert = Seen { reward: 0.0_f64.to_bits(), ..before[lane].clone() };
             if after[lane] != inert || (per_lane && walk.drawn(lane) != drawn[lane]) {
                 let detail = format!("lane {lane} had ended as {inert:?}, now {:?}", after[lane]);
-                return Err(Violation { clause: Clause::EndedLanesAreInert, step, detail });
+                return Err(ContractViolation { clause: Clause::EndedLanesAreInert, step, detail });
             }
             waited[lane] += 1;
         }
@@ -291,7 +291,7 @@ fn check_steps<Env: VectorEnvironment>(
     }
     if must_end && ends == 0 {
         let detail = format!("none did in {steps} steps");
-        return Err(Violation { clause: Clause::SomeEpisodeEnds, step: steps, detail });
+        return Err(ContractViolation { clause: Clause::SomeEpisodeEnds, step: steps, detail });
     }
     Ok(())
 }
@@ -302,7 +302,7 @@ fn require_equal(
     step: usize,
     seen: &[Seen],
     expected: &[Seen],
-) -> Result<(), Violation> {
+) -> Result<(), ContractViolation> {
     if seen == expected {
         return Ok(());
     }
@@ -314,14 +314,14 @@ fn require_equal(
         }
         None => format!("{} lanes, expected {}", seen.len(), expected.len()),
     };
-    Err(Violation { clause, step, detail })
+    Err(ContractViolation { clause, step, detail })
 }
 
 fn check_same_episodes<Env: VectorEnvironment>(
     make: impl Fn(usize) -> Env,
     steps: usize,
     sharing: Sharing,
-) -> Result<(), Violation> {
+) -> Result<(), ContractViolation> {
     let mut one = Walk::new(make(LANES), &SEEDS, sharing)?;
     let mut other = Walk::new(make(LANES), &SEEDS, sharing)?;
     for step in 0..steps {
@@ -342,12 +342,12 @@ fn check_restoring<Env: VectorEnvironment>(
     make: impl Fn(usize) -> Env,
     steps: usize,
     sharing: Sharing,
-) -> Result<(), Violation> {
+) -> Result<(), ContractViolation> {
     let clause = Clause::SaveAndRestore;
     let mut undisturbed = Walk::new(make(LANES), &SEEDS, sharing)?;
     let mut restored = Walk::new(make(LANES), &SEEDS, sharing)?;
     for step in 0..steps {
-        let broken = |detail: String| Violation { clause, step, detail };
+        let broken = |detail: String| ContractViolation { clause, step, detail };
         let save = |environment: &Env| {
             let mut bytes = Vec::new();
             let saved = environment.save(&mut StateWriter::new(&mut bytes));
@@ -377,7 +377,7 @@ fn check_restoring<Env: VectorEnvironment>(
 fn check_independence<Env: VectorEnvironment>(
     make: impl Fn(usize) -> Env,
     steps: usize,
-) -> Result<(), Violation> {
+) -> Result<(), ContractViolation> {
     const BETWEEN: usize = 1;
     let clause = Clause::LanesAreIndependent;
     let mut among = Walk::new(make(LANES), &SEEDS, Sharing::PerLane)?;
@@ -409,7 +409,7 @@ fn check_independence<Env: VectorEnvironment>(
 fn check_resets<Env: VectorEnvironment>(
     make: impl Fn(usize) -> Env,
     steps: usize,
-) -> Result<(), Violation> {
+) -> Result<(), ContractViolation> {
     const EVERY: usize = 4;
     let clause = Clause::ResetInMidEpisode;
     let mut walk = Walk::new(make(LANES), &SEEDS, Sharing::PerLane)?;

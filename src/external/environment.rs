@@ -75,7 +75,7 @@ pub enum ToEnvironment<'a> {
 pub struct Declared {
     /// The type of the message.
     #[serde(rename = "type")]
-    pub message: Description,
+    pub message: DescriptionMessage,
     /// The version of the protocol that the program speaks.
     pub protocol: u32,
     /// The features of an observation, in their order.
@@ -117,7 +117,7 @@ pub struct DeclaredFeature {
     pub meaning: Option<String>,
 }
 
-/// The answer to [`ToEnvironment::Reset`] or [`ToEnvironment::Step`]; all lists are \[lanes of the
+/// The answer to [`ToEnvironment::Reset`] or [`ToEnvironment::StepRequest`]; all lists are \[lanes of the
 /// message\].
 #[derive(Debug, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -126,23 +126,23 @@ pub struct Observed {
     #[serde(rename = "type")]
     pub message: Observation,
     /// \[lanes, features\].
-    pub observations: Numbers,
+    pub observations: SentNumbers,
     /// The rewards; absent after a reset.
-    pub rewards: Option<Numbers>,
+    pub rewards: Option<SentNumbers>,
     /// Whether the episode ended in a terminal state; in no lane if absent.
-    pub terminated: Option<Numbers>,
+    pub terminated: Option<SentNumbers>,
     /// Whether the episode was cut off; in no lane if absent.
-    pub truncated: Option<Numbers>,
+    pub truncated: Option<SentNumbers>,
     /// Whether every action is possible in the next step; in all lanes if absent.
-    pub available: Option<Numbers>,
+    pub available: Option<SentNumbers>,
     /// \[lanes, numbers of the state\].
-    pub state: Option<Numbers>,
+    pub state: Option<SentNumbers>,
 }
 
 /// The type of [`Declared`].
 #[derive(Clone, Copy, Debug, PartialEq, Deserialize)]
 #[serde(rename_all = "snake_case")]
-pub enum Description {
+pub enum DescriptionMessage {
     /// `"type": "description"`.
     Description,
 }
@@ -163,14 +163,14 @@ impl Message for Observed {}
 /// A list of numbers or of truth values, or a list of rows; written as JSON, or as a text: the base64 of the
 /// same values as little-endian 64-bit floating-point numbers.
 #[derive(Debug, Default, PartialEq)]
-pub struct Numbers {
+pub struct SentNumbers {
     /// The values, row after row.
     pub values: Vec<f64>,
     /// Number of values per row, if the message has rows.
     pub width: Option<usize>,
 }
 
-impl<'de> Deserialize<'de> for Numbers {
+impl<'de> Deserialize<'de> for SentNumbers {
     fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
         deserializer.deserialize_any(NumbersVisitor)
     }
@@ -179,13 +179,13 @@ impl<'de> Deserialize<'de> for Numbers {
 struct NumbersVisitor;
 
 impl<'de> Visitor<'de> for NumbersVisitor {
-    type Value = Numbers;
+    type Value = SentNumbers;
 
     fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str("a list of numbers, or a text in base64")
     }
 
-    fn visit_str<E: de::Error>(self, text: &str) -> Result<Numbers, E> {
+    fn visit_str<E: de::Error>(self, text: &str) -> Result<SentNumbers, E> {
         let bytes = BASE64.decode(text.as_bytes()).map_err(E::custom)?;
         let (numbers, rest) = bytes.as_chunks();
         if !rest.is_empty() {
@@ -193,10 +193,10 @@ impl<'de> Visitor<'de> for NumbersVisitor {
             return Err(E::custom(format!("expected 8 bytes per number, found {found} bytes")));
         }
         let values = numbers.iter().map(|bytes| f64::from_le_bytes(*bytes)).collect();
-        Ok(Numbers { values, width: None })
+        Ok(SentNumbers { values, width: None })
     }
 
-    fn visit_seq<A: SeqAccess<'de>>(self, mut list: A) -> Result<Numbers, A::Error> {
+    fn visit_seq<A: SeqAccess<'de>>(self, mut list: A) -> Result<SentNumbers, A::Error> {
         let mut values = Vec::new();
         let mut first = None;
         while let Some(element) = list.next_element_seed(Element(&mut values))? {
@@ -204,7 +204,7 @@ impl<'de> Visitor<'de> for NumbersVisitor {
                 return Err(de::Error::custom("expected rows of equal length"));
             }
         }
-        Ok(Numbers { values, width: first.flatten() })
+        Ok(SentNumbers { values, width: first.flatten() })
     }
 }
 

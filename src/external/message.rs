@@ -23,7 +23,7 @@ pub enum ToProgram<'a> {
         /// The lanes, in ascending order.
         lanes: &'a [usize],
         /// \[lanes, entries\]: the first observations.
-        observations: Rows<'a>,
+        observations: SentRows<'a>,
         /// \[lanes\]: whether a message can be sent; absent if it always can.
         #[serde(skip_serializing_if = "Option::is_none")]
         available: Option<&'a [bool]>,
@@ -31,7 +31,7 @@ pub enum ToProgram<'a> {
     /// The result of a training step, which every running lane took.
     Stepped {
         /// \[lanes, entries\]: the observations after the step.
-        observations: Rows<'a>,
+        observations: SentRows<'a>,
         /// \[lanes\]: 0 in lanes that had ended before the step.
         rewards: &'a [f64],
         /// \[lanes\]: whether the episode was terminated.
@@ -59,7 +59,7 @@ pub enum ToProgram<'a> {
         /// The running lanes, in ascending order.
         lanes: &'a [usize],
         /// \[lanes, entries\].
-        observations: Rows<'a>,
+        observations: SentRows<'a>,
         /// \[lanes\]: whether a message can be sent; absent if it always can.
         #[serde(skip_serializing_if = "Option::is_none")]
         available: Option<&'a [bool]>,
@@ -90,7 +90,7 @@ pub enum ToProgram<'a> {
 
 /// Rows of numbers, all or some of which are sent.
 #[derive(Clone, Copy, Debug)]
-pub struct Rows<'a> {
+pub struct SentRows<'a> {
     /// \[rows, width\].
     pub values: &'a [f32],
     /// Numbers per row.
@@ -99,7 +99,7 @@ pub struct Rows<'a> {
     pub only: Option<&'a [usize]>,
 }
 
-impl Serialize for Rows<'_> {
+impl Serialize for SentRows<'_> {
     fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
         let row = |row: usize| &self.values[row * self.width..(row + 1) * self.width];
         let rows = self.values.len() / self.width;
@@ -130,9 +130,9 @@ pub enum FromProgram {
     /// Requests new training episodes.
     Reset(Reset),
     /// Requests a training step.
-    Step(Step),
+    Step(StepRequest),
     /// Reports episodes that the program simulated itself.
-    Episodes(Episodes),
+    Episodes(OwnEpisodes),
     /// Reports a training update.
     Update(Update),
     /// Training is over.
@@ -152,7 +152,7 @@ pub struct Reset {
 /// A request for a step.
 #[derive(Debug, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct Step {
+pub struct StepRequest {
     /// \[lanes\]: an action for every lane; actions of ended lanes are ignored.
     pub actions: Vec<Option<i64>>,
     /// \[lanes\]: the probabilities with which the actions were chosen; 1 if absent.
@@ -162,7 +162,7 @@ pub struct Step {
 /// Training episodes that the program simulated itself.
 #[derive(Debug, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct Episodes {
+pub struct OwnEpisodes {
     /// Undiscounted returns.
     pub returns: Vec<f64>,
     /// Number of steps of each episode.
@@ -274,7 +274,7 @@ mod tests {
         let ready = FromProgram::Ready { protocol: 1, lanes: 1, trials: false };
         assert_eq!(read(r#"{"type":"ready","protocol":1}"#).unwrap(), ready);
         assert_eq!(read(r#"{"type":"reset"}"#).unwrap(), FromProgram::Reset(Reset::default()));
-        let step = Step { actions: vec![Some(3), None], probabilities: None };
+        let step = StepRequest { actions: vec![Some(3), None], probabilities: None };
         assert_eq!(read(r#"{"type":"step","actions":[3,null]}"#).unwrap(), FromProgram::Step(step));
         assert_eq!(read(r#"{"type":"trained"}"#).unwrap(), FromProgram::Trained {});
         let all = Choices {
@@ -307,7 +307,7 @@ mod tests {
 
     #[test]
     fn messages_are_written_on_one_line() {
-        let rows = Rows { values: &[0.5, 1.0, 0.1, 2.0], width: 2, only: Some(&[1]) };
+        let rows = SentRows { values: &[0.5, 1.0, 0.1, 2.0], width: 2, only: Some(&[1]) };
         let act = ToProgram::Act {
             day: None,
             decision: None,

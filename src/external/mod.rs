@@ -19,13 +19,13 @@ mod process;
 mod watchdog;
 
 pub use environment::{
-    Declared, DeclaredFeature, ENVIRONMENT_PROTOCOL, LONGEST_ENVIRONMENT_LINE, Numbers,
-    Observation, Observed, ToEnvironment,
+    Declared, DeclaredFeature, ENVIRONMENT_PROTOCOL, LONGEST_ENVIRONMENT_LINE, Observation,
+    Observed, SentNumbers, ToEnvironment,
 };
 pub use error::ProgramError;
 pub use message::{
-    Choices, Episodes, FromProgram, LONGEST_LINE, Message, PROTOCOL, Probabilities, Reset, Rows,
-    Step, ToProgram, Update,
+    Choices, FromProgram, LONGEST_LINE, Message, OwnEpisodes, PROTOCOL, Probabilities, Reset,
+    SentRows, StepRequest, ToProgram, Update,
 };
 pub use output::output_within;
 pub use process::{Program, shown};

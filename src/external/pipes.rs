@@ -29,7 +29,7 @@ const LAST_WORDS: Duration = Duration::from_millis(300);
 
 /// A line of standard output.
 #[derive(Debug)]
-pub(super) enum Line {
+pub(super) enum OutputLine {
     /// A line without its line break.
     Whole(Vec<u8>),
     /// The beginning of a line that exceeds the maximum length.
@@ -52,7 +52,7 @@ pub(super) struct Lines<Output = ChildStdout> {
 #[derive(Debug)]
 pub(super) enum Next {
     /// A line.
-    Line(Line),
+    Line(OutputLine),
     /// No line has come yet.
     Nothing,
     /// Standard output has been read to its end, or to a line that is too long.
@@ -109,7 +109,7 @@ impl<Output: Read + AsFd> Lines<Output> {
     }
 
     /// A line that has been read already.
-    fn read_before(&mut self) -> Option<Line> {
+    fn read_before(&mut self) -> Option<OutputLine> {
         let found = self.bytes[self.searched..].iter().position(|byte| *byte == b'\n');
         let end = found.map(|found| self.searched + found);
         if end.unwrap_or(self.bytes.len()) > self.longest {
@@ -117,7 +117,7 @@ impl<Output: Read + AsFd> Lines<Output> {
             let mut line = std::mem::take(&mut self.bytes);
             line.truncate(self.longest + 1);
             self.searched = 0;
-            return Some(Line::TooLong(line));
+            return Some(OutputLine::TooLong(line));
         }
         let is_last = self.has_ended && !self.bytes.is_empty();
         let Some(end) = end.or(is_last.then_some(self.bytes.len())) else {
@@ -129,7 +129,7 @@ impl<Output: Read + AsFd> Lines<Output> {
         self.searched = 0;
         line.truncate(end);
         line.pop_if(|last| *last == b'\r');
-        Some(Line::Whole(line))
+        Some(OutputLine::Whole(line))
     }
 }
 
@@ -251,12 +251,12 @@ fn spawn(name: &str, work: impl FnOnce() + Send + 'static) -> io::Result<()> {
     thread::Builder::new().name(name.to_owned()).spawn(work).map(drop)
 }
 
-impl Line {
+impl OutputLine {
     /// The line; or, for a line that is too long, an error with the `expected` message.
     pub(super) fn whole(self, expected: &str) -> Result<Vec<u8>, String> {
         match self {
-            Line::Whole(line) => Ok(line),
-            Line::TooLong(line) => Err(format!(
+            OutputLine::Whole(line) => Ok(line),
+            OutputLine::TooLong(line) => Err(format!(
                 "expected {expected}, found a line of more than {} bytes that begins with {}",
                 line.len() - 1,
                 shown(&line)
@@ -335,7 +335,7 @@ mod tests {
         assert!(matches!(lines.next(Duration::from_millis(5)), Next::Nothing));
         input.write_all(b" a line\nnext\n").unwrap();
         for expected in ["half a line", "next"] {
-            let Next::Line(Line::Whole(line)) = lines.next(Duration::ZERO) else { panic!() };
+            let Next::Line(OutputLine::Whole(line)) = lines.next(Duration::ZERO) else { panic!() };
             assert_eq!(line, expected.as_bytes());
         }
     }

@@ -32,7 +32,7 @@ pub use dot::{LANES, dot};
 pub use gru::{GATES, GruGradient, GruStep};
 pub use isa::{Isa, IsaError};
 pub use norm::clip_norm;
-pub use product::{Product, Start};
+pub use product::{Product, SumStart};
 pub use shallow::{MOST_INPUTS, OUTPUTS, Shallow, ShallowGradient};
 pub use transpose::transpose;
 

@@ -11,7 +11,7 @@ use crate::kernel::{Isa, LANES};
 #[derive(Clone, Copy, Debug)]
 pub struct Product<'a> {
     /// The initial values of the sums.
-    pub start: Start<'a>,
+    pub start: SumStart<'a>,
     /// Element \[i, p\] is at `i * left_stride + p`, or at `p * left_stride + i` if transposed.
     pub left: &'a [f32],
     /// See `left`.
@@ -30,7 +30,7 @@ pub struct Product<'a> {
 
 /// The initial values of the sums of a [`Product`].
 #[derive(Clone, Copy, Debug)]
-pub enum Start<'a> {
+pub enum SumStart<'a> {
     /// The previous contents of the result.
     Stored,
     /// The same numbers in every row, \[width\].
@@ -50,7 +50,7 @@ impl Product<'_> {
             if self.left_transposed { (self.terms, self.rows) } else { (self.rows, self.terms) };
         let left = lines.0.saturating_sub(1) * self.left_stride + lines.1;
         assert!(self.rows == 0 || self.left.len() >= left, "a factor for every row and term");
-        assert!(!matches!(self.start, Start::Row(row) if row.len() < self.width), "a whole row");
+        assert!(!matches!(self.start, SumStart::Row(row) if row.len() < self.width), "a whole row");
         isa.run(Operation { product: self, result });
     }
 }
@@ -75,7 +75,7 @@ impl WithSimd for Operation<'_, '_> {
         for first in (0..product.terms).step_by(TERMS) {
             let left = if product.left_transposed { first * product.left_stride } else { first };
             let part = Product {
-                start: if first == 0 { product.start } else { Start::Stored },
+                start: if first == 0 { product.start } else { SumStart::Stored },
                 left: &product.left[left..],
                 right: &product.right[first * product.width..],
                 terms: TERMS.min(product.terms - first),
@@ -172,9 +172,9 @@ impl Product<'_> {
         let mut sums = [[simd.splat_f32s(0.0); V]; I];
         for i in 0..I {
             let start = match self.start {
-                Start::Stored => &result[(row + i) * self.width + column..],
-                Start::Row(row) => &row[column..],
-                Start::Zero => continue,
+                SumStart::Stored => &result[(row + i) * self.width + column..],
+                SumStart::Row(row) => &row[column..],
+                SumStart::Zero => continue,
             };
             let (start, _) = S::as_simd_f32s(&start[..span]);
             for v in 0..V {
@@ -217,15 +217,15 @@ mod tests {
         for (rows, terms, width) in [(1, 3, 128), (5, 1, 16), long, large, parts] {
             let right = numbers(terms * width, 2);
             let (before, row) = (numbers(rows * width, 3), numbers(width, 4));
-            let starts = [Start::Stored, Start::Row(&row), Start::Zero];
+            let starts = [SumStart::Stored, SumStart::Row(&row), SumStart::Zero];
             for (start, transposed) in starts.into_iter().flat_map(|s| [(s, false), (s, true)]) {
                 let left_stride = if transposed { rows + 2 } else { terms + 2 };
                 let (lines, of_line) = if transposed { (terms, rows) } else { (rows, terms) };
                 let left = numbers((lines - 1) * left_stride + of_line, 1);
                 let mut plain = match start {
-                    Start::Stored => before.clone(),
-                    Start::Row(row) => row.repeat(rows),
-                    Start::Zero => vec![0.0; rows * width],
+                    SumStart::Stored => before.clone(),
+                    SumStart::Row(row) => row.repeat(rows),
+                    SumStart::Zero => vec![0.0; rows * width],
                 };
                 for i in 0..rows {
                     for j in 0..width {

@@ -16,7 +16,7 @@ const COST_OF_A_MISTAKE: u32 = 7;
 
 /// Node positions in increasing order, starting at 0.
 #[derive(Clone, Debug)]
-pub(super) struct Axis(Vec<f64>);
+pub(super) struct GridAxis(Vec<f64>);
 
 /// A position between two neighbouring nodes.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -36,22 +36,22 @@ pub(super) struct Cubic {
     pub weights: [f64; 4],
 }
 
-impl Axis {
+impl GridAxis {
     /// Nodes of habituation from 0 to 1, at most 1 / `steps` apart; `steps` is at least 3.
     ///
     /// Nodes are spaced so that a message's increment leads from node to node, unless increments are tiny.
-    pub fn habituation(e: &StepCount, steps: usize) -> Axis {
+    pub fn habituation(e: &StepCount, steps: usize) -> GridAxis {
         let most = 1.0 / steps as f64;
         let is_tiny = e.epsilon_h * MOST_ALIGNED < 1.0;
         let spacing = if is_tiny { most } else { e.epsilon_h / (e.epsilon_h / most).ceil() };
         let positions = (0..).map(|i| f64::from(i) * spacing);
-        Axis(positions.take_while(|x| *x < 1.0 - APART).chain([1.0]).collect())
+        GridAxis(positions.take_while(|x| *x < 1.0 - APART).chain([1.0]).collect())
     }
 
     /// Nodes of disengagement risk from 0 to the threshold, at most the threshold / `steps` apart, and two
     /// nodes for each of the `jumps` largest jumps of the value: one at the jump and one at the largest
     /// number below it. The threshold is one of the jumps; its upper node only closes the axis.
-    pub fn disengagement(e: &StepCount, steps: usize, jumps: usize) -> Axis {
+    pub fn disengagement(e: &StepCount, steps: usize, jumps: usize) -> GridAxis {
         let threshold = e.disengagement_threshold;
         let even = (0..steps).map(|i| threshold * i as f64 / steps as f64);
         let jumps = jumps_of_the_value(e, jumps).into_iter().chain([threshold]);
@@ -59,7 +59,7 @@ impl Axis {
         let mut nodes: Vec<f64> = even.chain(pairs).filter(|d| *d <= threshold).collect();
         nodes.sort_by(f64::total_cmp);
         nodes.dedup();
-        Axis(nodes)
+        GridAxis(nodes)
     }
 
     /// The positions of the nodes.
@@ -159,7 +159,8 @@ mod tests {
     #[test]
     fn an_increment_leads_from_node_to_node() {
         for (epsilon_h, steps) in [(0.05, 30), (0.3, 7), (0.01, 10), (0.013, 3), (1.0, 3)] {
-            let axis = Axis::habituation(&StepCount { epsilon_h, ..with(0.1, 0.4, 1.0) }, steps);
+            let axis =
+                GridAxis::habituation(&StepCount { epsilon_h, ..with(0.1, 0.4, 1.0) }, steps);
             let nodes = axis.nodes();
             assert!(nodes.windows(2).all(|pair| pair[0] < pair[1]));
             assert!(nodes.windows(2).all(|pair| pair[1] - pair[0] < 1.0 / steps as f64 + 1e-12));
@@ -169,7 +170,7 @@ mod tests {
         }
         // Aligned nodes for tiny increments would be too many.
         for epsilon_h in [0.0, 1e-9, 0.009] {
-            let axis = Axis::habituation(&StepCount { epsilon_h, ..with(0.1, 0.4, 1.0) }, 10);
+            let axis = GridAxis::habituation(&StepCount { epsilon_h, ..with(0.1, 0.4, 1.0) }, 10);
             assert_eq!(axis.nodes().len(), 11);
         }
     }
@@ -180,7 +181,7 @@ mod tests {
         for thousandths in 0..=1000 {
             let epsilon_h = f64::from(thousandths) / 1000.0;
             let environment = StepCount { epsilon_h, ..with(0.1, 0.4, 1.0) };
-            let nodes = |steps| Axis::habituation(&environment, steps).nodes().len();
+            let nodes = |steps| GridAxis::habituation(&environment, steps).nodes().len();
             let (coarse, fine) = (nodes(80), nodes(160));
             assert!(5 * fine > 6 * coarse && fine < 250, "{epsilon_h}: {coarse} {fine}");
         }
@@ -189,7 +190,7 @@ mod tests {
     #[test]
     fn a_jump_is_kept_between_its_two_nodes() {
         let e = with(0.1, 0.4, 1.0);
-        let axis = Axis::disengagement(&e, 10, 1);
+        let axis = GridAxis::disengagement(&e, 10, 1);
         let ends = |d: f64| d + 0.4 >= 1.0;
         let values: Vec<f64> = axis.nodes().iter().map(|d| f64::from(u8::from(ends(*d)))).collect();
         for i in 0..1000 {
@@ -239,7 +240,8 @@ mod tests {
     fn cubics_are_exact_for_cubics_everywhere() {
         let value = |x: f64| 2.0 - 3.0 * x + 5.0 * x * x - 7.0 * x * x * x;
         for (epsilon_h, steps) in [(0.3, 3), (0.05, 40), (0.0, 3)] {
-            let axis = Axis::habituation(&StepCount { epsilon_h, ..with(0.1, 0.4, 1.0) }, steps);
+            let axis =
+                GridAxis::habituation(&StepCount { epsilon_h, ..with(0.1, 0.4, 1.0) }, steps);
             for x in (0..=100).map(|i| f64::from(i) / 100.0) {
                 let Cubic { node, weights } = axis.cubic(x);
                 let near = axis.nodes()[node..].iter().map(|x| value(*x));

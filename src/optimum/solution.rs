@@ -4,7 +4,7 @@ use crate::env::{Action, Belief, DisengagementReward, apply_action};
 use crate::env::{FirstContext, StepCount};
 
 use super::action_values::ActionValues;
-use super::axis::{Axis, Cubic, Linear};
+use super::axis::{Cubic, GridAxis, Linear};
 use super::expectation::Expectation;
 
 /// The resolution of a grid.
@@ -55,8 +55,8 @@ pub(super) struct Solution {
     /// Baseline reward in context 0 and in context 1.
     baseline: [f64; 2],
     expectation: Expectation,
-    habituation: Axis,
-    disengagement: Axis,
+    habituation: GridAxis,
+    disengagement: GridAxis,
     /// **Shapes**: \[steps left, from 0\]\[habituation × disengagement risk\].
     layers: Vec<Vec<f64>>,
 }
@@ -87,8 +87,8 @@ impl Solution {
         let Resolution { habituation, disengagement, jumps } = resolution;
         let unbiased = StepCount { mu: [0.0; 2], ..environment.clone() };
         let mut solution = Solution {
-            habituation: Axis::habituation(&unbiased, habituation),
-            disengagement: Axis::disengagement(&unbiased, disengagement, jumps),
+            habituation: GridAxis::habituation(&unbiased, habituation),
+            disengagement: GridAxis::disengagement(&unbiased, disengagement, jumps),
             environment: unbiased,
             belief,
             baseline: environment.mu,

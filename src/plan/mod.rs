@@ -20,7 +20,9 @@ pub use earlier::{ChangedDefault, under_earlier_default};
 pub use expand::{count, expand, jobs};
 pub use factors::Factors;
 pub use filter::{Filter, FilterError};
-pub use race::{Cost, Outcome, Race, RaceJobs, Races, Reference, at_stage, race_jobs, race_line};
+pub use race::{
+    Cost, Race, RaceJobs, RaceOutcome, Races, Reference, at_stage, race_jobs, race_line,
+};
 pub use rung::{Entrant, Fate, Lead, Rung};
 pub use shard::{Shard, ShardError};
 pub use staged::Staged;

@@ -48,7 +48,7 @@ pub struct Race {
     /// The rungs that the race has come to.
     pub rungs: Vec<Rung>,
     /// Where it stands.
-    pub outcome: Outcome,
+    pub outcome: RaceOutcome,
     /// The agent's index in the manifest.
     place: usize,
     stage: Arc<Stage>,
@@ -56,7 +56,7 @@ pub struct Race {
 
 /// Where a race stands.
 #[derive(Clone, Debug, PartialEq)]
-pub enum Outcome {
+pub enum RaceOutcome {
     /// Jobs of the last rung have not ended.
     Running,
     /// An arm has won.
@@ -225,7 +225,7 @@ impl<E, S: FnMut(&[JobKey], MetricName) -> Result<Vec<Score>, E>> Course<'_, S> 
     fn run(&mut self) -> Result<Race, E> {
         let arms = self.search.samples;
         let mut stage = Stage { seeds: vec![0; arms], winner: None };
-        let (mut rungs, mut outcome) = (Vec::new(), Outcome::Running);
+        let (mut rungs, mut outcome) = (Vec::new(), RaceOutcome::Running);
         let mut entrants: Vec<usize> = (0..arms).collect();
         for (at, seeds) in self.search.rungs.iter().enumerate() {
             entrants.iter().for_each(|arm| stage.seeds[*arm] = *seeds);
@@ -240,16 +240,16 @@ impl<E, S: FnMut(&[JobKey], MetricName) -> Result<Vec<Score>, E>> Course<'_, S> 
                 _ if is_open => break,
                 Some(arm) => {
                     stage.winner = Some(arm);
-                    outcome = Outcome::Won { arm, fresh: Vec::new() };
+                    outcome = RaceOutcome::Won { arm, fresh: Vec::new() };
                     break;
                 }
-                None if entrants.is_empty() => outcome = Outcome::Lost,
+                None if entrants.is_empty() => outcome = RaceOutcome::Lost,
                 None => continue,
             }
             break;
         }
         let stage = Arc::new(stage);
-        if let Outcome::Won { arm, fresh } = &mut outcome {
+        if let RaceOutcome::Won { arm, fresh } = &mut outcome {
             *fresh = self.fresh(*arm, Some(stage.clone()))?;
         }
         let agent = &self.manifest.agents[self.place];
@@ -334,40 +334,40 @@ impl Race {
     /// The number of arms in the race: those of its last rung, or the winner.
     pub fn arms_left(&self) -> usize {
         match self.outcome {
-            Outcome::Running => self.rungs.last().map_or(0, |rung| rung.entrants.len()),
-            Outcome::Won { .. } => 1,
-            Outcome::Lost => 0,
+            RaceOutcome::Running => self.rungs.last().map_or(0, |rung| rung.entrants.len()),
+            RaceOutcome::Won { .. } => 1,
+            RaceOutcome::Lost => 0,
         }
     }
 
     /// The fresh seeds of the winner whose jobs have not ended.
     pub fn open_fresh_seeds(&self) -> usize {
         match &self.outcome {
-            Outcome::Won { fresh, .. } => {
+            RaceOutcome::Won { fresh, .. } => {
                 fresh.iter().filter(|score| **score == Score::Open).count()
             }
-            Outcome::Running | Outcome::Lost => 0,
+            RaceOutcome::Running | RaceOutcome::Lost => 0,
         }
     }
 
     /// Where the race stands and what comes next, in words.
     pub fn state(&self, search: &Search) -> String {
         match &self.outcome {
-            Outcome::Running => {
+            RaceOutcome::Running => {
                 let (at, of) = (self.rungs.len(), search.rungs.len());
                 let open = self.rungs.last().map_or(0, |rung| rung.open);
                 let arms = counted(self.arms_left(), "arm");
                 let next = self.next(search);
                 format!("rung {at} of {of}: {open} of {arms} open; next, {next}")
             }
-            Outcome::Won { arm, .. } => {
+            RaceOutcome::Won { arm, .. } => {
                 let left = match self.open_fresh_seeds() {
                     0 => String::new(),
                     open => format!("; {} open", counted(open, "fresh seed")),
                 };
                 format!("arm {} of {} has won{left}", arm + 1, self.settings.len())
             }
-            Outcome::Lost => format!(
+            RaceOutcome::Lost => format!(
                 "no arm is left: every arm has a job that failed or has no finite {}; \
                  --retry-failed runs failed jobs again",
                 search.metric
@@ -394,9 +394,9 @@ impl Race {
     /// Whether all of its jobs have ended.
     pub fn has_ended(&self) -> bool {
         match self.outcome {
-            Outcome::Running => false,
-            Outcome::Won { .. } => self.open_fresh_seeds() == 0,
-            Outcome::Lost => true,
+            RaceOutcome::Running => false,
+            RaceOutcome::Won { .. } => self.open_fresh_seeds() == 0,
+            RaceOutcome::Lost => true,
         }
     }
 }

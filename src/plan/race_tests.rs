@@ -4,7 +4,7 @@ use std::collections::HashMap;
 use std::convert::Infallible;
 
 use super::jobs;
-use super::race::{Outcome, RaceJobs, Races, at_stage, race_jobs};
+use super::race::{RaceJobs, RaceOutcome, Races, at_stage, race_jobs};
 use super::rung::{Fate, Lead};
 use crate::job::{JobKey, MetricName, Score};
 use crate::key::Parameter;
@@ -101,7 +101,7 @@ fn the_best_share_of_a_rung_reaches_the_next() {
     let races = table.races(&manifest);
     assert_eq!(fates(&races, 1), [(2, Fate::Won), (1, Fate::Behind)]);
     let open = vec![Score::Open; 2];
-    assert_eq!(races.races[0].outcome, Outcome::Won { arm: 2, fresh: open });
+    assert_eq!(races.races[0].outcome, RaceOutcome::Won { arm: 2, fresh: open });
     assert!(!races.have_ended());
     assert_eq!(state(&table), "arm 3 of 4 has won; 2 fresh seeds open");
     // The winner, then its rival; of the arms that left, the better one first.
@@ -166,7 +166,7 @@ fn an_arm_leaves_when_a_job_of_it_fails_and_none_before_its_rung_is_complete() {
     );
     table.scores = vec![vec![Score::Lost]; 3];
     let races = table.races(&manifest);
-    assert_eq!(races.races[0].outcome, Outcome::Lost);
+    assert_eq!(races.races[0].outcome, RaceOutcome::Lost);
     assert!(races.have_ended());
 }
 

@@ -9,7 +9,7 @@
 
 use crate::agent::{Activation, Architecture, Choice, GruNames, Shape, WeightTensor, Weights};
 
-use super::protobuf::Message;
+use super::protobuf::ProtobufMessage;
 
 const IR_VERSION: u64 = 8;
 const OPSET: u64 = 13;
@@ -30,8 +30,8 @@ const NEXT_STATE: &str = "next_state";
 /// A graph under construction.
 #[derive(Default)]
 struct Graph {
-    nodes: Vec<Message>,
-    initializers: Vec<Message>,
+    nodes: Vec<ProtobufMessage>,
+    initializers: Vec<ProtobufMessage>,
 }
 
 /// The value of an attribute, with the attribute's name: one whole number or several.
@@ -41,13 +41,14 @@ enum Attribute {
 }
 
 impl Attribute {
-    fn message(&self) -> Message {
+    fn message(&self) -> ProtobufMessage {
         match self {
-            Attribute::Int(name, value) => {
-                Message::default().bytes(1, name).number(3, *value).number(20, INT_ATTRIBUTE)
-            }
+            Attribute::Int(name, value) => ProtobufMessage::default()
+                .bytes(1, name)
+                .number(3, *value)
+                .number(20, INT_ATTRIBUTE),
             Attribute::Ints(name, values) => {
-                let named = Message::default().bytes(1, name);
+                let named = ProtobufMessage::default().bytes(1, name);
                 let valued = values.iter().fold(named, |all, value| all.number(8, *value));
                 valued.number(20, INTS_ATTRIBUTE)
             }
@@ -69,7 +70,7 @@ impl Graph {
         outputs: &[&str],
         attributes: &[Attribute],
     ) {
-        let message = Message::default();
+        let message = ProtobufMessage::default();
         let message = inputs.iter().fold(message, |all, input| all.bytes(1, input));
         let message = outputs.iter().fold(message, |all, output| all.bytes(2, output));
         let message = message.bytes(3, outputs[0]).bytes(4, operator);
@@ -79,7 +80,7 @@ impl Graph {
 
     /// Adds a constant.
     fn constant(&mut self, name: &str, shape: &[usize], data_type: u64, bytes: &[u8]) {
-        let message = Message::default();
+        let message = ProtobufMessage::default();
         let message = shape.iter().fold(message, |all, length| all.number(1, *length as u64));
         self.initializers.push(message.number(2, data_type).bytes(8, name).bytes(9, bytes));
     }
@@ -137,13 +138,15 @@ impl Graph {
 }
 
 /// An input or output: a tensor with one row per observation on its first axis.
-fn tensor(name: &str, element: u64, columns: Option<usize>) -> Message {
-    let rows = Message::default().bytes(2, "rows");
-    let columns = columns.map(|length| Message::default().number(1, length as u64));
-    let axes: Vec<Message> = [rows].into_iter().chain(columns).collect();
-    let shape = Message::default().messages(1, &axes);
-    let tensor_type = Message::default().number(1, element).message(2, &shape);
-    Message::default().bytes(1, name).message(2, &Message::default().message(1, &tensor_type))
+fn tensor(name: &str, element: u64, columns: Option<usize>) -> ProtobufMessage {
+    let rows = ProtobufMessage::default().bytes(2, "rows");
+    let columns = columns.map(|length| ProtobufMessage::default().number(1, length as u64));
+    let axes: Vec<ProtobufMessage> = [rows].into_iter().chain(columns).collect();
+    let shape = ProtobufMessage::default().messages(1, &axes);
+    let tensor_type = ProtobufMessage::default().number(1, element).message(2, &shape);
+    ProtobufMessage::default()
+        .bytes(1, name)
+        .message(2, &ProtobufMessage::default().message(1, &tensor_type))
 }
 
 /// The policy as an ONNX model.
@@ -203,14 +206,14 @@ pub(super) fn model(
         inputs.push(tensor(STATE, FLOAT, units));
         outputs.push(tensor(NEXT_STATE, FLOAT, units));
     }
-    let graph = Message::default()
+    let graph = ProtobufMessage::default()
         .messages(1, &graph.nodes)
         .bytes(2, "policy")
         .messages(5, &graph.initializers)
         .messages(11, &inputs)
         .messages(12, &outputs);
-    let opset = Message::default().bytes(1, "").number(2, OPSET);
-    Message::default()
+    let opset = ProtobufMessage::default().bytes(1, "").number(2, OPSET);
+    ProtobufMessage::default()
         .number(1, IR_VERSION)
         .bytes(2, "jitai")
         .bytes(3, env!("CARGO_PKG_VERSION"))

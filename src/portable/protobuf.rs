@@ -4,13 +4,13 @@
 
 /// A message under construction.
 #[derive(Clone, Debug, Default)]
-pub(super) struct Message(Vec<u8>);
+pub(super) struct ProtobufMessage(Vec<u8>);
 
 /// Wire types of fields.
 const VARINT: u64 = 0;
 const BYTES: u64 = 2;
 
-impl Message {
+impl ProtobufMessage {
     /// Adds an unsigned whole number.
     pub(super) fn number(mut self, field: u64, value: u64) -> Self {
         self.varint(field << 3 | VARINT);
@@ -28,12 +28,12 @@ impl Message {
     }
 
     /// Adds a message.
-    pub(super) fn message(self, field: u64, message: &Message) -> Self {
+    pub(super) fn message(self, field: u64, message: &ProtobufMessage) -> Self {
         self.bytes(field, &message.0)
     }
 
     /// Adds messages as a repeated field.
-    pub(super) fn messages(self, field: u64, messages: &[Message]) -> Self {
+    pub(super) fn messages(self, field: u64, messages: &[ProtobufMessage]) -> Self {
         messages.iter().fold(self, |all, message| all.message(field, message))
     }
 
@@ -58,11 +58,11 @@ mod tests {
     #[test]
     fn messages_are_those_of_the_specification() {
         // The examples of "Encoding": a = 150 in field 1, "testing" in field 2, and a message in field 3.
-        let number = Message::default().number(1, 150);
+        let number = ProtobufMessage::default().number(1, 150);
         assert_eq!(number.clone().into_bytes(), [0x08, 0x96, 0x01]);
-        let text = Message::default().bytes(2, "testing");
+        let text = ProtobufMessage::default().bytes(2, "testing");
         assert_eq!(text.into_bytes(), b"\x12\x07testing");
-        let nested = Message::default().message(3, &number);
+        let nested = ProtobufMessage::default().message(3, &number);
         assert_eq!(nested.into_bytes(), [0x1a, 0x03, 0x08, 0x96, 0x01]);
     }
 }

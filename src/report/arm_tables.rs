@@ -1,6 +1,6 @@
 //! The tables of an experiment's arms and agents.
 
-use super::data_table::{DataTable, Entry};
+use super::data_table::{DataTable, TableEntry};
 use super::names::Names;
 use super::tables::{self, between, high, in_unit, low};
 use crate::analyse::declared::{AgentSummary, ArmSummary, share_of_optimum};
@@ -60,15 +60,15 @@ pub fn arms(
     table
 }
 
-fn arm(row: &ArmSummary, names: &Names) -> Vec<Entry> {
+fn arm(row: &ArmSummary, names: &Names) -> Vec<TableEntry> {
     let (mean, interval) = (row.returns.mean(), row.returns.interval());
     let (interquartile, net) = (row.interquartile(), row.net_returns.interval());
     let middle = interval_of(interquartile);
     let share = |value| share(value, row.optimum);
     vec![
         tables::arm(&row.name, names),
-        Entry::number(row.returns.n() as f64, 0),
-        Entry::number(f64::from(row.returns.lost().ended()), 0),
+        TableEntry::number(row.returns.n() as f64, 0),
+        TableEntry::number(f64::from(row.returns.lost().ended()), 0),
         in_unit(mean, MetricUnit::Return),
         between(interval, MetricUnit::Return),
         low(interval),
@@ -82,7 +82,7 @@ fn arm(row: &ArmSummary, names: &Names) -> Vec<Entry> {
         high(middle),
         in_unit(row.lower_quartiles.mean(), MetricUnit::Return),
         in_unit(row.terminated.mean(), MetricUnit::Share),
-        Entry::of(row.messages.mean(), 1),
+        TableEntry::of(row.messages.mean(), 1),
         optimum(row.optimum),
         share(row.net_returns.mean()),
         share(net.map(|interval| interval.low)),
@@ -91,10 +91,10 @@ fn arm(row: &ArmSummary, names: &Names) -> Vec<Entry> {
 }
 
 /// An inter-quartile mean of this many values; of fewer than four it is called what it is, the mean.
-fn called_mean(entry: Entry, values: usize) -> Entry {
+fn called_mean(entry: TableEntry, values: usize) -> TableEntry {
     match entry {
-        Entry::Number { value, shown } if values < FOUR => {
-            Entry::Number { value, shown: format!("{shown} (mean)") }
+        TableEntry::Number { value, shown } if values < FOUR => {
+            TableEntry::Number { value, shown: format!("{shown} (mean)") }
         }
         entry => entry,
     }
@@ -127,14 +127,14 @@ pub fn agents(rows: &[AgentSummary], names: &Names, words: &Words) -> DataTable 
     let mut table = DataTable::new(caption, &columns);
     for row in rows {
         let (returns, shares) = (interval_of(row.returns), row.shares.map(interval_of));
-        let of_shares = |entry: &dyn Fn(Result<Interval, Undefined>) -> Entry| {
+        let of_shares = |entry: &dyn Fn(Result<Interval, Undefined>) -> TableEntry| {
             shares.map_or_else(unknown, entry)
         };
         table.rows.push(vec![
-            Entry::name(&row.agent, names.agent(&row.agent)),
-            Entry::text(&row.scenario),
-            Entry::number(row.arms as f64, 0),
-            Entry::number(row.runs as f64, 0),
+            TableEntry::name(&row.agent, names.agent(&row.agent)),
+            TableEntry::text(&row.scenario),
+            TableEntry::number(row.arms as f64, 0),
+            TableEntry::number(row.runs as f64, 0),
             called_mean(in_unit(row.returns.map(|all| all.value), MetricUnit::Return), row.runs),
             between(returns, MetricUnit::Return),
             low(returns),
@@ -154,12 +154,12 @@ pub fn agents(rows: &[AgentSummary], names: &Names, words: &Words) -> DataTable 
 }
 
 /// The optimum, if it is known.
-pub fn optimum(optimum: Option<f64>) -> Entry {
-    optimum.map_or_else(unknown, |value| Entry::number(value, 1))
+pub fn optimum(optimum: Option<f64>) -> TableEntry {
+    optimum.map_or_else(unknown, |value| TableEntry::number(value, 1))
 }
 
 /// A net return as a share of the optimum.
-pub fn share(value: Result<f64, Undefined>, optimum: Option<f64>) -> Entry {
+pub fn share(value: Result<f64, Undefined>, optimum: Option<f64>) -> TableEntry {
     match value.map(|value| share_of_optimum(value, optimum)) {
         Ok(Some(share)) => in_unit(Ok(share), MetricUnit::Share),
         Err(reason) if share_of_optimum(0.0, optimum).is_some() => {
@@ -169,8 +169,8 @@ pub fn share(value: Result<f64, Undefined>, optimum: Option<f64>) -> Entry {
     }
 }
 
-fn unknown() -> Entry {
-    Entry::Missing("no optimum computed".to_owned())
+fn unknown() -> TableEntry {
+    TableEntry::Missing("no optimum computed".to_owned())
 }
 
 fn interval_of(aggregate: Result<Aggregate, Undefined>) -> Result<Interval, Undefined> {

@@ -19,7 +19,7 @@ use crate::store::{DataQuery, Parts, Reader, StoreError};
 
 /// Long-running work of an assembly.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Work {
+pub enum AssemblyWork {
     /// Reading jobs.
     Jobs,
     /// Computing optima.
@@ -44,7 +44,7 @@ pub enum AssembleError {
 pub fn assemble(
     reader: &Reader,
     manifests: &[Manifest],
-    mut on_progress: impl FnMut(Work, usize, usize),
+    mut on_progress: impl FnMut(AssemblyWork, usize, usize),
 ) -> Result<Vec<ReportedExperiment>, AssembleError> {
     // Faults in these files are reported before the long-running work.
     let published = manifests.iter().map(Published::of).collect::<Result<Vec<_>, _>>()?;
@@ -112,7 +112,7 @@ fn is_registered(reader: &Reader, data: &DataSet) -> Result<bool, StoreError> {
 fn data_set(
     reader: &Reader,
     manifest: &Staged<'_>,
-    mut on_progress: impl FnMut(Work, usize, usize),
+    mut on_progress: impl FnMut(AssemblyWork, usize, usize),
 ) -> Result<(DataSet, Vec<String>), StoreError> {
     let total = usize::try_from(manifest.count()).unwrap_or(usize::MAX);
     let mut places = optima::Places::default();
@@ -135,10 +135,10 @@ fn data_set(
             Arc::make_mut(run).estimates.retain(|one| declared.contains(&one.declaration));
         }
         read += 1;
-        on_progress(Work::Jobs, read, total);
+        on_progress(AssemblyWork::Jobs, read, total);
     })?;
     let is_completed = data.jobs.iter().map(|job| job.completed().is_some());
-    let found = places.optima(is_completed, |done, of| on_progress(Work::Optima, done, of));
+    let found = places.optima(is_completed, |done, of| on_progress(AssemblyWork::Optima, done, of));
     let ranges = distinct(manifest.analyses.iter().filter_map(|analysis| analysis.participants));
     reader.read_participants(&mut data.jobs, &ranges)?;
     for (job, optimum) in data.jobs.iter_mut().zip(found.of_jobs) {

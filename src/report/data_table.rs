@@ -10,14 +10,14 @@ pub struct DataTable {
     /// The caption.
     pub caption: String,
     /// Its columns.
-    pub columns: Vec<Column>,
+    pub columns: Vec<TableColumn>,
     /// Its rows, with one entry per column.
-    pub rows: Vec<Vec<Entry>>,
+    pub rows: Vec<Vec<TableEntry>>,
 }
 
 /// A column.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Column {
+pub struct TableColumn {
     /// Its name in files, such as `mean_return`.
     pub name: String,
     /// Its heading for readers.
@@ -40,7 +40,7 @@ const NOT_PUBLISHED: &str = "not published";
 
 /// An entry of a table.
 #[derive(Clone, Debug, PartialEq)]
-pub enum Entry {
+pub enum TableEntry {
     /// Text, in files and for readers.
     Text {
         /// The text with the names of keys.
@@ -59,59 +59,59 @@ pub enum Entry {
     Missing(String),
 }
 
-impl Entry {
+impl TableEntry {
     /// Text, for readers with short digests of files.
-    pub fn text(text: impl Into<String>) -> Entry {
+    pub fn text(text: impl Into<String>) -> TableEntry {
         let exact = text.into();
-        Entry::Text { shown: shortened(&exact), exact }
+        TableEntry::Text { shown: shortened(&exact), exact }
     }
 
     /// A name: in files the key, for readers the label.
-    pub fn name(key: impl Into<String>, label: impl Into<String>) -> Entry {
-        Entry::Text { exact: key.into(), shown: label.into() }
+    pub fn name(key: impl Into<String>, label: impl Into<String>) -> TableEntry {
+        TableEntry::Text { exact: key.into(), shown: label.into() }
     }
 
     /// A number shown with `decimals` decimals.
-    pub fn number(value: f64, decimals: usize) -> Entry {
-        Entry::Number { value, shown: shown(value, decimals) }
+    pub fn number(value: f64, decimals: usize) -> TableEntry {
+        TableEntry::Number { value, shown: shown(value, decimals) }
     }
 
     /// The number, or the reason for its absence.
-    pub fn of<E: ToString>(value: Result<f64, E>, decimals: usize) -> Entry {
+    pub fn of<E: ToString>(value: Result<f64, E>, decimals: usize) -> TableEntry {
         match value {
-            Ok(value) => Entry::number(value, decimals),
-            Err(reason) => Entry::Missing(reason.to_string()),
+            Ok(value) => TableEntry::number(value, decimals),
+            Err(reason) => TableEntry::Missing(reason.to_string()),
         }
     }
 
     /// A p value.
-    pub fn p<E: ToString>(value: Result<f64, E>) -> Entry {
+    pub fn p<E: ToString>(value: Result<f64, E>) -> TableEntry {
         match value {
-            Ok(value) => Entry::Number { value, shown: p_value(value) },
-            Err(reason) => Entry::Missing(reason.to_string()),
+            Ok(value) => TableEntry::Number { value, shown: p_value(value) },
+            Err(reason) => TableEntry::Missing(reason.to_string()),
         }
     }
 
     /// The published entry, or the note that no number is published.
-    pub fn published(entry: Option<Entry>) -> Entry {
-        entry.unwrap_or_else(|| Entry::Missing(NOT_PUBLISHED.to_owned()))
+    pub fn published(entry: Option<TableEntry>) -> TableEntry {
+        entry.unwrap_or_else(|| TableEntry::Missing(NOT_PUBLISHED.to_owned()))
     }
 
     /// The displayed form; a dash for a missing number.
     pub fn shown(&self) -> &str {
         match self {
-            Entry::Text { shown, .. } | Entry::Number { shown, .. } => shown,
-            Entry::Missing(_) => "–",
+            TableEntry::Text { shown, .. } | TableEntry::Number { shown, .. } => shown,
+            TableEntry::Missing(_) => "–",
         }
     }
 
     /// The form for programs, with every digit; empty for a missing number.
     fn exact(&self) -> String {
         match self {
-            Entry::Text { exact, .. } => exact.clone(),
+            TableEntry::Text { exact, .. } => exact.clone(),
             // Adding 0 removes the sign of −0.
-            Entry::Number { value, .. } => (value + 0.0).to_string(),
-            Entry::Missing(_) => String::new(),
+            TableEntry::Number { value, .. } => (value + 0.0).to_string(),
+            TableEntry::Missing(_) => String::new(),
         }
     }
 }
@@ -193,7 +193,7 @@ impl DataTable {
     /// An empty table. `columns` holds names and headings; a column whose name begins with `.`
     /// appears only in CSV.
     pub fn new(caption: impl Into<String>, columns: &[(&str, &str)]) -> DataTable {
-        let column = |(name, heading): &(&str, &str)| Column {
+        let column = |(name, heading): &(&str, &str)| TableColumn {
             reach: if name.starts_with('.') { Reach::Data } else { Reach::Everywhere },
             name: name.trim_start_matches('.').to_owned(),
             heading: (*heading).to_owned(),
@@ -214,15 +214,16 @@ impl DataTable {
 
     /// Whether a column is for published numbers but has none.
     fn is_unpublished(&self, place: usize) -> bool {
-        let is_missing = |entry: &Entry| *entry == Entry::published(None);
+        let is_missing = |entry: &TableEntry| *entry == TableEntry::published(None);
         !self.rows.is_empty() && self.rows.iter().all(|row| is_missing(&row[place]))
     }
 
     /// Whether a column holds numbers and no text.
     pub fn is_numeric(&self, place: usize) -> bool {
         let mut entries = self.rows.iter().map(|row| &row[place]);
-        entries.clone().any(|entry| matches!(entry, Entry::Number { .. }))
-            && entries.all(|entry| !matches!(entry, Entry::Text { shown, .. } if !shown.is_empty()))
+        entries.clone().any(|entry| matches!(entry, TableEntry::Number { .. }))
+            && entries
+                .all(|entry| !matches!(entry, TableEntry::Text { shown, .. } if !shown.is_empty()))
     }
 
     /// The table as CSV, every digit kept.
@@ -261,8 +262,8 @@ impl DataTable {
         let places: Vec<usize> = self.shown_columns().collect();
         let entries = self.rows.iter().flat_map(|row| places.iter().map(|place| &row[*place]));
         let reasons = distinct(entries.filter_map(|entry| match entry {
-            Entry::Missing(reason) => Some(reason.as_str()),
-            Entry::Text { .. } | Entry::Number { .. } => None,
+            TableEntry::Missing(reason) => Some(reason.as_str()),
+            TableEntry::Text { .. } | TableEntry::Number { .. } => None,
         }));
         (!reasons.is_empty()).then(|| reasons.join("; "))
     }
@@ -275,9 +276,13 @@ mod tests {
     #[test]
     fn one_table_in_two_formats() {
         let mut table = DataTable::new("A & B", &[("arm", "Arm"), ("mean", "Mean"), (".n", "n")]);
-        table.rows.push(vec![Entry::text("=x|y"), Entry::number(-1.25, 1), Entry::number(3.0, 0)]);
-        let missing = Entry::Missing("no seed completed".to_owned());
-        table.rows.push(vec![Entry::text("z"), missing, Entry::number(0.0, 0)]);
+        table.rows.push(vec![
+            TableEntry::text("=x|y"),
+            TableEntry::number(-1.25, 1),
+            TableEntry::number(3.0, 0),
+        ]);
+        let missing = TableEntry::Missing("no seed completed".to_owned());
+        table.rows.push(vec![TableEntry::text("z"), missing, TableEntry::number(0.0, 0)]);
         assert_eq!(table.csv(), "arm,mean,n\n'=x|y,-1.25,3\nz,,0\n");
         assert_eq!(
             table.markdown(),
@@ -304,10 +309,13 @@ mod tests {
     #[test]
     fn readers_see_no_column_of_which_nothing_was_published() {
         let mut table = DataTable::new("", &[("arm", "Arm"), ("published", "Published")]);
-        table.rows.push(vec![Entry::text("a"), Entry::published(None)]);
+        table.rows.push(vec![TableEntry::text("a"), TableEntry::published(None)]);
         assert_eq!(table.shown_columns().collect::<Vec<_>>(), [0]);
         assert_eq!(table.csv(), "arm,published\na,\n");
-        table.rows.push(vec![Entry::text("b"), Entry::published(Some(Entry::number(1.0, 0)))]);
+        table.rows.push(vec![
+            TableEntry::text("b"),
+            TableEntry::published(Some(TableEntry::number(1.0, 0))),
+        ]);
         assert_eq!(table.shown_columns().collect::<Vec<_>>(), [0, 1]);
     }
 }

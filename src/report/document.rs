@@ -17,7 +17,7 @@ use super::names::Names;
 use super::page::{self, Hosts};
 use super::race::ReportedRace;
 use super::scene::{Scene, pdf, png, svg};
-use super::section::{ArmTables, ReportedExperiment, Section, Shown, ShownRace};
+use super::section::{ArmTables, ReportSection, ReportedExperiment, ShownFinding, ShownRace};
 use super::tables;
 use crate::analyse::declared::{Comparison, Finding, Reproduction, summarise_agents};
 
@@ -84,7 +84,7 @@ pub struct ReportFigure {
 
 /// The figures of the report of these experiments, in the order of the page.
 pub fn figures(experiments: &[ReportedExperiment]) -> Vec<ReportFigure> {
-    let of_section = |section: &Section<'_>| {
+    let of_section = |section: &ReportSection<'_>| {
         let figure = |(analysis, caption): (&String, &String), name: &String, scene| ReportFigure {
             experiment: section.experiment.name.clone(),
             analysis: analysis.clone(),
@@ -107,7 +107,7 @@ pub fn figures(experiments: &[ReportedExperiment]) -> Vec<ReportFigure> {
 }
 
 /// The experiments in displayed form.
-fn sections(experiments: &[ReportedExperiment]) -> Vec<Section<'_>> {
+fn sections(experiments: &[ReportedExperiment]) -> Vec<ReportSection<'_>> {
     let of = |one: &ReportedExperiment| Names::of(&one.jobs, &one.styles, &one.labels);
     let names: Vec<Names> = experiments.iter().map(of).collect();
     let arms = experiments.iter().zip(&names).flat_map(|(experiment, names)| {
@@ -141,7 +141,7 @@ fn sections(experiments: &[ReportedExperiment]) -> Vec<Section<'_>> {
         let race = experiment.race.as_ref().zip(named.race);
         let race = race.map(|(race, stem)| shown_race(race, stem, &mut figures));
         let anchor = named.anchor;
-        sections.push(Section { experiment, anchor, shown, race, tables, legend });
+        sections.push(ReportSection { experiment, anchor, shown, race, tables, legend });
     }
     sections
 }
@@ -221,10 +221,10 @@ fn shown<'e>(
     (experiment, at): (&'e ReportedExperiment, usize),
     names: &Names,
     (stem, scenes, wholes): (String, Scenes, Scenes),
-) -> Shown<'e> {
+) -> ShownFinding<'e> {
     let (finding, sql) = &experiment.findings[at];
     let kind = drawn(&finding.content);
-    Shown {
+    ShownFinding {
         caption: caption(finding, names),
         table: table(finding, names),
         is_table: kind.is_table(),
@@ -297,7 +297,7 @@ fn figures_of(finding: &Finding, sheet: &Sheet<'_>, taken: &mut Vec<String>) -> 
 }
 
 /// Adds the files of a finding.
-fn write_finding(shown: &Shown<'_>, files: &mut Vec<ReportFile>) {
+fn write_finding(shown: &ShownFinding<'_>, files: &mut Vec<ReportFile>) {
     for (stem, scene) in shown.scenes.iter().chain(&shown.wholes) {
         write_figure(stem, scene, files);
     }

@@ -2,7 +2,7 @@
 
 use unicode_width::UnicodeWidthStr;
 
-use super::data_table::{DataTable, Entry};
+use super::data_table::{DataTable, TableEntry};
 use super::escape;
 use super::letters::{Tex, tex, undrawn};
 
@@ -137,7 +137,7 @@ fn headings(table: &DataTable) -> String {
 
 fn rows(table: &DataTable) -> String {
     let places: Vec<usize> = table.shown_columns().collect();
-    let row = |row: &Vec<Entry>| {
+    let row = |row: &Vec<TableEntry>| {
         let entries = places.iter().map(|place| escape::latex(row[*place].shown()));
         format!("    {} \\\\\n", entries.collect::<Vec<_>>().join(" & "))
     };
@@ -150,14 +150,16 @@ mod tests {
 
     fn table(rows: usize) -> DataTable {
         let mut table = DataTable::new("A & B", &[("arm", "Arm"), ("mean", "Mean")]);
-        table.rows = vec![vec![Entry::text("=x|y"), Entry::number(-1.25, 1)]; rows];
+        table.rows = vec![vec![TableEntry::text("=x|y"), TableEntry::number(-1.25, 1)]; rows];
         table
     }
 
     #[test]
     fn a_short_table_is_a_float_no_wider_than_the_text() {
         let mut table = table(39);
-        table.rows.push(vec![Entry::text("z"), Entry::Missing("no seed completed".to_owned())]);
+        table
+            .rows
+            .push(vec![TableEntry::text("z"), TableEntry::Missing("no seed completed".to_owned())]);
         let written = latex(&table);
         assert!(written.starts_with("% Needs \\usepackage{booktabs,graphicx}.\n"));
         assert!(written.contains("\\caption{A \\& B}"));
@@ -170,7 +172,7 @@ mod tests {
     fn a_table_says_what_its_letters_need() {
         let first = |text: &str| {
             let mut table = table(1);
-            table.rows.push(vec![Entry::text(text), Entry::number(1.0, 1)]);
+            table.rows.push(vec![TableEntry::text(text), TableEntry::number(1.0, 1)]);
             let written = latex(&table);
             written.lines().take_while(|line| line.starts_with('%')).collect::<Vec<_>>().join("|")
         };
@@ -196,13 +198,13 @@ mod tests {
     fn a_wider_long_table_has_smaller_letters_or_lies_across_the_page() {
         let of = |letters: usize| {
             let mut table = table(41);
-            table.rows[7][0] = Entry::text("m".repeat(letters));
+            table.rows[7][0] = TableEntry::text("m".repeat(letters));
             setting(&table)
         };
         assert_eq!([of(10), of(105)], [("footnotesize", false), ("scriptsize", false)]);
         assert_eq!([of(130), of(180)], [("footnotesize", true), ("scriptsize", true)]);
         let mut wide = table(41);
-        wide.rows[7][0] = Entry::text("m".repeat(130));
+        wide.rows[7][0] = TableEntry::text("m".repeat(130));
         assert!(latex(&wide).starts_with("% Needs \\usepackage{booktabs,longtable,pdflscape}.\n"));
         assert!(latex(&wide).ends_with("\\endgroup\n\\end{landscape}\n"));
     }

@@ -28,7 +28,7 @@ mod tables;
 mod winner;
 mod words;
 
-pub use assemble::{AssembleError, Work, assemble};
+pub use assemble::{AssembleError, AssemblyWork, assemble};
 pub use data_table::rounded;
 pub use document::{ReportFigure, ReportFile, figures, report};
 pub use environment_words::Words;
@@ -38,4 +38,4 @@ pub use page::Hosts;
 pub use race::ReportedRace;
 pub use section::{ReportedExperiment, no_experiment};
 pub use split::splits;
-pub use table::{Line, summary_table};
+pub use table::{SummaryLine, summary_table};

@@ -1,7 +1,7 @@
 //! The race of a search in the report: which arm left when and why, the winner as a table for other manifests, its
 //! return on fresh seeds, and what a grid would have cost. [`super::race_figure`] draws it.
 
-use super::data_table::{DataTable, Entry};
+use super::data_table::{DataTable, TableEntry};
 use super::kinds::{amount, ends, gap, gap_ends};
 use super::race_context::{RaceContext, end, known, mean_of};
 use super::race_figure::{caption, race_figure};
@@ -12,7 +12,7 @@ use crate::analyse::{Interval, Undefined, mean_interval, paired_t_test};
 use crate::job::{Measure, counted};
 use crate::key::{Parameter, printable, shortened};
 use crate::manifest::{Leaving, Manifest, Search};
-use crate::plan::{Cost, Entrant, Outcome, Races, Reference, Rung};
+use crate::plan::{Cost, Entrant, RaceOutcome, Races, Reference, Rung};
 use crate::store::{Reader, StoreError};
 
 /// The races of an experiment.
@@ -198,11 +198,11 @@ impl RaceContext<'_> {
     }
 
     /// One row per arm.
-    fn rows(&self) -> Vec<Vec<Entry>> {
+    fn rows(&self) -> Vec<Vec<TableEntry>> {
         self.race.arms().into_iter().map(|arm| self.row(arm)).collect()
     }
 
-    fn row(&self, (rung, of, entrant): (usize, &Rung, &Entrant)) -> Vec<Entry> {
+    fn row(&self, (rung, of, entrant): (usize, &Rung, &Entrant)) -> Vec<TableEntry> {
         let mean = entrant.mean().ok_or("not complete");
         let course = self.race.course(entrant.arm);
         let lead = entrant.lead;
@@ -214,24 +214,24 @@ impl RaceContext<'_> {
         };
         let of_rung = |rung: usize| {
             let known = course.iter().find(|(at, _)| *at == rung);
-            Entry::of(known.and_then(|(_, one)| one.mean()).ok_or("not in the rung"), 1)
+            TableEntry::of(known.and_then(|(_, one)| one.mean()).ok_or("not in the rung"), 1)
         };
         let row = vec![
-            Entry::text(&self.race.agent),
-            Entry::number(entrant.arm as f64 + 1.0, 0),
-            Entry::text(self.settings(entrant.arm)),
-            Entry::number(rung as f64 + 1.0, 0),
-            Entry::number(of.seeds as f64, 0),
-            Entry::of(mean, 1),
-            Entry::of(lead.map(|lead| lead.mean).ok_or(none), 1),
+            TableEntry::text(&self.race.agent),
+            TableEntry::number(entrant.arm as f64 + 1.0, 0),
+            TableEntry::text(self.settings(entrant.arm)),
+            TableEntry::number(rung as f64 + 1.0, 0),
+            TableEntry::number(of.seeds as f64, 0),
+            TableEntry::of(mean, 1),
+            TableEntry::of(lead.map(|lead| lead.mean).ok_or(none), 1),
             match (lead, interval) {
-                (None, _) => Entry::Missing(none.to_owned()),
-                (_, Ok(interval)) => Entry::text(ends(interval, self.metric)),
-                (_, Err(reason)) => Entry::Missing(reason.to_string()),
+                (None, _) => TableEntry::Missing(none.to_owned()),
+                (_, Ok(interval)) => TableEntry::text(ends(interval, self.metric)),
+                (_, Err(reason)) => TableEntry::Missing(reason.to_string()),
             },
             low(interval),
             high(interval),
-            Entry::text(end(entrant.fate, of.entrants.len())),
+            TableEntry::text(end(entrant.fate, of.entrants.len())),
         ];
         row.into_iter().chain((0..self.search.rungs.len()).map(of_rung)).collect()
     }
@@ -242,8 +242,8 @@ impl RaceContext<'_> {
         let share = 100.0 * work as f64 / (grid_work as f64).max(1.0);
         let [jobs, grid_jobs] = [jobs, grid_jobs].map(|jobs| counted(jobs, "job"));
         let has = match self.race.outcome {
-            Outcome::Running => format!("So far, the race has {jobs}"),
-            Outcome::Won { .. } | Outcome::Lost => format!("The race took {jobs}"),
+            RaceOutcome::Running => format!("So far, the race has {jobs}"),
+            RaceOutcome::Won { .. } | RaceOutcome::Lost => format!("The race took {jobs}"),
         };
         format!(
             "{has} and {share:.0} % of the work of a grid of its settings with all of its seeds, which has {grid_jobs}"

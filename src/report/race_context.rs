@@ -4,7 +4,7 @@ use crate::analyse::{Moments, Undefined};
 use crate::job::{Measure, Score, short_beside};
 use crate::key::{Parameter, Value, printable, shortened};
 use crate::manifest::{Manifest, Search};
-use crate::plan::{Fate, Outcome, Race, Reference};
+use crate::plan::{Fate, Race, RaceOutcome, Reference};
 
 /// Values by the place of the seed in the list of seeds.
 pub type BySeed = Vec<(usize, f64)>;
@@ -21,7 +21,7 @@ pub struct RaceContext<'r> {
 impl RaceContext<'_> {
     /// The arm that has won, its values in the race, and its fresh values.
     pub fn won(&self) -> Option<(usize, Vec<f64>, BySeed)> {
-        let Outcome::Won { arm, fresh } = &self.race.outcome else { return None };
+        let RaceOutcome::Won { arm, fresh } = &self.race.outcome else { return None };
         let last = self.race.rungs.last()?;
         let winner = last.entrants.iter().find(|one| one.arm == *arm)?;
         Some((*arm, winner.values.clone(), known(fresh)))

@@ -5,8 +5,8 @@
 //! each other, and the means of the race with each other.
 
 use super::figure::{
-    Axis, AxisScale, COLORS, Chart, DASHES, FAINT, INK, Line, Look, MOST_ARMS, Marker, Numbers,
-    Place, Spread, Style, axes, draw, seeds,
+    Axis, AxisScale, COLORS, Chart, DASHES, FAINT, INK, Line, Look, MOST_ARMS, Marker,
+    NumberFormat, Place, Spread, Style, axes, draw, seeds,
 };
 use super::kinds::{amount, metric_words, spread};
 use super::race_context::{RaceContext, end, known, mean_of};
@@ -15,7 +15,7 @@ use crate::analyse::mean_interval;
 use crate::job::{Measure, Score, counted};
 use crate::key::shortened;
 use crate::manifest::FigureKeys;
-use crate::plan::{Entrant, Fate, Outcome, Rung};
+use crate::plan::{Entrant, Fate, RaceOutcome, Rung};
 
 /// Height in mm: the best of many arms are close to each other, beside the worst.
 const HEIGHT: f64 = 100.0;
@@ -43,8 +43,8 @@ pub(super) fn race_figure(context: &RaceContext<'_>) -> Option<Scene> {
         return None;
     }
     let reached = match race.outcome {
-        Outcome::Running => search.rungs.len(),
-        Outcome::Won { .. } | Outcome::Lost => race.rungs.len(),
+        RaceOutcome::Running => search.rungs.len(),
+        RaceOutcome::Won { .. } | RaceOutcome::Lost => race.rungs.len(),
     };
     let rungs: Vec<f64> = search.rungs.iter().take(reached).map(|seeds| *seeds as f64).collect();
     let mut lines = across(context, &rungs);
@@ -59,9 +59,11 @@ pub(super) fn race_figure(context: &RaceContext<'_>) -> Option<Scene> {
     let note = format!("Blue: {blue}; grey: left the race; dashed: fresh seeds.");
     let charts = [Chart { heading, description, lines, note }];
     let style = Style::of(&FigureKeys { height: Some(HEIGHT), ..FigureKeys::default() });
-    let x = (title.to_owned(), Numbers::Plain, AxisScale::Log);
+    let x = (title.to_owned(), NumberFormat::Plain, AxisScale::Log);
     let (_, y) = axes(&charts, x, context.metric, &style);
-    let x = Axis::logarithmic(title.to_owned(), &rungs, Numbers::Plain).padded().with_marked(rungs);
+    let x = Axis::logarithmic(title.to_owned(), &rungs, NumberFormat::Plain)
+        .padded()
+        .with_marked(rungs);
     draw(&charts, &(x, y), &style).pop()
 }
 
@@ -117,8 +119,8 @@ fn left() -> Color {
 /// The means on fresh seeds, from the first to the last of these rungs: of the winner, and of agents without draws.
 fn across(context: &RaceContext<'_>, rungs: &[f64]) -> Vec<Line> {
     let winner = match &context.race.outcome {
-        Outcome::Won { arm, fresh } => Some((format!("arm {}", arm + 1), IN_RACE, &fresh[..])),
-        Outcome::Running | Outcome::Lost => None,
+        RaceOutcome::Won { arm, fresh } => Some((format!("arm {}", arm + 1), IN_RACE, &fresh[..])),
+        RaceOutcome::Running | RaceOutcome::Lost => None,
     };
     let references = context.references.iter();
     let references = references.map(|one| (context.label(&one.agent), INK, &one.fresh[..]));
@@ -152,7 +154,7 @@ mod tests {
     use crate::job::metric::MEAN_RETURN;
     use crate::manifest::parse;
     use crate::plan::{Races, jobs};
-    use crate::report::scene::{Shape, Stroke};
+    use crate::report::scene::{SceneShape, Stroke};
 
     const TEXT: &str = r#"
 format = 1
@@ -198,8 +200,8 @@ rule = "never"
 
     /// The lines of a colour that belong to a series: the number of points, and whether they are dashed.
     fn lines(scene: &Scene, color: Color) -> Vec<(usize, bool)> {
-        let line = |shape: &Shape| match shape {
-            Shape::Line { points, stroke: Stroke { color: found, dash, .. } } => {
+        let line = |shape: &SceneShape| match shape {
+            SceneShape::Line { points, stroke: Stroke { color: found, dash, .. } } => {
                 (*found == color).then_some((points.len(), dash.is_some()))
             }
             _ => None,
@@ -210,7 +212,7 @@ rule = "never"
 
     fn texts(scene: &Scene) -> Vec<&str> {
         let texts = scene.marks.iter().filter_map(|mark| match &mark.shape {
-            Shape::Text { text, .. } => Some(text.as_str()),
+            SceneShape::Text { text, .. } => Some(text.as_str()),
             _ => None,
         });
         texts.collect()

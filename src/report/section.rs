@@ -104,7 +104,7 @@ pub fn no_experiment(store: &str, name: &str, known: &[&str]) -> String {
 }
 
 /// A finding in displayed form.
-pub struct Shown<'e> {
+pub struct ShownFinding<'e> {
     pub finding: &'e Finding,
     pub stem: String,
     pub scenes: Vec<(String, Scene)>,
@@ -137,11 +137,11 @@ pub struct ArmTables {
 }
 
 /// An experiment in displayed form.
-pub struct Section<'e> {
+pub struct ReportSection<'e> {
     pub experiment: &'e ReportedExperiment,
     /// Its place on the page.
     pub anchor: String,
-    pub shown: Vec<Shown<'e>>,
+    pub shown: Vec<ShownFinding<'e>>,
     pub race: Option<ShownRace<'e>>,
     pub tables: ArmTables,
     pub legend: Legend,

@@ -8,7 +8,7 @@ use crate::plan::Swept;
 
 /// One line of the summary: the words that identify the arm, then its numbers.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Line {
+pub struct SummaryLine {
     /// Agent, scenario, the headline key of the environment where there is one, and the swept parameters, in the
     /// order of the columns.
     pub arm: Vec<String>,
@@ -22,7 +22,7 @@ pub struct Line {
 
 /// The names of the columns that identify arms, and one line per arm with an ended seed. `swept`
 /// holds the further parameters that the experiment sweeps.
-pub fn summary_table(arms: &[ArmSummary], swept: &Swept) -> (Vec<String>, Vec<Line>) {
+pub fn summary_table(arms: &[ArmSummary], swept: &Swept) -> (Vec<String>, Vec<SummaryLine>) {
     let names = swept.names();
     let mut columns: Vec<String> = ["agent", "scenario"].map(str::to_owned).to_vec();
     let headline = arms.iter().find_map(|arm| arm.headline).map(|(key, _)| key);
@@ -42,7 +42,7 @@ pub fn summary_table(arms: &[ArmSummary], swept: &Swept) -> (Vec<String>, Vec<Li
             let value = value.filter(|_| swept.is_of(&arm.agent, name));
             value.map_or_else(String::new, |(_, value)| shortened(&value.to_string()))
         }));
-        Line {
+        SummaryLine {
             arm: words,
             seeds: match (summary.returns.n(), summary.declared()) {
                 (seeds, declared) if seeds == declared => seeds.to_string(),

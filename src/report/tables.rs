@@ -1,7 +1,7 @@
 //! Tables that belong to no kind of analysis, and entries that all tables use.
 
-use super::data_table::{DataTable, Entry, shown, shown_ends};
-use super::figure::{Numbers, arm_key, settings_key};
+use super::data_table::{DataTable, TableEntry, shown, shown_ends};
+use super::figure::{NumberFormat, arm_key, settings_key};
 use super::names::Names;
 use super::words::unit_numbers;
 use crate::analyse::declared::{ArmId, Comparison, Reproduction, varying};
@@ -10,33 +10,38 @@ use crate::job::{MetricUnit, Scalar};
 use crate::record::{JobRecord, JobStatus};
 
 /// The name of an arm.
-pub fn arm(name: &ArmId, names: &Names) -> Entry {
-    Entry::name(arm_key(name), names.label(name))
+pub fn arm(name: &ArmId, names: &Names) -> TableEntry {
+    TableEntry::name(arm_key(name), names.label(name))
 }
 
 /// A number in its displayed unit.
-pub fn in_unit(value: Result<f64, Undefined>, unit: impl Into<MetricUnit>) -> Entry {
+pub fn in_unit(value: Result<f64, Undefined>, unit: impl Into<MetricUnit>) -> TableEntry {
     match (value, unit_numbers(unit)) {
-        (Ok(value), (Numbers::Percent, decimals)) => {
-            Entry::Number { value, shown: shown(value * 100.0, decimals) }
+        (Ok(value), (NumberFormat::Percent, decimals)) => {
+            TableEntry::Number { value, shown: shown(value * 100.0, decimals) }
         }
-        (value, (_, decimals)) => Entry::of(value, decimals.max(1)),
+        (value, (_, decimals)) => TableEntry::of(value, decimals.max(1)),
     }
 }
 
 /// An interval in displayed form.
-pub fn between(interval: Result<Interval, Undefined>, unit: impl Into<MetricUnit>) -> Entry {
+pub fn between(interval: Result<Interval, Undefined>, unit: impl Into<MetricUnit>) -> TableEntry {
     match unit_numbers(unit) {
-        (Numbers::Percent, decimals) => scaled(interval, (100.0, decimals)),
-        (Numbers::Plain, decimals) => scaled(interval, (1.0, decimals.max(1))),
+        (NumberFormat::Percent, decimals) => scaled(interval, (100.0, decimals)),
+        (NumberFormat::Plain, decimals) => scaled(interval, (1.0, decimals.max(1))),
     }
 }
 
 /// The ends of an interval, times a factor.
-pub fn scaled(interval: Result<Interval, Undefined>, (factor, decimals): (f64, usize)) -> Entry {
+pub fn scaled(
+    interval: Result<Interval, Undefined>,
+    (factor, decimals): (f64, usize),
+) -> TableEntry {
     match interval {
-        Ok(Interval { low, high }) => Entry::text(range(factor * low, factor * high, decimals)),
-        Err(reason) => Entry::Missing(reason.to_string()),
+        Ok(Interval { low, high }) => {
+            TableEntry::text(range(factor * low, factor * high, decimals))
+        }
+        Err(reason) => TableEntry::Missing(reason.to_string()),
     }
 }
 
@@ -46,13 +51,13 @@ pub fn range(low: f64, high: f64, decimals: usize) -> String {
 }
 
 /// The lower end of an interval.
-pub fn low(interval: Result<Interval, Undefined>) -> Entry {
-    Entry::of(interval.map(|interval| interval.low), 1)
+pub fn low(interval: Result<Interval, Undefined>) -> TableEntry {
+    TableEntry::of(interval.map(|interval| interval.low), 1)
 }
 
 /// The upper end of an interval.
-pub fn high(interval: Result<Interval, Undefined>) -> Entry {
-    Entry::of(interval.map(|interval| interval.high), 1)
+pub fn high(interval: Result<Interval, Undefined>) -> TableEntry {
+    TableEntry::of(interval.map(|interval| interval.high), 1)
 }
 
 /// The reason why the mean of this many seeds has no confidence interval.
@@ -91,46 +96,47 @@ pub fn reproduction(reproduction: &Reproduction) -> DataTable {
     table
 }
 
-fn comparison(one: &Comparison) -> Vec<Entry> {
+fn comparison(one: &Comparison) -> Vec<TableEntry> {
     let settings = one.settings.iter().map(|(name, value)| format!("{name}={value}"));
     let is_rate = one.is_rate();
     let decimals = if is_rate { 4 } else { 1 };
     let interval = one.agreement.as_ref().map(|agreement| agreement.interval).map_err(|e| *e);
     vec![
-        Entry::text(&one.subject),
-        Entry::text(&one.agent),
-        Entry::text(&one.scenario),
-        Entry::text(settings.collect::<Vec<_>>().join(" ")),
-        Entry::number(one.published, decimals),
-        Entry::of(one.published_error, decimals),
-        one.published_p.map_or_else(|| Entry::Missing("none".to_owned()), |p| Entry::number(p, 5)),
-        Entry::of(one.ours, decimals),
-        Entry::of(one.our_error, decimals),
-        Entry::number(one.seeds as f64, 0),
-        Entry::of(one.agreement.as_ref().map(|agreement| agreement.difference), decimals),
+        TableEntry::text(&one.subject),
+        TableEntry::text(&one.agent),
+        TableEntry::text(&one.scenario),
+        TableEntry::text(settings.collect::<Vec<_>>().join(" ")),
+        TableEntry::number(one.published, decimals),
+        TableEntry::of(one.published_error, decimals),
+        one.published_p
+            .map_or_else(|| TableEntry::Missing("none".to_owned()), |p| TableEntry::number(p, 5)),
+        TableEntry::of(one.ours, decimals),
+        TableEntry::of(one.our_error, decimals),
+        TableEntry::number(one.seeds as f64, 0),
+        TableEntry::of(one.agreement.as_ref().map(|agreement| agreement.difference), decimals),
         scaled(interval, (1.0, decimals)),
         low(interval),
         high(interval),
-        Entry::text(match &one.agreement {
+        TableEntry::text(match &one.agreement {
             Ok(agreement) => match agreement.verdict {
                 Verdict::Inside => "inside".to_owned(),
                 Verdict::Outside => "outside".to_owned(),
             },
             Err(reason) => reason.to_string(),
         }),
-        Entry::of(
+        TableEntry::of(
             one.agreement.as_ref().map(|one| one.equivalence_bound).map_err(|e| *e),
             decimals,
         ),
         match one.margin {
-            Some(margin) => Entry::number(margin, decimals),
-            None => Entry::Missing("no margin declared".to_owned()),
+            Some(margin) => TableEntry::number(margin, decimals),
+            None => TableEntry::Missing("no margin declared".to_owned()),
         },
         match (one.margin, one.is_equivalent()) {
-            (None, _) => Entry::Missing("no margin declared".to_owned()),
-            (Some(_), Some(true)) => Entry::text("yes"),
-            (Some(_), Some(false)) => Entry::text("not shown"),
-            (Some(_), None) => Entry::Missing("not compared".to_owned()),
+            (None, _) => TableEntry::Missing("no margin declared".to_owned()),
+            (Some(_), Some(true)) => TableEntry::text("yes"),
+            (Some(_), Some(false)) => TableEntry::text("not shown"),
+            (Some(_), None) => TableEntry::Missing("not compared".to_owned()),
         },
     ]
 }
@@ -158,19 +164,19 @@ pub fn failures<'j>(experiments: impl Iterator<Item = (&'j str, &'j [JobRecord])
     table
 }
 
-fn failed(experiment: &str, job: &JobRecord, told_by: &[String]) -> Option<Vec<Entry>> {
+fn failed(experiment: &str, job: &JobRecord, told_by: &[String]) -> Option<Vec<TableEntry>> {
     let JobStatus::Failed(failure) = &job.status else { return None };
     let setting = |name: &String| Some((name.clone(), job.setting(name)?.clone()));
     let settings: Vec<(String, Scalar)> = told_by.iter().filter_map(setting).collect();
     Some(vec![
-        Entry::text(experiment),
-        Entry::text(&*job.agent),
-        Entry::text(&job.scenario),
-        Entry::text(settings_key(&settings)),
-        Entry::number(job.seed as f64, 0),
-        Entry::text(failure.kind.word()),
-        Entry::text(&failure.message),
-        Entry::number(f64::from(failure.episode), 0),
-        Entry::text(job.job_key.to_string()),
+        TableEntry::text(experiment),
+        TableEntry::text(&*job.agent),
+        TableEntry::text(&job.scenario),
+        TableEntry::text(settings_key(&settings)),
+        TableEntry::number(job.seed as f64, 0),
+        TableEntry::text(failure.kind.word()),
+        TableEntry::text(&failure.message),
+        TableEntry::number(f64::from(failure.episode), 0),
+        TableEntry::text(job.job_key.to_string()),
     ])
 }

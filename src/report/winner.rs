@@ -4,7 +4,7 @@
 //! from the whole store, because another experiment runs them.
 
 use super::kinds::{amount, ends, gap, gap_ends};
-use crate::analyse::declared::{Arm, ArmId, Candidate, Content, Finding, Ranking, is_at};
+use crate::analyse::declared::{Arm, ArmId, Candidate, Finding, FindingContent, Ranking, is_at};
 use crate::analyse::{Interval, Sample, Undefined};
 use crate::job::{Job, Measure, PlannedJob, counted};
 use crate::key::{printable, shortened};
@@ -22,7 +22,7 @@ pub fn winners(
     findings: &[Finding],
 ) -> Result<Vec<Option<String>>, StoreError> {
     let of_one = |(analysis, finding): (&Analysis, &Finding)| {
-        let (AnalysisKind::Selection(selection), Content::Selection(rankings)) =
+        let (AnalysisKind::Selection(selection), FindingContent::Selection(rankings)) =
             (&analysis.kind, &finding.content)
         else {
             return Ok(None);

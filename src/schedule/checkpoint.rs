@@ -41,7 +41,7 @@ const MOST_HALVINGS: u32 = 4;
 
 /// An attempt at a job.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) struct Attempt {
+pub(super) struct RunAttempt {
     /// Its number, from 1.
     pub(super) number: u32,
     /// See [`Claim::deaths`](crate::store::Claim::deaths).
@@ -77,15 +77,15 @@ pub enum CheckpointNote {
 
 /// A file of the folder.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub(super) struct Entry {
+pub(super) struct FolderEntry {
     pub(super) key: JobKey,
     pub(super) attempt: u32,
-    pub(super) form: Form,
+    pub(super) form: FileForm,
 }
 
 /// What a file is.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Form {
+pub(super) enum FileForm {
     /// A checkpoint.
     Whole,
     /// The file is being written, or a process was killed while writing it.
@@ -94,29 +94,29 @@ pub(super) enum Form {
     Curve,
 }
 
-impl Entry {
+impl FolderEntry {
     fn name(&self) -> String {
-        let Entry { key, attempt, form } = self;
+        let FolderEntry { key, attempt, form } = self;
         let form = match form {
-            Form::Whole => "checkpoint",
-            Form::Unfinished => "unfinished",
-            Form::Curve => "curve",
+            FileForm::Whole => "checkpoint",
+            FileForm::Unfinished => "unfinished",
+            FileForm::Curve => "curve",
         };
         store::checkpoint_name(&key.to_string(), *attempt, form)
     }
 
     /// The entry with this file name; `None` for other files.
-    fn parse(name: &str) -> Option<Entry> {
+    fn parse(name: &str) -> Option<FolderEntry> {
         let mut parts = name.split('.');
         let key = u128::from_str_radix(parts.next()?, 16).ok()?;
         let attempt = parts.next()?.parse().ok()?;
         let form = match parts.next()? {
-            "checkpoint" => Form::Whole,
-            "unfinished" => Form::Unfinished,
-            "curve" => Form::Curve,
+            "checkpoint" => FileForm::Whole,
+            "unfinished" => FileForm::Unfinished,
+            "curve" => FileForm::Curve,
             _ => return None,
         };
-        let entry = Entry { key: JobKey(key.to_be_bytes()), attempt, form };
+        let entry = FolderEntry { key: JobKey(key.to_be_bytes()), attempt, form };
         (entry.name() == name).then_some(entry)
     }
 }
@@ -144,7 +144,7 @@ impl CheckpointFolder {
         for (entry, state) in entries.iter().zip(states) {
             let over = match state {
                 JobState::Completed | JobState::Failed => true,
-                JobState::Pending | JobState::Interrupted => entry.form != Form::Whole,
+                JobState::Pending | JobState::Interrupted => entry.form != FileForm::Whole,
                 JobState::Running => false,
             };
             if over {
@@ -157,11 +157,11 @@ impl CheckpointFolder {
 
     /// The latest complete checkpoint of each job.
     pub fn latest(&self) -> Vec<(JobKey, PathBuf)> {
-        self.latest_of(Form::Whole)
+        self.latest_of(FileForm::Whole)
     }
 
-    fn latest_of(&self, form: Form) -> Vec<(JobKey, PathBuf)> {
-        let mut latest: HashMap<JobKey, Entry> = HashMap::new();
+    fn latest_of(&self, form: FileForm) -> Vec<(JobKey, PathBuf)> {
+        let mut latest: HashMap<JobKey, FolderEntry> = HashMap::new();
         for entry in self.entries().into_iter().filter(|entry| entry.form == form) {
             match latest.get(&entry.key) {
                 Some(other) if other.attempt > entry.attempt => {}
@@ -173,12 +173,12 @@ impl CheckpointFolder {
 
     /// The curves of running jobs, of the latest attempt at each. Curves of killed processes may be among them.
     pub fn curves(&self) -> Vec<(JobKey, PathBuf)> {
-        self.latest_of(Form::Curve)
+        self.latest_of(FileForm::Curve)
     }
 
     /// Removes the curves of jobs whose processes are known to be dead.
     pub fn forget_curves(&self, is_dead: impl Fn(&JobKey) -> bool) {
-        self.remove_where(|entry| entry.form == Form::Curve && is_dead(&entry.key));
+        self.remove_where(|entry| entry.form == FileForm::Curve && is_dead(&entry.key));
     }
 
     /// Copies a job's checkpoint from another store, for the job's next run.
@@ -186,7 +186,7 @@ impl CheckpointFolder {
     /// **Errors**: the checkpoint cannot be copied.
     pub fn adopt(&self, key: &JobKey, checkpoint: &Path) -> io::Result<()> {
         // Attempts count from 1, so every checkpoint of this store is later.
-        let entry = Entry { key: *key, attempt: 0, form: Form::Whole };
+        let entry = FolderEntry { key: *key, attempt: 0, form: FileForm::Whole };
         self.write(&entry, &mut |out| io::copy(&mut File::open(checkpoint)?, out).map(drop))
     }
 
@@ -202,22 +202,22 @@ impl CheckpointFolder {
         self.remove_if_empty();
     }
 
-    fn remove_where(&self, is_meant: impl Fn(&Entry) -> bool) {
+    fn remove_where(&self, is_meant: impl Fn(&FolderEntry) -> bool) {
         self.entries().iter().filter(|entry| is_meant(entry)).for_each(|entry| self.remove(entry));
     }
 
     /// The files of the folder; empty if the folder cannot be read, which the next write reports.
-    fn entries(&self) -> Vec<Entry> {
+    fn entries(&self) -> Vec<FolderEntry> {
         let Ok(files) = fs::read_dir(&self.path) else { return Vec::new() };
         let names = files.flatten().map(|file| file.file_name());
-        names.filter_map(|name| Entry::parse(name.to_str()?)).collect()
+        names.filter_map(|name| FolderEntry::parse(name.to_str()?)).collect()
     }
 
-    fn file(&self, entry: &Entry) -> PathBuf {
+    fn file(&self, entry: &FolderEntry) -> PathBuf {
         self.path.join(entry.name())
     }
 
-    pub(super) fn remove(&self, entry: &Entry) {
+    pub(super) fn remove(&self, entry: &FolderEntry) {
         // Another process may already have removed the file; the next clearing removes a file that remains.
         let _ = fs::remove_file(self.file(entry));
     }
@@ -227,8 +227,8 @@ impl CheckpointFolder {
     }
 
     /// Writes a file completely, or leaves the previous file unchanged.
-    fn write(&self, entry: &Entry, write: &mut WriteCheckpoint<'_>) -> io::Result<()> {
-        let unfinished = Entry { form: Form::Unfinished, ..entry.clone() };
+    fn write(&self, entry: &FolderEntry, write: &mut WriteCheckpoint<'_>) -> io::Result<()> {
+        let unfinished = FolderEntry { form: FileForm::Unfinished, ..entry.clone() };
         let written = self.create(&unfinished).and_then(|mut file| {
             write(&mut file)?;
             file.sync_all()?;
@@ -244,12 +244,12 @@ impl CheckpointFolder {
     }
 
     /// Creates a file in the place of a file that another process may still be writing.
-    pub(super) fn create_anew(&self, entry: &Entry) -> io::Result<File> {
+    pub(super) fn create_anew(&self, entry: &FolderEntry) -> io::Result<File> {
         self.remove(entry);
         self.create(entry)
     }
 
-    fn create(&self, entry: &Entry) -> io::Result<File> {
+    fn create(&self, entry: &FolderEntry) -> io::Result<File> {
         fs::create_dir_all(&self.path)?;
         match File::create(self.file(entry)) {
             // Another process found the folder empty and removed it.
@@ -333,7 +333,7 @@ impl Alarm {
 /// The keeper of one run's checkpoints.
 pub(super) struct Keeper<'a> {
     folder: &'a CheckpointFolder,
-    entry: Entry,
+    entry: FolderEntry,
     alarm: &'a Alarm,
     every: Duration,
     /// The time from the start or the latest checkpoint to the next one; `None` for the usual time.
@@ -348,14 +348,14 @@ impl<'a> Keeper<'a> {
     /// their events.
     pub(super) fn new(
         folder: &'a CheckpointFolder,
-        (key, attempt): (JobKey, Attempt),
+        (key, attempt): (JobKey, RunAttempt),
         (alarm, every): (&'a Alarm, Duration),
         report: &'a dyn Fn(CheckpointNote),
     ) -> Self {
         let halvings = attempt.deaths.checked_sub(1).map(|halvings| halvings.min(MOST_HALVINGS));
         let soon = halvings.map(|halvings| every.min(FIRST_AFTER_DEATH / 2_u32.pow(halvings)));
         alarm.set(soon.unwrap_or(every));
-        let entry = Entry { key, attempt: attempt.number, form: Form::Whole };
+        let entry = FolderEntry { key, attempt: attempt.number, form: FileForm::Whole };
         let (before, complained) = (Cell::new(Duration::ZERO), Cell::new(false));
         Keeper { folder, entry, alarm, every, soon: Cell::new(soon), report, before, complained }
     }
@@ -366,9 +366,9 @@ impl<'a> Keeper<'a> {
     }
 
     /// The checkpoints of earlier runs, latest first.
-    fn earlier(&self) -> Vec<Entry> {
+    fn earlier(&self) -> Vec<FolderEntry> {
         let mut earlier = self.folder.entries();
-        earlier.retain(|entry| entry.key == self.entry.key && entry.form == Form::Whole);
+        earlier.retain(|entry| entry.key == self.entry.key && entry.form == FileForm::Whole);
         earlier.sort_unstable_by_key(|entry| std::cmp::Reverse(entry.attempt));
         earlier
     }
@@ -395,7 +395,7 @@ impl Checkpoints for Keeper<'_> {
 
     fn keep(&self, write: &mut WriteCheckpoint<'_>) {
         let begun = Instant::now();
-        let Entry { key, attempt, .. } = &self.entry;
+        let FolderEntry { key, attempt, .. } = &self.entry;
         match self.folder.write(&self.entry, write) {
             Ok(()) => self.folder.remove_where(|e| e.key == *key && e.attempt < *attempt),
             Err(reason) => {
@@ -429,36 +429,36 @@ mod tests {
         (place, folder)
     }
 
-    fn entry(key: u8, attempt: u32) -> Entry {
-        Entry { key: JobKey([key; 16]), attempt, form: Form::Whole }
+    fn entry(key: u8, attempt: u32) -> FolderEntry {
+        FolderEntry { key: JobKey([key; 16]), attempt, form: FileForm::Whole }
     }
 
-    fn attempt(number: u32, deaths: u32) -> Attempt {
-        Attempt { number, deaths }
+    fn attempt(number: u32, deaths: u32) -> RunAttempt {
+        RunAttempt { number, deaths }
     }
 
-    fn write(folder: &CheckpointFolder, entry: &Entry) {
+    fn write(folder: &CheckpointFolder, entry: &FolderEntry) {
         folder.write(entry, &mut |out| out.write_all(b"state")).unwrap();
     }
 
     fn names(folder: &CheckpointFolder) -> Vec<String> {
-        let mut names: Vec<String> = folder.entries().iter().map(Entry::name).collect();
+        let mut names: Vec<String> = folder.entries().iter().map(FolderEntry::name).collect();
         names.sort_unstable();
         names
     }
 
     #[test]
     fn names_say_job_and_attempt_and_those_of_others_are_left_alone() {
-        let unfinished = Entry { form: Form::Unfinished, ..entry(0, 4_000_000_000) };
+        let unfinished = FolderEntry { form: FileForm::Unfinished, ..entry(0, 4_000_000_000) };
         for entry in [entry(0xab, 1), entry(1, 27), unfinished] {
-            assert_eq!(Entry::parse(&entry.name()), Some(entry));
+            assert_eq!(FolderEntry::parse(&entry.name()), Some(entry));
         }
         let key = "ab".repeat(16);
         for name in ["", "notes.txt", &key, &format!("{key}.1"), &format!("{key}.01.checkpoint")] {
-            assert_eq!(Entry::parse(name), None, "{name}");
+            assert_eq!(FolderEntry::parse(name), None, "{name}");
         }
         for name in [format!("{key}.1.checkpoint.bak"), format!("{key}.-1.checkpoint")] {
-            assert_eq!(Entry::parse(&name), None, "{name}");
+            assert_eq!(FolderEntry::parse(&name), None, "{name}");
         }
     }
 

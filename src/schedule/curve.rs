@@ -14,7 +14,7 @@ use std::time::Duration;
 use serde::{Deserialize, Serialize};
 
 use crate::job::CurvePoint;
-use crate::schedule::checkpoint::{CheckpointFolder, Entry};
+use crate::schedule::checkpoint::{CheckpointFolder, FolderEntry};
 use crate::train::TrainingProgress;
 
 /// Working time between two additions to a file: `jitai watch` looks as often.
@@ -35,7 +35,7 @@ struct Line {
 /// The file of one run; dropping it removes the file.
 pub(super) struct CurveFile<'a> {
     folder: &'a CheckpointFolder,
-    entry: Entry,
+    entry: FolderEntry,
     state: RefCell<State>,
 }
 
@@ -50,7 +50,7 @@ enum State {
 
 impl<'a> CurveFile<'a> {
     /// The file of a run; it does not exist before the first addition.
-    pub(super) fn new(folder: &'a CheckpointFolder, entry: Entry) -> Self {
+    pub(super) fn new(folder: &'a CheckpointFolder, entry: FolderEntry) -> Self {
         CurveFile { folder, entry, state: RefCell::new(State::Unbegun) }
     }
 
@@ -140,12 +140,12 @@ mod tests {
     use super::*;
     use crate::job::JobKey;
     use crate::job::metric::{EPSILON, MEAN_RETURN};
-    use crate::schedule::checkpoint::Form;
+    use crate::schedule::checkpoint::FileForm;
 
-    fn folder() -> (tempfile::TempDir, CheckpointFolder, Entry) {
+    fn folder() -> (tempfile::TempDir, CheckpointFolder, FolderEntry) {
         let place = tempfile::tempdir().unwrap();
         let folder = CheckpointFolder::beside(&place.path().join("s.sqlite"));
-        (place, folder, Entry { key: JobKey([7; 16]), attempt: 3, form: Form::Curve })
+        (place, folder, FolderEntry { key: JobKey([7; 16]), attempt: 3, form: FileForm::Curve })
     }
 
     fn progress(episode: u32, episodes: u32) -> TrainingProgress {

@@ -5,7 +5,7 @@
 use std::mem;
 use std::sync::atomic::{AtomicBool, Ordering};
 
-use super::queued::{Purpose, Queued};
+use super::queued::{Queued, QueuedFor};
 use crate::estimate::Estimation;
 use crate::job::{Estimates, Job, JobKey, Outcome};
 use crate::store::{Added, Reader, Store, StoreError, results_digest};
@@ -35,7 +35,7 @@ pub fn trains_again(job: &Job) -> bool {
 impl Queued {
     /// Whether a worker trains the job, and does not only read its decisions.
     pub fn trains(&self) -> bool {
-        self.purpose == Purpose::Run || trains_again(&self.job)
+        self.purpose == QueuedFor::Run || trains_again(&self.job)
     }
 }
 

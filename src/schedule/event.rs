@@ -5,7 +5,7 @@ use std::time::Duration;
 
 use crate::job::Outcome;
 use crate::schedule::checkpoint::CheckpointNote;
-use crate::schedule::queued::{Purpose, Queued};
+use crate::schedule::queued::{Queued, QueuedFor};
 use crate::train::TrainingProgress;
 
 /// An event of a sweep.
@@ -77,7 +77,7 @@ impl Event<'_> {
             | Event::Ended { queued, .. }
             | Event::Lost { queued, .. }
             | Event::Checkpoint { queued, .. }
-            | Event::Skipped { queued, .. } => queued.purpose == Purpose::Run,
+            | Event::Skipped { queued, .. } => queued.purpose == QueuedFor::Run,
             Event::FewerWorkers { .. } | Event::Tick { .. } => true,
         }
     }

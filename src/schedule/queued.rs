@@ -8,7 +8,7 @@ use crate::job::{EstimateDeclaration, Job, JobKey};
 
 /// What a job is in the queue for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Purpose {
+pub enum QueuedFor {
     /// A run.
     Run,
     /// The estimates that its completed run lacks.
@@ -29,7 +29,7 @@ pub struct Queued {
     /// The declared estimates of the decisions of its test or trial.
     pub estimates: Vec<Arc<EstimateDeclaration>>,
     /// What it is in the queue for.
-    pub purpose: Purpose,
+    pub purpose: QueuedFor,
     /// The folder of the job's manifest, in which an outside program starts.
     pub folder: PathBuf,
 }

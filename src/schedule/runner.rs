@@ -43,7 +43,7 @@ pub trait Caller: EventSink {
 impl<F: FnMut(Event<'_>)> Caller for F {}
 
 /// How a run of manifests ended.
-pub struct Ended<'a> {
+pub struct EndedRun<'a> {
     /// The numbers of jobs, and why it ended.
     pub end: End,
     /// The jobs, at the stage to which the races came.
@@ -82,7 +82,7 @@ pub fn run_manifests<'a>(
     mut options: Options,
     stop: &AtomicBool,
     caller: &mut dyn Caller,
-) -> Result<Option<Ended<'a>>, SweepError> {
+) -> Result<Option<EndedRun<'a>>, SweepError> {
     let mut selection = selection.at_stage(Some(&store.reader()?))?;
     let mut ran = 0;
     loop {
@@ -96,7 +96,7 @@ pub fn run_manifests<'a>(
             end = end.before_next_stage(options.on_failure);
         }
         if !goes_on || end.cause() != Cause::NothingLeft {
-            return Ok(Some(Ended { end, selection }));
+            return Ok(Some(EndedRun { end, selection }));
         }
         // A job that failed is not retried at the next stage.
         options.retry_failed = RetryFailed::No;

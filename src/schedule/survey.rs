@@ -10,7 +10,7 @@ use std::time::Duration;
 
 use super::checkpoint::CheckpointFolder;
 use super::programs::{ChangedPrograms, files};
-use super::queued::{Purpose, Queued};
+use super::queued::{Queued, QueuedFor};
 use super::selection::Selection;
 use crate::job::{JobKey, PlannedJob, Versions};
 use crate::manifest::Manifest;
@@ -201,7 +201,7 @@ impl<'a> Survey<'a> {
                         let (agent, folder) = (planned.agent.to_string(), manifest.folder());
                         let (job, folder) = (planned.job, folder.to_owned());
                         let estimates = manifest.estimates_of(&agent);
-                        let purpose = Purpose::Run;
+                        let purpose = QueuedFor::Run;
                         let queued =
                             Queued { key, agent, job, time_limit, estimates, purpose, folder };
                         queue.push(queued);
@@ -339,7 +339,7 @@ impl Remaining {
             }
             let estimates = reader.lacking_estimates(&queued.key, &queued.estimates)?;
             if !estimates.is_empty() {
-                lacking.push(Queued { estimates, purpose: Purpose::Estimates, ..queued });
+                lacking.push(Queued { estimates, purpose: QueuedFor::Estimates, ..queued });
             }
         }
         Ok(Remaining { queue, completed: completed.len(), lacking, failed, changed })

@@ -16,8 +16,8 @@ use crate::schedule::estimates::{Computed, Estimated};
 use crate::schedule::event::{Event, EventSink, Found};
 use crate::schedule::panic;
 use crate::schedule::programs;
-use crate::schedule::queued::{Purpose, Queued};
-use crate::schedule::worker::{Message, Report, Shared, Slot, Train, Work, Worker};
+use crate::schedule::queued::{Queued, QueuedFor};
+use crate::schedule::worker::{Report, Shared, Slot, Train, WorkDone, Worker, WorkerMessage};
 use crate::store::{
     Claim, Claimed, Finished, Isolation, RetryFailed, RunEnd, SessionId, Store, StoreError,
 };
@@ -296,7 +296,7 @@ struct Sweep<'scope, 'a> {
 }
 
 impl Sweep<'_, '_> {
-    fn run(mut self, inbox: &mpsc::Receiver<Message>) -> Result<Tally, StoreError> {
+    fn run(mut self, inbox: &mpsc::Receiver<WorkerMessage>) -> Result<Tally, StoreError> {
         self.store.release_dead_sessions(self.session)?;
         self.postpone_jobs_that_died()?;
         loop {
@@ -325,8 +325,8 @@ impl Sweep<'_, '_> {
                 return Ok(self.tally);
             }
             match inbox.recv_timeout(patience) {
-                Ok(Message::Ended(report)) => self.gather(*report),
-                Ok(Message::Noted { worker, note }) => {
+                Ok(WorkerMessage::Ended(report)) => self.gather(*report),
+                Ok(WorkerMessage::Noted { worker, note }) => {
                     let queued = self.workers[worker].job();
                     self.sink.on_event(Event::Checkpoint { worker, queued, note: &note });
                 }
@@ -420,7 +420,7 @@ impl Sweep<'_, '_> {
     ) -> Result<Option<(Queued, Option<Claim>)>, StoreError> {
         while *skips < SKIPS_AT_ONCE {
             let Some(queued) = self.waiting.pop_front() else { break };
-            if queued.purpose == Purpose::Estimates {
+            if queued.purpose == QueuedFor::Estimates {
                 return Ok(Some((queued, None)));
             }
             let retry = self.context.options.retry_failed;
@@ -447,8 +447,8 @@ impl Sweep<'_, '_> {
         let Report { worker, work, wall } = report;
         let (queued, claim) = self.workers[worker].finish();
         let end = match (work, claim) {
-            (Work::Ran(outcome), Some(claim)) => Ended::Ran(claim, outcome),
-            (Work::Estimated(computed), None) => Ended::Estimated(computed),
+            (WorkDone::Ran(outcome), Some(claim)) => Ended::Ran(claim, outcome),
+            (WorkDone::Estimated(computed), None) => Ended::Estimated(computed),
             _ => unreachable!("a worker with a claim runs, and one without estimates"),
         };
         if let (Ended::Ran(_, Outcome::Failed(_)), OnFailure::Stop) =

@@ -9,7 +9,7 @@ use std::time::Duration;
 
 use crate::job::{CurvePoint, EstimateDeclaration, Failure, FailureKind, Job, Outcome};
 use crate::schedule::checkpoint::{
-    Alarm, Attempt, CheckpointFolder, CheckpointNote, Entry, Form, Keeper, Stopwatch,
+    Alarm, CheckpointFolder, CheckpointNote, FileForm, FolderEntry, Keeper, RunAttempt, Stopwatch,
 };
 use crate::schedule::curve::{self, CurveFile};
 use crate::schedule::estimates::Computed;
@@ -56,7 +56,7 @@ impl Slot {
 }
 
 /// A message from a worker.
-pub(super) enum Message {
+pub(super) enum WorkerMessage {
     /// The worker's job has ended.
     Ended(Box<Report>),
     /// An event of a checkpoint of the worker's job.
@@ -66,13 +66,13 @@ pub(super) enum Message {
 /// The end of a job.
 pub(super) struct Report {
     pub(super) worker: usize,
-    pub(super) work: Work,
+    pub(super) work: WorkDone,
     /// The time that the job took, including the earlier runs that it resumed from.
     pub(super) wall: Duration,
 }
 
 /// What a worker has done.
-pub(super) enum Work {
+pub(super) enum WorkDone {
     /// It ran a job.
     Ran(Outcome),
     /// It computed the estimates that a job lacked.
@@ -91,13 +91,13 @@ pub(super) struct Shared<'a> {
     pub(super) store: &'a Path,
     /// The time between two checkpoints.
     pub(super) checkpoint_every: Duration,
-    pub(super) messages: mpsc::Sender<Message>,
+    pub(super) messages: mpsc::Sender<WorkerMessage>,
 }
 
 /// The coordinating thread's side of a worker.
 pub(super) struct Worker<'scope> {
     /// Jobs, with the attempts of their runs.
-    jobs: mpsc::Sender<(Queued, Option<Attempt>)>,
+    jobs: mpsc::Sender<(Queued, Option<RunAttempt>)>,
     slot: &'scope Arc<Slot>,
     holds: Option<(Queued, Option<Claim>)>,
 }
@@ -112,7 +112,7 @@ impl<'scope> Worker<'scope> {
         slot: &'scope Arc<Slot>,
         shared: Shared<'scope>,
     ) -> io::Result<Self> {
-        let (jobs, inbox) = mpsc::channel::<(Queued, Option<Attempt>)>();
+        let (jobs, inbox) = mpsc::channel::<(Queued, Option<RunAttempt>)>();
         let thread = thread::Builder::new().name(format!("worker {index}"));
         thread.spawn_scoped(scope, move || {
             // The loop ends when the sweep drops its end of the channel.
@@ -122,7 +122,7 @@ impl<'scope> Worker<'scope> {
                     Some(attempt) => work(index, (&queued, attempt), slot, &shared),
                     None => estimate(index, (&queued, &mut reader), slot, &shared),
                 };
-                if shared.messages.send(Message::Ended(Box::new(report))).is_err() {
+                if shared.messages.send(WorkerMessage::Ended(Box::new(report))).is_err() {
                     break;
                 }
             }
@@ -136,7 +136,7 @@ impl<'scope> Worker<'scope> {
 
     pub(super) fn start(&mut self, queued: Queued, claim: Option<Claim>) {
         self.slot.set(None);
-        let attempt = |claim: &Claim| Attempt { number: claim.attempt, deaths: claim.deaths };
+        let attempt = |claim: &Claim| RunAttempt { number: claim.attempt, deaths: claim.deaths };
         let job = (queued.clone(), claim.as_ref().map(attempt));
         self.jobs.send(job).expect("a worker lives as long as its sweep");
         self.holds = Some((queued, claim));
@@ -162,7 +162,7 @@ impl<'scope> Worker<'scope> {
 /// Trains a job.
 fn work(
     worker: usize,
-    (queued, attempt): (&Queued, Attempt),
+    (queued, attempt): (&Queued, RunAttempt),
     slot: &Arc<Slot>,
     shared: &Shared<'_>,
 ) -> Report {
@@ -175,12 +175,12 @@ fn work(
             slot.deadline.set(limit.saturating_sub(resumed.worked));
         }
         // A sweep that has ended early no longer receives messages.
-        let _ = shared.messages.send(Message::Noted { worker, note });
+        let _ = shared.messages.send(WorkerMessage::Noted { worker, note });
     };
     let clock = (&slot.checkpoint, shared.checkpoint_every);
     let keeper = Keeper::new(shared.folder, (*key, attempt), clock, &report);
     slot.curve.set(curve::EVERY);
-    let entry = Entry { key: *key, attempt: attempt.number, form: Form::Curve };
+    let entry = FolderEntry { key: *key, attempt: attempt.number, form: FileForm::Curve };
     let curve = CurveFile::new(shared.curves, entry);
     let keeps = Some(Keeps { keeper, curve });
     let control = SlotControl { slot, halt: shared.halt, keeps, estimates, folder };
@@ -190,7 +190,7 @@ fn work(
         }
         outcome => outcome,
     };
-    Report { worker, work: Work::Ran(outcome), wall: control.before() + slot.worked.look() }
+    Report { worker, work: WorkDone::Ran(outcome), wall: control.before() + slot.worked.look() }
 }
 
 /// Computes the estimates that a job lacks: reads its recorded decisions, or trains it again.
@@ -224,7 +224,7 @@ fn estimate(
             Err(error) => Computed::without(error.to_string()),
         }
     };
-    Report { worker, work: Work::Estimated(computed), wall: slot.worked.look() }
+    Report { worker, work: WorkDone::Estimated(computed), wall: slot.worked.look() }
 }
 
 struct SlotControl<'a> {

@@ -8,7 +8,7 @@ use crate::job::JobKey;
 
 use super::crash::{self, Record};
 use super::ending;
-use super::error::{Fault, StoreError};
+use super::error::{StoreError, StoreFault};
 use super::read::Reader;
 use super::session::{self, SessionId};
 use super::state::{JobState, state_sql};
@@ -188,7 +188,7 @@ fn begin_run(
     session: SessionId,
     job: i64,
     key: &JobKey,
-) -> Result<Claim, Fault> {
+) -> Result<Claim, StoreFault> {
     let deaths = crash::deaths(connection, job)?;
     let (run, attempt) = connection
         .prepare_cached(&format!(

@@ -10,7 +10,7 @@ use super::error::StoreError;
 use super::read::{Reader, holders};
 use super::seed_group::SeedGroups;
 use super::session::living_filters;
-use super::state::{Counts, JobState, States};
+use super::state::{Counts, JobState, RunStates};
 
 /// The number of an experiment's jobs in each state, and the jobs that remain to be done.
 #[derive(Clone, Debug, PartialEq)]
@@ -83,7 +83,7 @@ struct Counted {
 
 /// The counts of every experiment that has jobs, by row id.
 fn count(connection: &Connection) -> rusqlite::Result<HashMap<i64, Counted>> {
-    let states = States::read(connection, &holders(connection)?.alive)?;
+    let states = RunStates::read(connection, &holders(connection)?.alive)?;
     let mut content = connection.prepare_cached("SELECT canonical FROM job WHERE id = ?1")?;
     let mut counted: HashMap<i64, Counted> = HashMap::new();
     for_each_held(connection, |experiment, job| {

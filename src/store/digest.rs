@@ -16,7 +16,7 @@ const METRIC_IDS: &str = "SELECT id FROM metric_name NOT INDEXED ORDER BY name";
 
 /// What a digest covers.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Form {
+pub(super) enum DigestForm {
     /// All results.
     Whole,
     /// All but the tables for any environment: the form of release 0.1.0 for trials in the family `step_count`.
@@ -26,7 +26,7 @@ pub(super) enum Form {
 /// The digest of a run's results and its job's key. Equal results of the same job have the same digest in
 /// every store.
 pub(super) fn of_run(connection: &Connection, run: i64) -> rusqlite::Result<[u8; 32]> {
-    of_run_in(connection, run, Form::Whole)
+    of_run_in(connection, run, DigestForm::Whole)
 }
 
 /// The form in which a run's results have this digest; `None` if they have another digest.
@@ -34,16 +34,16 @@ pub(super) fn form_of(
     connection: &Connection,
     run: i64,
     stored: Option<[u8; 32]>,
-) -> rusqlite::Result<Option<Form>> {
+) -> rusqlite::Result<Option<DigestForm>> {
     if stored == Some(of_run(connection, run)?) {
-        return Ok(Some(Form::Whole));
+        return Ok(Some(DigestForm::Whole));
     }
     let is_earlier = may_leave_out_steps(connection, run)?
-        && stored == Some(of_run_in(connection, run, Form::WithoutSteps)?);
-    Ok(is_earlier.then_some(Form::WithoutSteps))
+        && stored == Some(of_run_in(connection, run, DigestForm::WithoutSteps)?);
+    Ok(is_earlier.then_some(DigestForm::WithoutSteps))
 }
 
-/// Whether the digest of a run can have the form [`Form::WithoutSteps`].
+/// Whether the digest of a run can have the form [`DigestForm::WithoutSteps`].
 pub(super) fn may_leave_out_steps(connection: &Connection, run: i64) -> rusqlite::Result<bool> {
     connection
         .prepare_cached(
@@ -58,7 +58,7 @@ pub(super) fn may_leave_out_steps(connection: &Connection, run: i64) -> rusqlite
 pub(super) fn of_run_in(
     connection: &Connection,
     run: i64,
-    form: Form,
+    form: DigestForm,
 ) -> rusqlite::Result<[u8; 32]> {
     let mut digest = ResultsDigest::new(&key_of(connection, run)?);
     for (table, statements) in digested() {
@@ -93,11 +93,11 @@ impl ResultsDigest {
     }
 
     /// Begins the next table; false if the digest does not cover it in this form.
-    pub(super) fn begin(&mut self, table: &ResultTable, form: Form) -> bool {
+    pub(super) fn begin(&mut self, table: &ResultTable, form: DigestForm) -> bool {
         match table.digest {
             InDigest::Marked => self.0.update("\n"),
             InDigest::Unmarked => {}
-            InDigest::UnmarkedSince => return form == Form::Whole,
+            InDigest::UnmarkedSince => return form == DigestForm::Whole,
             InDigest::No => return false,
         }
         true

@@ -21,7 +21,7 @@ use super::{earlier_manifest, estimate, file, schema};
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Diagnosis {
     /// The faults found; empty if the store is intact.
-    pub findings: Vec<Finding>,
+    pub findings: Vec<Discovery>,
     /// The number of completed runs.
     pub completed: u64,
     /// The number of completed runs that verify.
@@ -33,7 +33,7 @@ pub struct Diagnosis {
 
 /// A fault of the store.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Finding {
+pub struct Discovery {
     /// The faulty part: `file`, `schema`, `reference`, `job` or `run`.
     pub part: &'static str,
     /// The job concerned, if there is one.
@@ -197,7 +197,7 @@ pub fn examine(path: &Path, check_weights: CheckWeights<'_>) -> Result<Diagnosis
     let connection = match file::open_reader(path) {
         Ok((connection, _)) => connection,
         Err(StoreError::Damaged { reason, .. }) => {
-            let finding = Finding { part: "file", job_key: None, what: in_a_line(&reason) };
+            let finding = Discovery { part: "file", job_key: None, what: in_a_line(&reason) };
             return Ok(Diagnosis { findings: vec![finding], ..Diagnosis::default() });
         }
         Err(error) => return Err(error),
@@ -226,7 +226,7 @@ struct Examination<'a> {
 
 impl Examination<'_> {
     fn find(&mut self, part: &'static str, job_key: Option<String>, what: impl Into<String>) {
-        let finding = Finding { part, job_key, what: in_a_line(&what.into()) };
+        let finding = Discovery { part, job_key, what: in_a_line(&what.into()) };
         // Several checks can find the same damage. Damage that concerns no particular job is reported once.
         if finding.job_key.is_some() || !self.found.findings.contains(&finding) {
             self.found.findings.push(finding);

@@ -386,30 +386,30 @@ pub(super) fn is_damage(error: &rusqlite::Error) -> bool {
 
 /// A failure inside a transaction, before the path and the action are known.
 #[derive(Debug)]
-pub(super) enum Fault {
+pub(super) enum StoreFault {
     /// SQLite failed.
     Sqlite(rusqlite::Error),
     /// The store rejects the operation.
     Refused(StoreError),
 }
 
-impl Fault {
+impl StoreFault {
     pub(super) fn at(self, path: &Path, action: &'static str) -> StoreError {
         match self {
-            Fault::Sqlite(source) => StoreError::sqlite(path, action, source),
-            Fault::Refused(error) => error,
+            StoreFault::Sqlite(source) => StoreError::sqlite(path, action, source),
+            StoreFault::Refused(error) => error,
         }
     }
 }
 
-impl From<rusqlite::Error> for Fault {
+impl From<rusqlite::Error> for StoreFault {
     fn from(error: rusqlite::Error) -> Self {
-        Fault::Sqlite(error)
+        StoreFault::Sqlite(error)
     }
 }
 
-impl From<StoreError> for Fault {
+impl From<StoreError> for StoreFault {
     fn from(error: StoreError) -> Self {
-        Fault::Refused(error)
+        StoreFault::Refused(error)
     }
 }

@@ -10,7 +10,7 @@ use serde_json::{Value as Json, json};
 use crate::job::{CanonicalForm, EstimateDeclaration, JobKey, Versions};
 
 use super::earlier_manifest;
-use super::error::{Fault, StoreError};
+use super::error::{StoreError, StoreFault};
 use super::transaction::NOW;
 use super::writer::Store;
 
@@ -137,7 +137,7 @@ fn require_manifest(
     connection: &Connection,
     id: i64,
     experiment: &Experiment<'_>,
-) -> Result<(), Fault> {
+) -> Result<(), StoreFault> {
     let ours = connection
         .prepare_cached("SELECT manifest = ?2 FROM experiment WHERE id = ?1")?
         .query_row(params![id, experiment.manifest], |row| row.get(0))?;

@@ -68,7 +68,7 @@ fn exports(
 
 /// The documentation of a view's column.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Column {
+pub struct ViewColumn {
     /// The view.
     pub view: &'static str,
     /// The column.
@@ -82,7 +82,7 @@ pub struct Column {
 }
 
 /// The columns of all views, in order: the tables of `docs/store.md`.
-pub fn columns() -> impl Iterator<Item = Column> {
+pub fn columns() -> impl Iterator<Item = ViewColumn> {
     let mut view = "";
     REFERENCE.lines().filter_map(move |line| {
         if let Some(title) = line.strip_prefix("### ") {
@@ -92,7 +92,7 @@ pub fn columns() -> impl Iterator<Item = Column> {
         let cells: Vec<&'static str> = cells.split('|').map(str::trim).collect();
         let [name, kind, unit, meaning] = cells[..] else { return None };
         let is_header = name == "column" || name.starts_with("---");
-        (!is_header).then_some(Column { view, name, kind, unit, meaning })
+        (!is_header).then_some(ViewColumn { view, name, kind, unit, meaning })
     })
 }
 

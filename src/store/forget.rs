@@ -4,7 +4,7 @@ use rusqlite::{Connection, OptionalExtension};
 
 use super::error::StoreError;
 use super::read::{Reader, holders};
-use super::state::{Counts, JobState, States};
+use super::state::{Counts, JobState, RunStates};
 use super::tables::RESULT_TABLES;
 use super::writer::Store;
 
@@ -81,7 +81,7 @@ struct Held(Vec<(i64, JobState, bool)>);
 
 impl Held {
     fn read(connection: &Connection, experiment: i64) -> rusqlite::Result<Held> {
-        let states = States::read(connection, &holders(connection)?.alive)?;
+        let states = RunStates::read(connection, &holders(connection)?.alive)?;
         let mut statement = connection.prepare(
             "SELECT DISTINCT job, NOT EXISTS (SELECT 1 FROM experiment_job AS other
                 WHERE other.job = held.job AND other.experiment <> ?1)

@@ -74,7 +74,7 @@ pub enum QueryError {
 
 /// A value of a result.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Value<'a> {
+pub enum SqlValue<'a> {
     /// No value.
     Null,
     /// A whole number.
@@ -94,7 +94,7 @@ pub enum Answer<'a> {
     /// the SQL repeats, in upper or lower case, gets a number, as in `value_2`.
     Columns(&'a [&'a str]),
     /// A row, with one value per column.
-    Row(&'a [Value<'a>]),
+    Row(&'a [SqlValue<'a>]),
 }
 
 /// A handle that interrupts the running query of a [`Reader`] from any thread.
@@ -127,7 +127,7 @@ impl Reader {
     pub fn query_with(
         &self,
         sql: &str,
-        values: &[(Option<&str>, Value<'_>)],
+        values: &[(Option<&str>, SqlValue<'_>)],
         mut on_part: impl FnMut(Answer<'_>) -> ControlFlow<()>,
     ) -> Result<(), QueryError> {
         let mut statement = self.bound(sql, values)?;
@@ -164,7 +164,7 @@ impl Reader {
     pub fn repeated_name(
         &self,
         sql: &str,
-        values: &[(Option<&str>, Value<'_>)],
+        values: &[(Option<&str>, SqlValue<'_>)],
     ) -> Result<Option<String>, QueryError> {
         let statement = self.bound(sql, values)?;
         let names: Vec<&str> = statement.column_names().collect();
@@ -174,7 +174,7 @@ impl Reader {
     }
 
     /// The SQL with literals instead of parameters, for [`Reader::column_types`]: literals round numbers.
-    pub fn written_out(&self, sql: &str, values: &[(Option<&str>, Value<'_>)]) -> String {
+    pub fn written_out(&self, sql: &str, values: &[(Option<&str>, SqlValue<'_>)]) -> String {
         let bound = self.bound(sql, values).ok().and_then(|bound| bound.expanded_sql());
         bound.unwrap_or_else(|| sql.to_owned())
     }
@@ -183,7 +183,7 @@ impl Reader {
     fn bound(
         &self,
         sql: &str,
-        values: &[(Option<&str>, Value<'_>)],
+        values: &[(Option<&str>, SqlValue<'_>)],
     ) -> Result<Statement<'_>, QueryError> {
         let failed = |error| self.explain(error, sql);
         let mut statement = self.connection.prepare(sql).map_err(failed)?;
@@ -204,11 +204,11 @@ impl Reader {
                     })?,
             };
             let value = match *value {
-                Value::Null => ValueRef::Null,
-                Value::Integer(whole) => ValueRef::Integer(whole),
-                Value::Real(real) => ValueRef::Real(real),
-                Value::Text(text) => ValueRef::Text(text.as_bytes()),
-                Value::Blob(bytes) => ValueRef::Blob(bytes),
+                SqlValue::Null => ValueRef::Null,
+                SqlValue::Integer(whole) => ValueRef::Integer(whole),
+                SqlValue::Real(real) => ValueRef::Real(real),
+                SqlValue::Text(text) => ValueRef::Text(text.as_bytes()),
+                SqlValue::Blob(bytes) => ValueRef::Blob(bytes),
             };
             statement.raw_bind_parameter(index, ToSqlOutput::Borrowed(value)).map_err(failed)?;
         }
@@ -276,17 +276,17 @@ fn is_empty(statement: &Statement<'_>) -> bool {
     statement.expanded_sql().is_none()
 }
 
-fn values<'r>(row: &'r Row<'_>, columns: usize) -> rusqlite::Result<Vec<Value<'r>>> {
+fn values<'r>(row: &'r Row<'_>, columns: usize) -> rusqlite::Result<Vec<SqlValue<'r>>> {
     (0..columns)
         .map(|column| {
             Ok(match row.get_ref(column)? {
-                ValueRef::Null => Value::Null,
-                ValueRef::Integer(whole) => Value::Integer(whole),
-                ValueRef::Real(real) => Value::Real(real),
+                ValueRef::Null => SqlValue::Null,
+                ValueRef::Integer(whole) => SqlValue::Integer(whole),
+                ValueRef::Real(real) => SqlValue::Real(real),
                 ValueRef::Text(bytes) => {
-                    std::str::from_utf8(bytes).map_or(Value::Blob(bytes), Value::Text)
+                    std::str::from_utf8(bytes).map_or(SqlValue::Blob(bytes), SqlValue::Text)
                 }
-                ValueRef::Blob(bytes) => Value::Blob(bytes),
+                ValueRef::Blob(bytes) => SqlValue::Blob(bytes),
             })
         })
         .collect()

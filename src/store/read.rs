@@ -9,12 +9,12 @@ use crate::job::{CanonicalForm, Job, JobKey, Versions, seed_of, without_seed};
 use crate::job::{Failure, FailureKind};
 
 use super::command::{self, Command};
-use super::error::{Fault, StoreError};
+use super::error::{StoreError, StoreFault};
 use super::liveness::ProcessTable;
 use super::migrate::{self, SCHEMA_VERSION};
 use super::seed_group::SeedGroups;
 use super::session::{self, Holders};
-use super::state::{JobState, States, state_sql};
+use super::state::{JobState, RunStates, state_sql};
 use super::writer::Store;
 use super::{file, sandbox, schema, view};
 
@@ -133,7 +133,7 @@ impl Reader {
     /// Calls `see` with each job that has a run, and its state. All other jobs are pending.
     pub fn tried(&self, mut see: impl FnMut(JobKey, JobState)) -> Result<(), StoreError> {
         self.read("read the states of jobs", |connection| {
-            let states = States::read(connection, &holders(connection)?.alive)?;
+            let states = RunStates::read(connection, &holders(connection)?.alive)?;
             let mut statement = connection.prepare_cached("SELECT id, unhex(key) FROM job")?;
             let mut rows = statement.query([])?;
             while let Some(row) = rows.next()? {
@@ -293,7 +293,7 @@ impl Reader {
     pub(super) fn read<T>(
         &self,
         action: &'static str,
-        body: impl FnOnce(&Connection) -> Result<T, Fault>,
+        body: impl FnOnce(&Connection) -> Result<T, StoreFault>,
     ) -> Result<T, StoreError> {
         body(&self.connection).map_err(|fault| fault.at(&self.path, action))
     }
@@ -302,7 +302,7 @@ impl Reader {
     pub(super) fn read_at_once<T>(
         &self,
         action: &'static str,
-        body: impl FnOnce(&Connection) -> Result<T, Fault>,
+        body: impl FnOnce(&Connection) -> Result<T, StoreFault>,
     ) -> Result<T, StoreError> {
         self.read(action, |connection| {
             // A reading connection begins no transactions, but an unfinished statement holds its snapshot.

@@ -4,7 +4,7 @@ use serde_json::{Map, Value as Json};
 
 use crate::job::{Decision, Job, Phase};
 
-use super::error::Fault;
+use super::error::StoreFault;
 use super::read::completed_run;
 use super::tables::packed_decisions;
 use super::{Reader, StoreError, decision, family};
@@ -85,12 +85,12 @@ impl Reader {
 }
 
 /// The numbers of a state in the order of their names.
-fn numbers(text: &str, names: &[String]) -> Result<Box<[f64]>, Fault> {
+fn numbers(text: &str, names: &[String]) -> Result<Box<[f64]>, StoreFault> {
     let state: Map<String, Json> = serde_json::from_str(text).map_err(unreadable)?;
     let number = |name: &String| state.get(name).and_then(Json::as_f64);
     Ok(names.iter().map(|name| number(name).unwrap_or(f64::NAN)).collect())
 }
 
-fn unreadable(error: serde_json::Error) -> Fault {
+fn unreadable(error: serde_json::Error) -> StoreFault {
     rusqlite::Error::FromSqlConversionFailure(0, rusqlite::types::Type::Text, error.into()).into()
 }

@@ -69,11 +69,11 @@ impl Counts {
 /// The states of all jobs that have runs, sorted by row id, for counting. Reading every run once is many
 /// times faster than [`state_sql`] for every job. Lookups in the order of row ids have better memory locality
 /// than lookups in a hash table.
-pub(super) struct States(Vec<(i64, JobState)>);
+pub(super) struct RunStates(Vec<(i64, JobState)>);
 
-impl States {
+impl RunStates {
     /// The current states, where `alive` are the living sessions.
-    pub(super) fn read(connection: &Connection, alive: &[i64]) -> rusqlite::Result<States> {
+    pub(super) fn read(connection: &Connection, alive: &[i64]) -> rusqlite::Result<RunStates> {
         let mut statement = connection.prepare_cached(
             "SELECT job, session, CASE status
                 WHEN 'completed' THEN 4 WHEN 'running' THEN 3 WHEN 'failed' THEN 2 ELSE 1 END
@@ -91,7 +91,7 @@ impl States {
         // The most advanced state of each job comes first and is kept.
         states.sort_by_key(|&(job, state)| (job, Reverse(state)));
         states.dedup_by_key(|&mut (job, _)| job);
-        Ok(States(states))
+        Ok(RunStates(states))
     }
 
     /// The state of a job.

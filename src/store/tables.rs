@@ -293,7 +293,7 @@ mod tests {
         ParticipantValue, Phase, RecordedPosterior, Results,
     };
     use crate::store::copy::copy;
-    use crate::store::digest::{self, Form};
+    use crate::store::digest::{self, DigestForm};
     use crate::store::export::VIEWS;
     use crate::store::migrate::MIGRATIONS;
     use crate::store::sample::{begin_session, claim, job, results, trial};
@@ -561,7 +561,7 @@ mod tests {
         let raw = Connection::open(path).unwrap();
         let run: i64 =
             raw.query_row("SELECT DISTINCT run FROM recorded_step", [], |row| row.get(0)).unwrap();
-        let earlier = digest::of_run_in(&raw, run, Form::WithoutSteps).unwrap();
+        let earlier = digest::of_run_in(&raw, run, DigestForm::WithoutSteps).unwrap();
         raw.execute_batch("DROP TRIGGER run_ends_once").unwrap();
         raw.execute("UPDATE run SET results_sha256 = ?2 WHERE id = ?1", params![run, earlier])
             .unwrap();

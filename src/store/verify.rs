@@ -5,7 +5,7 @@ use rusqlite::{Connection, OptionalExtension};
 use crate::job::{Job, JobError, JobKey, Versions};
 use crate::key::CanonicalError;
 
-use super::digest::Form;
+use super::digest::DigestForm;
 use super::{digest, family};
 
 /// Checks the weights of a completed run of a job, because the store cannot interpret them. Returns an error
@@ -72,7 +72,7 @@ pub(super) fn leaves_out_steps(connection: &Connection, run: i64) -> rusqlite::R
     }
     let stored = "SELECT results_sha256 FROM run WHERE id = ?1";
     let stored = connection.prepare_cached(stored)?.query_row([run], |row| row.get(0))?;
-    Ok(digest::form_of(connection, run, stored)? == Some(Form::WithoutSteps))
+    Ok(digest::form_of(connection, run, stored)? == Some(DigestForm::WithoutSteps))
 }
 
 /// The fault in the weights of a completed run, if there is one.

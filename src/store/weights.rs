@@ -4,7 +4,7 @@ use rusqlite::Connection;
 
 use crate::job::{Job, JobKey};
 
-use super::error::{Fault, StoreError};
+use super::error::{StoreError, StoreFault};
 use super::family;
 use super::read::Reader;
 
@@ -68,7 +68,7 @@ fn not_completed(connection: &Connection, digits: &str) -> rusqlite::Result<Stor
     })
 }
 
-fn load(connection: &Connection, job: i64, key: &str) -> Result<StoredWeights, Fault> {
+fn load(connection: &Connection, job: i64, key: &str) -> Result<StoredWeights, StoreFault> {
     let (job_key, canonical, safetensors, run) = connection
         .prepare_cached(
             "SELECT unhex(job.key), job.canonical, trained_weights.safetensors, run.id

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use rusqlite::{Connection, Transaction, TransactionBehavior};
 
 use super::command::{self, Command};
-use super::error::{Fault, StoreError};
+use super::error::{StoreError, StoreFault};
 use super::file;
 use super::transaction::commit;
 
@@ -53,7 +53,7 @@ impl Store {
     pub(super) fn write_durably<T>(
         &mut self,
         action: &'static str,
-        body: impl FnOnce(&Transaction<'_>) -> Result<T, Fault>,
+        body: impl FnOnce(&Transaction<'_>) -> Result<T, StoreFault>,
     ) -> Result<T, StoreError> {
         let synchronous =
             |connection: &Connection, level| connection.pragma_update(None, "synchronous", level);
@@ -71,7 +71,7 @@ impl Store {
     pub(super) fn write<T>(
         &mut self,
         action: &'static str,
-        body: impl FnOnce(&Transaction<'_>) -> Result<T, Fault>,
+        body: impl FnOnce(&Transaction<'_>) -> Result<T, StoreFault>,
     ) -> Result<T, StoreError> {
         let path = &self.path;
         let transaction = self

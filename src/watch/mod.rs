@@ -10,5 +10,5 @@ mod view;
 mod watcher;
 
 pub use band::{Band, band};
-pub use view::{ArmView, Chart, Choice, FailureView, RunningView, View};
+pub use view::{ArmView, CurveChart, FailureView, RunningView, View, ViewChoice};
 pub use watcher::{WatchError, Watcher};

@@ -9,7 +9,7 @@ use crate::watch::band::Band;
 
 /// What to show.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
-pub struct Choice {
+pub struct ViewChoice {
     /// The experiment; `None` for the one that runs, or else the latest one.
     pub experiment: Option<String>,
     /// The number of the arm whose curve has a spread.
@@ -47,7 +47,7 @@ pub struct View {
     /// The number of chunks of its submissions that may still hand in results.
     pub held: usize,
     /// The learning curves that were chosen.
-    pub chart: Chart,
+    pub chart: CurveChart,
 }
 
 impl View {
@@ -107,7 +107,7 @@ pub struct FailureView {
 
 /// Learning curves.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub struct Chart {
+pub struct CurveChart {
     /// The metric; `None` if there is no arm.
     pub metric: Option<MetricName>,
     /// The number of metrics to choose from.

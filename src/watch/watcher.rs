@@ -4,7 +4,7 @@ use std::collections::{HashMap, HashSet};
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
-use crate::cluster::{self, ChunkState, Cluster, ClusterError, HandedIn, Look, Part};
+use crate::cluster::{self, ChunkState, Cluster, ClusterError, ClusterLook, HandedIn, Part};
 use crate::job::metric::{MEAN_RETURN, metrics_with};
 use crate::job::{JobKey, MetricName, MetricPlace, counted};
 use crate::key::printable;
@@ -14,7 +14,7 @@ use crate::schedule::{self, CheckpointFolder, Filtered, Left, RunningCurve, Spee
 use crate::store::{Counts, FailedJob, JobState, Reader, StoreError, StoredArm};
 use crate::watch::band::band;
 use crate::watch::failures::{self, SameFailure};
-use crate::watch::view::{ArmView, Chart, Choice, FailureView, RunningView, View};
+use crate::watch::view::{ArmView, CurveChart, FailureView, RunningView, View, ViewChoice};
 
 /// Shortest time between two looks.
 const EVERY: Duration = Duration::from_secs(2);
@@ -62,7 +62,7 @@ pub struct Watcher {
     curves: HashMap<JobKey, Vec<(u32, f64)>>,
     metric: Option<MetricName>,
     /// The submissions, and when they were looked at.
-    look: Option<(Instant, Look)>,
+    look: Option<(Instant, ClusterLook)>,
     /// The number of jobs that were running at the last look.
     running: usize,
     /// The parts that were read.
@@ -115,13 +115,13 @@ impl Watcher {
     /// The experiment as it is now, and the time to wait before the next look.
     ///
     /// **Errors**: the experiment does not exist; the store or a submission cannot be read.
-    pub fn look(&mut self, choice: &Choice) -> Result<(View, Duration), WatchError> {
+    pub fn look(&mut self, choice: &ViewChoice) -> Result<(View, Duration), WatchError> {
         let begun = Instant::now();
         let view = self.view(choice)?;
         Ok((view, EVERY.max(begun.elapsed() * PAUSE)))
     }
 
-    fn view(&mut self, choice: &Choice) -> Result<View, WatchError> {
+    fn view(&mut self, choice: &ViewChoice) -> Result<View, WatchError> {
         let experiments = self.reader.experiment_counts()?;
         let names: Vec<String> = experiments.iter().map(|one| one.experiment.clone()).collect();
         let chosen = match &choice.experiment {
@@ -267,7 +267,7 @@ impl Watcher {
 
     fn read(
         &mut self,
-        choice: &Choice,
+        choice: &ViewChoice,
         jobs: &Jobs,
         states: &HashMap<JobKey, JobState>,
         live: HashMap<JobKey, RunningCurve>,
@@ -403,13 +403,13 @@ impl Watcher {
     /// The learning curves of the chosen arms.
     fn chart(
         &mut self,
-        choice: &Choice,
+        choice: &ViewChoice,
         jobs: &Jobs,
         states: &HashMap<JobKey, JobState>,
         live: &HashMap<JobKey, RunningCurve>,
-    ) -> Result<Chart, WatchError> {
+    ) -> Result<CurveChart, WatchError> {
         let place = choice.arm.min(jobs.arms.len().saturating_sub(1));
-        let Some(arm) = jobs.arms.get(place) else { return Ok(Chart::default()) };
+        let Some(arm) = jobs.arms.get(place) else { return Ok(CurveChart::default()) };
         let termination = arm.job.environment.family().termination_metric;
         let metrics: Vec<MetricName> = metrics_with(MetricPlace::Curve, termination).collect();
         let metric = metrics[choice.metric % metrics.len()];
@@ -452,6 +452,6 @@ impl Watcher {
             lines.push((shown, band(&curves, trained, PARTS)));
             episodes = episodes.max(trained);
         }
-        Ok(Chart { metric: Some(metric), metrics: metrics.len(), episodes, lines })
+        Ok(CurveChart { metric: Some(metric), metrics: metrics.len(), episodes, lines })
     }
 }

@@ -9,7 +9,7 @@ use jitai::job::{Outcome, Provenance};
 use jitai::manifest;
 use jitai::plan::{self};
 use jitai::schedule::{
-    self, Context, Event, EventSink, OnFailure, Options, Purpose, Queued, Tally,
+    self, Context, Event, EventSink, OnFailure, Options, Queued, QueuedFor, Tally,
 };
 use jitai::store::{Experiment, RetryFailed, SessionId, Store};
 use jitai::train::{self, TrainingControl};
@@ -273,7 +273,7 @@ pub fn queued(folder: &Folder, text: &str) -> (Store, SessionId, Vec<Queued>) {
         job: planned.job,
         time_limit: None,
         estimates: Vec::new(),
-        purpose: Purpose::Run,
+        purpose: QueuedFor::Run,
         folder: ".".into(),
     });
     let session = store.begin_session(&provenance()).unwrap();

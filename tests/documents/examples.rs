@@ -4,16 +4,16 @@ use std::fs;
 use std::path::Path;
 use std::process::{Command, Output};
 
-use jitai::store::Value;
+use jitai::store::SqlValue;
 
 /// A value of an answer as text; empty for NULL.
-pub fn cell(value: &Value<'_>) -> String {
+pub fn cell(value: &SqlValue<'_>) -> String {
     match value {
-        Value::Null => String::new(),
-        Value::Integer(number) => number.to_string(),
-        Value::Real(number) => number.to_string(),
-        Value::Text(text) => (*text).to_owned(),
-        Value::Blob(bytes) => panic!("no view has bytes: {bytes:?}"),
+        SqlValue::Null => String::new(),
+        SqlValue::Integer(number) => number.to_string(),
+        SqlValue::Real(number) => number.to_string(),
+        SqlValue::Text(text) => (*text).to_owned(),
+        SqlValue::Blob(bytes) => panic!("no view has bytes: {bytes:?}"),
     }
 }
 

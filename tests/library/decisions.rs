@@ -12,7 +12,7 @@ use jitai::job::{Decision, Outcome, Phase, Provenance, Results};
 use jitai::job::{Evaluation, RecordedDecisions};
 use jitai::manifest::{self};
 use jitai::store::{
-    Answer, Claimed, Experiment, Isolation, Reader, RetryFailed, Store, Value, examine,
+    Answer, Claimed, Experiment, Isolation, Reader, RetryFailed, SqlValue, Store, examine,
 };
 use jitai::train::{self, Uncontrolled};
 
@@ -262,9 +262,9 @@ fn the_store_shows_every_decision_to_the_bit_and_counts_them_as_results() {
             json_extract(action_probabilities, '$[1]'), json_extract(action_probabilities, '$[2]'),
             json_extract(action_probabilities, '$[3]'), terminated, truncated
         FROM decision ORDER BY phase = 'test', episode, step";
-    let number = |value: &Value<'_>| match value {
-        Value::Integer(number) => *number as f64,
-        Value::Real(number) => *number,
+    let number = |value: &SqlValue<'_>| match value {
+        SqlValue::Integer(number) => *number as f64,
+        SqlValue::Real(number) => *number,
         other => panic!("{other:?}"),
     };
     let hear = |answer: Answer<'_>| {

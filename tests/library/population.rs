@@ -268,7 +268,7 @@ fn stored_participants_are_those_of_the_runs_and_choose_the_episodes_of_analyses
         panic!("three analyses")
     };
     let rows = |finding: &jitai::findings::Finding| match &finding.content {
-        jitai::findings::Content::Contrast(figure) => figure.rows.clone(),
+        jitai::findings::FindingContent::Contrast(figure) => figure.rows.clone(),
         other => panic!("no contrast: {other:?}"),
     };
     let difference = |agent: &str| -> f64 {

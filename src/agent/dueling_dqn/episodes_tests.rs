@@ -2,7 +2,7 @@
 //! receives.
 
 use super::*;
-use crate::agent::learner::{Learner, Span};
+use crate::agent::learner::{Learner, SpanEnd};
 use crate::env::{Action, PhysicalActivity, StepCount};
 use crate::rng::{Purpose, Stream};
 use crate::state::{Resumable, StateReader, StateWriter, resumable};
@@ -264,7 +264,7 @@ fn the_recurrent_dqn_learns_from_the_episodes_that_it_played() {
     let mut learner = DuelingDqnLearner::new(engine, &parameters, environment, 1);
     let mut finished = Vec::new();
     for _ in 0..40 {
-        assert_eq!(learner.advance(&mut finished, None, &|| false).unwrap(), Span::Whole);
+        assert_eq!(learner.advance(&mut finished, None, &|| false).unwrap(), SpanEnd::Whole);
     }
     let updates: Vec<u32> = finished.iter().map(|episode| episode.updates).collect();
     // The third episode is stored with its last step; after that, two of four steps are followed by

@@ -6,7 +6,7 @@ mod tests;
 use crate::agent::actor::{Actor, StepObserver, reborrowed};
 use crate::agent::dueling_dqn::play::Play;
 use crate::agent::dueling_dqn::{DuelingDqn, DuelingDqnEngine, Experience};
-use crate::agent::learner::{Actions, Learner, LearnerError, Span, TrainedEpisode};
+use crate::agent::learner::{Actions, Learner, LearnerError, SpanEnd, TrainedEpisode};
 use crate::agent::memory::OutOfMemory;
 use crate::agent::policy::best;
 use crate::agent::weights::Weights;
@@ -93,14 +93,14 @@ impl<E: DuelingDqnEngine, Env: VectorEnvironment> Learner<Env> for DuelingDqnLea
         finished: &mut Vec<TrainedEpisode>,
         mut observer: Option<&mut dyn StepObserver<Env>>,
         pause: &dyn Fn() -> bool,
-    ) -> Result<Span, LearnerError> {
+    ) -> Result<SpanEnd, LearnerError> {
         if !self.play.environment.any_running() {
             self.play.begin();
             self.memory.fill(0.0);
         }
         while self.play.environment.any_running() {
             if pause() {
-                return Ok(Span::BrokenOff);
+                return Ok(SpanEnd::BrokenOff);
             }
             let outcome = self.act(reborrowed(&mut observer))?;
             let may_update = self.play.count_step(outcome);
@@ -109,7 +109,7 @@ impl<E: DuelingDqnEngine, Env: VectorEnvironment> Learner<Env> for DuelingDqnLea
             }
         }
         finished.push(self.play.finished());
-        Ok(Span::Whole)
+        Ok(SpanEnd::Whole)
     }
 
     fn policy(&self, actions: Actions) -> Box<dyn Actor<Env>> {

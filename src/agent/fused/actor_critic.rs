@@ -1,9 +1,9 @@
 //! Policy and value of PPO, each with layers of its own.
 
 use crate::agent::fused::network::FusedNetwork;
-use crate::agent::fused::ppo_loss::{Objective, PpoLoss, ROWS, Sums};
+use crate::agent::fused::ppo_loss::{LossSums, Objective, PpoLoss, ROWS};
 use crate::agent::fused::ppo_network::FusedPpoNetwork;
-use crate::agent::fused::stack::{BLOCK, Stack, Workspace, blocks};
+use crate::agent::fused::stack::{BLOCK, StackLayout, Workspace, blocks};
 use crate::agent::layers::{self, Shape};
 use crate::agent::policy::ActionNetwork;
 use crate::agent::ppo::{Losses, Minibatch, Ppo};
@@ -16,8 +16,8 @@ use crate::state::resumable;
 #[derive(Clone, Debug)]
 pub struct FusedActorCritic {
     isa: Isa,
-    policy: Stack,
-    value: Stack,
+    policy: StackLayout,
+    value: StackLayout,
     parameters: Aligned,
     policy_workspace: Workspace,
     value_workspace: Workspace,
@@ -61,8 +61,8 @@ impl FusedNetwork for FusedActorCritic {
         isa: Isa,
     ) -> Result<Self, WeightsError> {
         let [policy, value] = layers::actor_critic(parameters, shape);
-        let policy = Stack::new(policy, parameters.activation, 0);
-        let value = Stack::new(value, parameters.activation, policy.end());
+        let policy = StackLayout::new(policy, parameters.activation, 0);
+        let value = StackLayout::new(value, parameters.activation, policy.end());
         let mut flat = Aligned::zeros(value.end());
         policy.load(weights, &mut flat)?;
         value.load(weights, &mut flat)?;
@@ -119,7 +119,7 @@ impl FusedPpoNetwork for FusedActorCritic {
             self;
         policy.prepare(parameters, policy_workspace);
         value.prepare(parameters, value_workspace);
-        let mut sums = Sums::default();
+        let mut sums = LossSums::default();
         for block in blocks(minibatch.rows()) {
             let observations = (&minibatch.observations, block.clone());
             policy.forward(*isa, parameters, observations.clone(), policy_workspace);

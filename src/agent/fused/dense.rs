@@ -3,7 +3,7 @@
 
 use crate::agent::layers::Layer;
 use crate::agent::weights::{Tensor, Weights, WeightsError};
-use crate::kernel::{Isa, LANES, Product, Start, transpose};
+use crate::kernel::{Isa, LANES, Product, SumStart, transpose};
 
 /// A linear layer: its sizes and the positions of its parameters. The outputs form adjacent parts,
 /// each with padding.
@@ -107,7 +107,7 @@ impl Dense {
         out: &mut [f32],
     ) {
         Product {
-            start: Start::Row(&flat[self.bias..self.end()]),
+            start: SumStart::Row(&flat[self.bias..self.end()]),
             left,
             left_stride: stride,
             left_transposed: false,
@@ -137,7 +137,7 @@ impl Dense {
             [(left, stride, self.inputs, weight), (ones, 1, 1, bias)]
         {
             Product {
-                start: Start::Stored,
+                start: SumStart::Stored,
                 left,
                 left_stride,
                 left_transposed: true,
@@ -168,7 +168,7 @@ impl Dense {
         isa: Isa,
         transposed: &[f32],
         by_outputs: &[f32],
-        start: Start<'_>,
+        start: SumStart<'_>,
         out: &mut [f32],
     ) {
         Product {

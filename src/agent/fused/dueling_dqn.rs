@@ -5,7 +5,7 @@ use std::ops::Range;
 use crate::agent::DuelingDqn;
 use crate::agent::dueling_dqn::{DuelingDqnEngine, Experience, Transitions};
 use crate::agent::fused::network::FusedNetwork;
-use crate::agent::fused::stack::{Stack, Workspace, blocks};
+use crate::agent::fused::stack::{StackLayout, Workspace, blocks};
 use crate::agent::layers::{self, Shape};
 use crate::agent::policy::ActionNetwork;
 use crate::agent::replay::Batch;
@@ -19,7 +19,7 @@ use crate::state::resumable;
 pub struct FusedDuelingNetwork {
     isa: Isa,
     /// One stack with the outputs V, A_0, A_1 …, or one stack for V and one for the advantages.
-    stacks: Vec<Stack>,
+    stacks: Vec<StackLayout>,
     parameters: Aligned,
     workspaces: Vec<Workspace>,
     actions: usize,
@@ -106,16 +106,16 @@ impl FusedNetwork for FusedDuelingNetwork {
         weights: &Weights,
         isa: Isa,
     ) -> Result<Self, WeightsError> {
-        let mut stacks: Vec<Stack> = Vec::new();
+        let mut stacks: Vec<StackLayout> = Vec::new();
         for layers in layers::dueling(parameters, shape) {
-            let start = stacks.last().map_or(0, Stack::end);
-            stacks.push(Stack::new(layers, parameters.activation, start));
+            let start = stacks.last().map_or(0, StackLayout::end);
+            stacks.push(StackLayout::new(layers, parameters.activation, start));
         }
-        let mut flat = Aligned::zeros(stacks.last().map_or(0, Stack::end));
+        let mut flat = Aligned::zeros(stacks.last().map_or(0, StackLayout::end));
         for stack in &stacks {
             stack.load(weights, &mut flat)?;
         }
-        let workspaces = stacks.iter().map(Stack::workspace).collect();
+        let workspaces = stacks.iter().map(StackLayout::workspace).collect();
         Ok(FusedDuelingNetwork {
             isa,
             stacks,

@@ -32,15 +32,15 @@ impl Objective {
 
 /// Sums over rows; the losses are their means.
 #[derive(Clone, Copy, Debug, Default)]
-pub(super) struct Sums {
+pub(super) struct LossSums {
     policy: f64,
     value: f64,
     entropy: f64,
     divergence: f64,
 }
 
-impl Sums {
-    pub(super) fn add(&mut self, other: &Sums) {
+impl LossSums {
+    pub(super) fn add(&mut self, other: &LossSums) {
         self.policy += other.policy;
         self.value += other.value;
         self.entropy += other.entropy;
@@ -174,7 +174,7 @@ impl PpoLoss {
 
     /// Replaces the outputs in place by the derivatives of the mean loss over `rows` rows; returns
     /// the sums over this block.
-    pub(super) fn compute(&mut self, isa: Isa, objective: &Objective, rows: usize) -> Sums {
+    pub(super) fn compute(&mut self, isa: Isa, objective: &Objective, rows: usize) -> LossSums {
         isa.run(Compute { loss: self, objective: *objective, scale: 1.0 / rows as f32 })
     }
 }
@@ -187,16 +187,16 @@ struct Compute<'a> {
 }
 
 impl WithSimd for Compute<'_> {
-    type Output = Sums;
+    type Output = LossSums;
 
     #[inline(always)]
-    fn with_simd<S: Simd>(self, _: S) -> Sums {
+    fn with_simd<S: Simd>(self, _: S) -> LossSums {
         let Compute { loss, objective, scale } = self;
         loss.differentiate_policy(objective, scale);
         loss.differentiate_value(objective, scale);
         let Scratch { policy, squares, entropy, divergence, .. } = &loss.scratch;
         let sum = |column| sum_of(column, &loss.choices);
-        Sums {
+        LossSums {
             policy: sum(policy),
             value: 0.5 * sum_of(squares, &loss.weights),
             entropy: sum(entropy),

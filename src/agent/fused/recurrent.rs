@@ -7,7 +7,7 @@ use crate::agent::fused::sequences::{Between, Room, Through};
 use crate::agent::layers;
 use crate::agent::{Weights, WeightsError};
 use crate::env::Observations;
-use crate::kernel::{Activation, GATES, GruGradient, GruStep, Isa, Start};
+use crate::kernel::{Activation, GATES, GruGradient, GruStep, Isa, SumStart};
 
 /// Positions of the network's parameters in a flat array.
 #[derive(Clone, Debug)]
@@ -254,7 +254,7 @@ impl RecurrentLayers {
         self.heads.add_gradient(isa, last, by_heads, pass.ones, gradient);
         let transposed = behind[self.after.len()].known(self.heads.transposed());
         let into = by_active.of(rows * padded(last.1));
-        self.heads.backward(isa, transposed, by_heads, Start::Zero, into);
+        self.heads.backward(isa, transposed, by_heads, SumStart::Zero, into);
         pass.back(&self.after, after, behind, start, [by_active, by_units], gradient, true);
         by_states.of(rows * self.stride).copy_from_slice(by_active.known(rows * self.stride));
 
@@ -287,7 +287,7 @@ impl RecurrentLayers {
         self.gru_input.add_gradient(isa, last, by_input, pass.ones, gradient);
         let weights = transposed[self.before.len()].known(self.gru_input.transposed());
         let into = by_active.of(rows * padded(last.1));
-        self.gru_input.backward(isa, weights, by_input, Start::Zero, into);
+        self.gru_input.backward(isa, weights, by_input, SumStart::Zero, into);
         let rooms = [by_active, by_units];
         pass.back(&self.before, before, transposed, start, rooms, gradient, false);
     }
@@ -319,7 +319,7 @@ impl RecurrentLayers {
             };
             gradient.run(isa);
             let Some(start) = earlier.len().checked_sub(of_step) else { continue };
-            self.gru_hidden.backward(isa, transposed, from_state, Start::Stored, by_after);
+            self.gru_hidden.backward(isa, transposed, from_state, SumStart::Stored, by_after);
             let by_before = earlier[start..].chunks_exact_mut(stride);
             let is_marked = |marks: &[bool], row: usize| marks.get(row).is_some_and(|mark| *mark);
             let rows = by_before.zip(by_after.chunks_exact(stride)).zip(step * lanes..);
@@ -371,7 +371,7 @@ impl Pass<'_> {
             if i > 0 || to_input {
                 let transposed = transposed[i].known(layer.transposed());
                 let into = by_active.of(rows * padded(left.1));
-                layer.backward(isa, transposed, by_units, Start::Zero, into);
+                layer.backward(isa, transposed, by_units, SumStart::Zero, into);
             }
         }
     }

@@ -1,7 +1,7 @@
 //! PPO's policy and value with a shared GRU.
 
 use crate::agent::fused::network::FusedNetwork;
-use crate::agent::fused::ppo_loss::{Objective, PpoLoss, ROWS, Sums};
+use crate::agent::fused::ppo_loss::{LossSums, Objective, PpoLoss, ROWS};
 use crate::agent::fused::ppo_network::FusedPpoNetwork;
 use crate::agent::fused::recurrent_network::RecurrentNetwork;
 use crate::agent::fused::sequences::{Between, Through};
@@ -99,7 +99,7 @@ impl FusedPpoNetwork for FusedRecurrentActorCritic {
         let (rows, steps, width) = (minibatch.rows(), minibatch.steps(), layers.width());
         let Between { heads, by_heads, .. } = &mut *between;
         let (heads, by_heads) = (heads.known(rows * width), by_heads.of(rows * width));
-        let mut sums = Sums::default();
+        let mut sums = LossSums::default();
         let blocks = heads.chunks(ROWS * width).zip(by_heads.chunks_mut(ROWS * width));
         for (block, (heads, by_heads)) in blocks.enumerate() {
             let start = block * ROWS;

@@ -3,7 +3,7 @@
 use pulp::{Simd, WithSimd};
 
 use crate::agent::Reinforce;
-use crate::agent::fused::stack::{BLOCK, Stack, Workspace, blocks};
+use crate::agent::fused::stack::{BLOCK, StackLayout, Workspace, blocks};
 use crate::agent::layers::{self, Shape};
 use crate::agent::policy::ActionNetwork;
 use crate::agent::reinforce::{ReinforceEngine, Trajectories};
@@ -16,7 +16,7 @@ use crate::state::resumable;
 #[derive(Clone, Debug)]
 pub struct FusedPolicyNetwork {
     isa: Isa,
-    stack: Stack,
+    stack: StackLayout,
     parameters: Aligned,
     workspace: Workspace,
 }
@@ -31,7 +31,7 @@ impl FusedPolicyNetwork {
         weights: &Weights,
         isa: Isa,
     ) -> Result<Self, WeightsError> {
-        let stack = Stack::new(layers::policy(parameters, shape), parameters.activation, 0);
+        let stack = StackLayout::new(layers::policy(parameters, shape), parameters.activation, 0);
         let mut flat = Aligned::zeros(stack.end());
         stack.load(weights, &mut flat)?;
         Ok(FusedPolicyNetwork { isa, workspace: stack.workspace(), stack, parameters: flat })

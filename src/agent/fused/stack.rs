@@ -8,8 +8,8 @@ use crate::agent::layers::{self, Layer};
 use crate::agent::weights::{Tensor, Weights, WeightsError};
 use crate::env::Observations;
 use crate::kernel::{
-    Activation, Aligned, Isa, MOST_INPUTS, OUTPUTS, Product, Shallow, ShallowGradient, Start, dot,
-    transpose,
+    Activation, Aligned, Isa, MOST_INPUTS, OUTPUTS, Product, Shallow, ShallowGradient, SumStart,
+    dot, transpose,
 };
 
 /// Maximum number of rows computed at a time, so that the values between two layers stay in the
@@ -31,7 +31,7 @@ struct Hidden {
 /// The positions of a stack's parameters in a flat array. All heads form one matrix, \[outputs,
 /// stride\], so that its rows align with rows of hidden units.
 #[derive(Clone, Debug)]
-pub(super) struct Stack {
+pub(super) struct StackLayout {
     /// Names and sizes.
     layers: layers::Stack,
     activation: Activation,
@@ -65,7 +65,7 @@ pub(super) fn blocks(rows: usize) -> impl Iterator<Item = Range<usize>> {
     (0..rows).step_by(BLOCK).map(move |start| start..rows.min(start + BLOCK))
 }
 
-impl Stack {
+impl StackLayout {
     /// A stack with parameters from position `start` on.
     pub(super) fn new(layers: layers::Stack, activation: agent::Activation, start: usize) -> Self {
         let mut end = start;
@@ -91,7 +91,7 @@ impl Stack {
             agent::Activation::Tanh => Activation::Tanh,
         };
         let range = start..end;
-        Stack { layers, activation, hidden, head_weight, head_bias, outputs, range }
+        StackLayout { layers, activation, hidden, head_weight, head_bias, outputs, range }
     }
 
     /// The position after the last parameter in the flat array.
@@ -192,7 +192,7 @@ impl Stack {
         }
     }
 
-    /// Computes the values that [`Stack::backward`] needs for at most [`BLOCK`] observations whose
+    /// Computes the values that [`StackLayout::backward`] needs for at most [`BLOCK`] observations whose
     /// outputs are already known.
     pub(super) fn remember(
         &self,
@@ -229,7 +229,7 @@ impl Stack {
         })
     }
 
-    /// [`Stack::forward`] layer by layer, for any stack.
+    /// [`StackLayout::forward`] layer by layer, for any stack.
     fn forward_layers(
         &self,
         isa: Isa,
@@ -242,12 +242,12 @@ impl Stack {
             let (before, from) = workspace.hidden.split_at_mut(i);
             let units = &mut from[0][..count * layer.stride];
             let bias = &flat[layer.bias..layer.bias + layer.stride];
-            let mut start = Start::Row(bias);
+            let mut start = SumStart::Row(bias);
             let (left, stride, terms) = match before.last() {
                 None => {
                     if observations.one_hot() > 0 {
                         self.start_with_one_hots(flat, (observations, rows.clone()), units);
-                        start = Start::Stored;
+                        start = SumStart::Stored;
                     }
                     let width = observations.width();
                     (&observations.features()[rows.start * width..], width, width)
@@ -293,7 +293,7 @@ impl Stack {
         }
     }
 
-    /// Prepares the workspace for [`Stack::backward`] with these parameters.
+    /// Prepares the workspace for [`StackLayout::backward`] with these parameters.
     pub(super) fn prepare(&self, flat: &[f32], workspace: &mut Workspace) {
         for (pair, transposed) in self.hidden.windows(2).zip(&mut workspace.transposed) {
             let (previous, layer) = (&pair[0], &pair[1]);
@@ -304,7 +304,7 @@ impl Stack {
     }
 
     /// Adds the gradient of the parameters to `gradient`, given the derivatives by the outputs,
-    /// after [`Stack::forward`] or [`Stack::remember`] of the same observations.
+    /// after [`StackLayout::forward`] or [`StackLayout::remember`] of the same observations.
     pub(super) fn backward(
         &self,
         isa: Isa,
@@ -343,7 +343,7 @@ impl Stack {
         }
     }
 
-    /// [`Stack::backward`] layer by layer, for any stack, after [`Stack::forward_layers`].
+    /// [`StackLayout::backward`] layer by layer, for any stack, after [`StackLayout::forward_layers`].
     fn backward_layers(
         &self,
         isa: Isa,
@@ -378,7 +378,7 @@ impl Stack {
             outer(isa, (units, previous.stride, previous.units), derivatives, count, to);
             let into = &mut by_active[..count * previous.stride];
             Product {
-                start: Start::Zero,
+                start: SumStart::Zero,
                 left: derivatives,
                 left_stride: layer.stride,
                 left_transposed: false,
@@ -393,7 +393,7 @@ impl Stack {
         }
     }
 
-    /// The heads' part of [`Stack::backward`], down to the derivatives by the units of the last
+    /// The heads' part of [`StackLayout::backward`], down to the derivatives by the units of the last
     /// hidden layer.
     fn backward_heads(
         &self,
@@ -412,7 +412,7 @@ impl Stack {
         let Workspace { by_units, by_active, .. } = workspace;
         let into = &mut by_active[..count * stride];
         Product {
-            start: Start::Zero,
+            start: SumStart::Zero,
             left: by_outputs,
             left_stride: self.outputs,
             left_transposed: false,
@@ -436,7 +436,7 @@ fn outer(
     to: &mut [f32],
 ) {
     Product {
-        start: Start::Stored,
+        start: SumStart::Stored,
         left,
         left_stride: stride,
         left_transposed: true,
@@ -493,7 +493,7 @@ mod tests {
                 std::slice::from_ref(&layers),
                 &mut Stream::new(1, Purpose::InitialWeights),
             );
-            let stack = Stack::new(layers, parameters.activation, 0);
+            let stack = StackLayout::new(layers, parameters.activation, 0);
             let mut flat = Aligned::zeros(stack.end());
             stack.load(&weights, &mut flat).unwrap();
             let mut observations = Observations::new(width, one_hot);

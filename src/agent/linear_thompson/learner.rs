@@ -2,7 +2,7 @@
 
 use crate::agent::Shape;
 use crate::agent::actor::{Actor, StepObserver, reborrowed};
-use crate::agent::learner::{Actions, Learner, LearnerError, Span, TrainedEpisode};
+use crate::agent::learner::{Actions, Learner, LearnerError, SpanEnd, TrainedEpisode};
 use crate::agent::linear_thompson::posterior::{Acting, Decision};
 use crate::agent::linear_thompson::sampler::{Sampler, pick};
 use crate::agent::linear_thompson::{Design, LinearThompson, LinearThompsonPolicy, Posterior};
@@ -139,7 +139,7 @@ impl<Env: VectorEnvironment> Learner<Env> for LinearThompsonLearner<Env> {
         finished: &mut Vec<TrainedEpisode>,
         mut observer: Option<&mut dyn StepObserver<Env>>,
         pause: &dyn Fn() -> bool,
-    ) -> Result<Span, LearnerError> {
+    ) -> Result<SpanEnd, LearnerError> {
         if !self.environment.any_running() {
             self.environment.reset(LaneSet::All, &mut self.environment_streams);
             self.acting.begin(&self.known);
@@ -148,7 +148,7 @@ impl<Env: VectorEnvironment> Learner<Env> for LinearThompsonLearner<Env> {
         }
         while self.environment.any_running() {
             if pause() {
-                return Ok(Span::BrokenOff);
+                return Ok(SpanEnd::BrokenOff);
             }
             self.step(reborrowed(&mut observer))?;
         }
@@ -158,7 +158,7 @@ impl<Env: VectorEnvironment> Learner<Env> for LinearThompsonLearner<Env> {
             self.known.copy_from(&self.learned);
         }
         finished.push(self.episode);
-        Ok(Span::Whole)
+        Ok(SpanEnd::Whole)
     }
 
     fn policy(&self, actions: Actions) -> Box<dyn Actor<Env>> {

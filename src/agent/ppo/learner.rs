@@ -1,11 +1,11 @@
 //! PPO in training.
 
 use crate::agent::actor::{Actor, StepObserver};
-use crate::agent::learner::{Actions, Diverged, Learner, LearnerError, Span, TrainedEpisode};
+use crate::agent::learner::{Actions, Diverged, Learner, LearnerError, SpanEnd, TrainedEpisode};
 use crate::agent::memory::{OutOfMemory, reserve};
 use crate::agent::policy::{Choice, NetworkActor, sample, sampling_probabilities};
 use crate::agent::ppo::minibatch::Minibatch;
-use crate::agent::ppo::rollout::Rollout;
+use crate::agent::ppo::rollout::LaneSteps;
 use crate::agent::ppo::{AtHorizon, Losses, Ppo, PpoEngine};
 use crate::agent::weights::Weights;
 use crate::env::{
@@ -42,7 +42,7 @@ pub struct PpoLearner<E, Env = Simulated> {
     pub(super) lengths: Vec<u32>,
     /// The networks' memory of each lane's episode, \[lanes, memory\].
     pub(super) memory: Vec<f32>,
-    pub(super) rollout: Rollout,
+    pub(super) rollout: LaneSteps,
     /// Episodes that have ended in the rollout.
     pub(super) finished: Vec<TrainedEpisode>,
     /// Sum of the losses of the updates since an episode was last reported (`loss_sum`), and their
@@ -103,7 +103,7 @@ impl<E: PpoEngine, Env: VectorEnvironment> PpoLearner<E, Env> {
             totals: vec![0.0; lanes],
             lengths: vec![0; lanes],
             memory: vec![0.0; lanes * engine.memory()],
-            rollout: Rollout::new(lanes, none.clone()),
+            rollout: LaneSteps::new(lanes, none.clone()),
             finished: Vec::new(),
             loss_sum: 0.0,
             losses: 0,
@@ -153,14 +153,14 @@ impl<E: PpoEngine, Env: VectorEnvironment> PpoLearner<E, Env> {
         &mut self,
         mut observer: Option<&mut dyn StepObserver<Env>>,
         pause: &dyn Fn() -> bool,
-    ) -> Result<Span, OutOfMemory> {
+    ) -> Result<SpanEnd, OutOfMemory> {
         while self.rollout.steps() < self.parameters.steps as usize {
             self.restart();
             if !self.environment.any_running() {
                 break;
             }
             if pause() {
-                return Ok(Span::BrokenOff);
+                return Ok(SpanEnd::BrokenOff);
             }
             self.choose()?;
             let Workspace { actions, probabilities, rewards, .. } = &mut self.workspace;
@@ -173,7 +173,7 @@ impl<E: PpoEngine, Env: VectorEnvironment> PpoLearner<E, Env> {
             }
             self.pay()?;
         }
-        Ok(Span::Whole)
+        Ok(SpanEnd::Whole)
     }
 
     /// Chooses the actions of a step.
@@ -275,11 +275,11 @@ impl<E: PpoEngine, Env: VectorEnvironment> PpoLearner<E, Env> {
     }
 
     /// Learns from the rollout until the last epoch has ended.
-    fn learn(&mut self, pause: &dyn Fn() -> bool) -> Result<Span, LearnerError> {
+    fn learn(&mut self, pause: &dyn Fn() -> bool) -> Result<SpanEnd, LearnerError> {
         while let Some(mut learning) = self.learning.take() {
             if pause() {
                 self.learning = Some(learning);
-                return Ok(Span::BrokenOff);
+                return Ok(SpanEnd::BrokenOff);
             }
             let losses = self.update(&learning)?;
             learning.parts += 1;
@@ -299,7 +299,7 @@ impl<E: PpoEngine, Env: VectorEnvironment> PpoLearner<E, Env> {
                 self.workspace.order = learning.order;
             }
         }
-        Ok(Span::Whole)
+        Ok(SpanEnd::Whole)
     }
 
     /// Performs one update with the next minibatch.
@@ -358,22 +358,22 @@ impl<E: PpoEngine, Env: VectorEnvironment> Learner<Env> for PpoLearner<E, Env> {
         finished: &mut Vec<TrainedEpisode>,
         observer: Option<&mut dyn StepObserver<Env>>,
         pause: &dyn Fn() -> bool,
-    ) -> Result<Span, LearnerError> {
+    ) -> Result<SpanEnd, LearnerError> {
         if self.learning.is_none() {
             assert!(
                 self.ended < self.parameters.episodes,
                 "every declared episode has been played"
             );
-            if self.collect(observer, pause)? == Span::BrokenOff {
-                return Ok(Span::BrokenOff);
+            if self.collect(observer, pause)? == SpanEnd::BrokenOff {
+                return Ok(SpanEnd::BrokenOff);
             }
             self.begin_learning()?;
         }
-        if self.learn(pause)? == Span::BrokenOff {
-            return Ok(Span::BrokenOff);
+        if self.learn(pause)? == SpanEnd::BrokenOff {
+            return Ok(SpanEnd::BrokenOff);
         }
         self.report(finished);
-        Ok(Span::Whole)
+        Ok(SpanEnd::Whole)
     }
 
     fn policy(&self, actions: Actions) -> Box<dyn Actor<Env>> {

@@ -1,7 +1,7 @@
 //! Minibatches of PPO: the steps of a rollout from which an update learns.
 
 use crate::agent::memory::{self, OutOfMemory, reserve};
-use crate::agent::ppo::rollout::Rollout;
+use crate::agent::ppo::rollout::LaneSteps;
 use crate::env::{Action, Observations};
 
 /// Added to the standard deviation by which advantages are divided.
@@ -77,7 +77,7 @@ impl Minibatch {
     }
 
     /// Replaces the minibatch by these rows of a rollout.
-    pub(super) fn gather(&mut self, rollout: &Rollout, rows: &[u32]) -> Result<(), OutOfMemory> {
+    pub(super) fn gather(&mut self, rollout: &LaneSteps, rows: &[u32]) -> Result<(), OutOfMemory> {
         self.clear();
         self.reserve(rows.len())?;
         rows.iter().for_each(|row| self.push(rollout, *row as usize));
@@ -87,7 +87,7 @@ impl Minibatch {
     /// Replaces the minibatch by all rows of some lanes of a rollout.
     pub(super) fn gather_lanes(
         &mut self,
-        rollout: &Rollout,
+        rollout: &LaneSteps,
         lanes: &[u32],
     ) -> Result<(), OutOfMemory> {
         const WHAT: &str = "a minibatch";
@@ -116,7 +116,7 @@ impl Minibatch {
         Ok(())
     }
 
-    fn push(&mut self, rollout: &Rollout, row: usize) {
+    fn push(&mut self, rollout: &LaneSteps, row: usize) {
         self.observations.extend(&rollout.observations, row..row + 1);
         self.actions.push(rollout.actions[row]);
         self.chosen.push(rollout.chosen[row]);

@@ -10,7 +10,7 @@ const ROLLOUT: &str = "a rollout";
 
 /// Steps of all lanes. Row t * lanes + l of every array belongs to step t of lane l.
 #[derive(Clone, Debug)]
-pub(super) struct Rollout {
+pub(super) struct LaneSteps {
     pub(super) lanes: usize,
     /// The networks' memory before the first step, \[lanes, memory\].
     pub(super) memory: Vec<f32>,
@@ -34,10 +34,10 @@ pub(super) struct Rollout {
     pub(super) advantages: Vec<f32>,
 }
 
-impl Rollout {
+impl LaneSteps {
     /// An empty rollout.
     pub(super) fn new(lanes: usize, observations: Observations) -> Self {
-        Rollout {
+        LaneSteps {
             lanes,
             memory: Vec::new(),
             observations,
@@ -124,7 +124,7 @@ impl Rollout {
     ) -> Result<(), OutOfMemory> {
         reserve(&mut self.advantages, self.values.len(), ROLLOUT)?;
         self.advantages.resize(self.values.len(), 0.0);
-        let Rollout { rewards, values, ended, advantages: out, .. } = self;
+        let LaneSteps { rewards, values, ended, advantages: out, .. } = self;
         advantages(rewards, values, ended, last_values, [gamma, lambda], out);
         Ok(())
     }
@@ -161,13 +161,13 @@ pub fn advantages(
 }
 
 // Saves the steps so far. A complete rollout includes its advantages.
-resumable!([] Rollout {
+resumable!([] LaneSteps {
     parts observations, actions, real, chosen, firsts, ended;
     grown memory, log_probabilities, values, rewards, advantages;
     check fits, "rollout"
 });
 
-impl Rollout {
+impl LaneSteps {
     /// Whether the restored arrays are of one length.
     fn fits(&self) -> bool {
         let rows = self.observations.rows();

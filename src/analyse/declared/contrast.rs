@@ -6,7 +6,9 @@ use super::arm::{ArmId, varying};
 use super::curve::ALPHA;
 use super::pairs::{Pair, pairs};
 use super::published::rows;
-use crate::analyse::{self, Corrected, Design, Detectable, Sample, Undefined, correct, detectable};
+use crate::analyse::{
+    self, Corrected, Detectable, Sample, SeedPairing, Undefined, correct, detectable,
+};
 use crate::job::{MetricName, Scalar, short_name};
 use crate::manifest::{Contrast, Pairing, Published, PublishedRow, Sides};
 use crate::record::JobRecord;
@@ -22,7 +24,7 @@ pub struct ContrastFigure {
 
 /// A family of tests, over which p values are corrected.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
-pub struct Family {
+pub struct TestFamily {
     /// The declared name.
     pub name: String,
     /// The number of its tests, those without a p value included.
@@ -45,7 +47,7 @@ pub struct ContrastRow {
     /// The comparison.
     pub contrast: analyse::Contrast,
     /// The family over which p values are corrected.
-    pub family: Family,
+    pub family: TestFamily,
     /// P values corrected over the family.
     pub corrected: Result<Corrected, Undefined>,
     /// Published difference and p value.
@@ -55,7 +57,7 @@ pub struct ContrastRow {
 impl ContrastRow {
     /// Whether seeds of both sides are matched.
     pub fn is_paired(&self) -> bool {
-        self.contrast.design == Design::Matched
+        self.contrast.design == SeedPairing::Matched
     }
 
     /// Numbers of seeds of each side that have a value but, if seeds are matched, no partner.
@@ -79,8 +81,8 @@ impl ContrastRow {
     /// The means of the sides over the compared seeds, whose difference is the contrast's difference.
     pub fn means(&self) -> (Result<f64, Undefined>, Result<f64, Undefined>) {
         match self.contrast.design {
-            Design::Independent => (self.first.mean(), self.second.mean()),
-            Design::Matched => {
+            SeedPairing::Independent => (self.first.mean(), self.second.mean()),
+            SeedPairing::Matched => {
                 let means = self.contrast.means;
                 (means.map(|(first, _)| first), means.map(|(_, second)| second))
             }
@@ -91,14 +93,14 @@ impl ContrastRow {
 #[cfg(test)]
 impl ContrastRow {
     /// The difference between `a` and `b` of an agent `dqn`, without a corrected p value.
-    pub fn between(first: Sample, second: Sample, design: Design) -> ContrastRow {
+    pub fn between(first: Sample, second: Sample, design: SeedPairing) -> ContrastRow {
         let (agent, scenario) = ("dqn".to_owned(), "P".to_owned());
         ContrastRow {
             sides: ("a".to_owned(), "b".to_owned()),
             name: ArmId { agent, scenario, ..ArmId::default() },
             error: None,
             contrast: analyse::Contrast::new(&first, &second, design),
-            family: Family::default(),
+            family: TestFamily::default(),
             corrected: Err(Undefined::TooFewSeeds { have: 1, need: 2 }),
             published: None,
             first,
@@ -197,16 +199,16 @@ fn row(
     let (first, second) = (first.sample(metric), second.sample(metric));
     let sides = &contrast.sides;
     let design = match contrast.pairing {
-        Pairing::Automatic => Design::of(&first, &second),
-        Pairing::Unpaired => Design::Independent,
-        Pairing::BySeed => Design::Matched,
+        Pairing::Automatic => SeedPairing::of(&first, &second),
+        Pairing::Unpaired => SeedPairing::Independent,
+        Pairing::BySeed => SeedPairing::Matched,
     };
     ContrastRow {
         published: published.map(|row| (row.value, row.p)),
         sides: labels(sides),
         error,
         contrast: analyse::Contrast::new(&first, &second, design),
-        family: Family { name: contrast.family.0.clone(), members: 0 },
+        family: TestFamily { name: contrast.family.0.clone(), members: 0 },
         corrected: Err(Undefined::NoSeeds),
         name,
         first,

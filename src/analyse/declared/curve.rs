@@ -2,7 +2,7 @@
 
 use super::arm::{ArmId, arms, by_value, decided_by};
 use super::published;
-use crate::analyse::{Design, Sample, Undefined, t_test};
+use crate::analyse::{Sample, SeedPairing, Undefined, t_test};
 use crate::env::inference_error;
 use crate::job::MetricName;
 use crate::manifest::{CurveAxis, ERROR_AXIS, Published, parameter as parameter_named};
@@ -23,7 +23,7 @@ pub struct CurveLine {
     /// The arm, without the parameter of the axis among its settings.
     pub name: ArmId,
     /// Its points, by x; empty if the arm lacks the parameter of the axis.
-    pub points: Vec<CurvePoint>,
+    pub points: Vec<LinePoint>,
     /// The metric of the seeds of an arm that lacks the parameter of the axis, wherever on the axis.
     pub across: Option<Sample>,
     /// The best mean return that any policy can reach, x and value; empty if it is not known, or
@@ -35,7 +35,7 @@ pub struct CurveLine {
 
 /// A point of a line.
 #[derive(Clone, Debug, PartialEq)]
-pub struct CurvePoint {
+pub struct LinePoint {
     /// Its position on the axis.
     pub x: f64,
     /// The value of the parameter of the axis.
@@ -61,7 +61,7 @@ pub enum Apart {
 impl Apart {
     /// Whether two means differ, by the t test of the design with Bonferroni's correction for `pairs`
     /// comparisons. Differences without variance cannot be tested, unless they are 0.
-    pub(super) fn of((one, other): (&Sample, &Sample), design: Design, pairs: usize) -> Apart {
+    pub(super) fn of((one, other): (&Sample, &Sample), design: SeedPairing, pairs: usize) -> Apart {
         match t_test(one, other, design) {
             Ok(test) if test.p * (pairs as f64) < ALPHA => Apart::Surely,
             Ok(_) => Apart::Perhaps,
@@ -86,13 +86,13 @@ pub struct Trends {
 #[derive(Clone, Copy, Debug)]
 pub struct Ends<'l> {
     /// The first point that has a mean, and its mean.
-    pub first: (&'l CurvePoint, f64),
+    pub first: (&'l LinePoint, f64),
     /// The last point that has a mean, and its mean.
-    pub last: (&'l CurvePoint, f64),
+    pub last: (&'l LinePoint, f64),
     /// Whether the means differ.
     pub apart: Apart,
     /// How the seeds of both points are paired in the test.
-    pub design: Design,
+    pub design: SeedPairing,
 }
 
 impl Ends<'_> {
@@ -111,7 +111,7 @@ impl CurveLine {
         let first = seen.next()?;
         let last = seen.next_back().unwrap_or(first);
         let samples = (&first.0.sample, &last.0.sample);
-        let design = Design::of(samples.0, samples.1);
+        let design = SeedPairing::of(samples.0, samples.1);
         Some(Ends { first, last, apart: Apart::of(samples, design, pairs), design })
     }
 
@@ -157,14 +157,14 @@ impl CurveFigure {
     /// The gaps between two lines at the points that both have: the point, the difference of the means, and
     /// whether it is significant, corrected for the number of points. A line without points spans the points
     /// of the other line.
-    fn gaps(&self) -> Vec<(&CurvePoint, f64, Apart, Design)> {
+    fn gaps(&self) -> Vec<(&LinePoint, f64, Apart, SeedPairing)> {
         let [first, second] = self.lines.as_slice() else { return Vec::new() };
         let (one, other) = if first.points.is_empty() { (second, first) } else { (first, second) };
         let pairs = one.points.len();
         let gap = |point| {
-            let CurvePoint { sample, x, .. }: &CurvePoint = point;
+            let LinePoint { sample, x, .. }: &LinePoint = point;
             let (sample, other) = (sample, other.sample_at(*x)?);
-            let design = Design::of(sample, other);
+            let design = SeedPairing::of(sample, other);
             let (one, two) = design.compared(sample, other);
             let gap = one.mean().ok()? - two.mean().ok()?;
             Some((point, gap, Apart::of((sample, other), design, pairs), design))
@@ -178,9 +178,9 @@ impl CurveFigure {
     }
 
     /// The widest gap between two lines. Significant gaps take precedence over wider gaps.
-    pub fn widest_gap(&self) -> Option<(&CurvePoint, f64, Apart, Design)> {
+    pub fn widest_gap(&self) -> Option<(&LinePoint, f64, Apart, SeedPairing)> {
         let gaps = self.gaps().into_iter();
-        let rank = |(_, gap, apart, _): &(&CurvePoint, f64, Apart, Design)| {
+        let rank = |(_, gap, apart, _): &(&LinePoint, f64, Apart, SeedPairing)| {
             let certainty = match apart {
                 Apart::Surely => 2,
                 Apart::Perhaps => 1,
@@ -222,7 +222,7 @@ pub fn figure(
             let here = super::Arm { name, jobs };
             let best = here.optimum_of(metric);
             optimum.extend(best.map(|best| (place(value), best)));
-            CurvePoint { x: place(value), parameter: value, sample: here.sample(metric) }
+            LinePoint { x: place(value), parameter: value, sample: here.sample(metric) }
         });
         let points = points.collect();
         let value = |name: &str| arm.jobs.first()?.setting(name);
@@ -252,7 +252,7 @@ mod tests {
     fn line(points: &[(f64, f64)]) -> CurveLine {
         let point = |(x, (mean, spread)): (f64, &(f64, f64))| {
             let values = [(1, *mean), (2, mean - spread), (3, mean + spread)];
-            CurvePoint { x, parameter: x, sample: Sample::new(values, 0, 0).unwrap() }
+            LinePoint { x, parameter: x, sample: Sample::new(values, 0, 0).unwrap() }
         };
         CurveLine {
             name: ArmId { agent: "dqn".into(), scenario: String::new(), settings: Vec::new() },
@@ -272,7 +272,7 @@ mod tests {
         // The differences of three seeds are 40 and 40 ± 6.93: t is 10 with 2 degrees of freedom, and p 0.00985.
         let line = line(&[(20.0, 9.0), (60.0, 15.928)]);
         let test = line.ends(1).unwrap();
-        assert_eq!(test.design, Design::Matched);
+        assert_eq!(test.design, SeedPairing::Matched);
         assert_eq!(line.ends(5).unwrap().apart, Apart::Surely);
         assert_eq!(line.ends(6).unwrap().apart, Apart::Perhaps);
     }

@@ -6,7 +6,7 @@ use super::arm::{arms, by_value, decided_by, implied};
 use super::pairs::{Pair, pairs};
 use super::published;
 use super::{Arm, ArmId};
-use crate::analyse::{Contrast, Design, Interval, Sample, Undefined};
+use crate::analyse::{Contrast, Interval, Sample, SeedPairing, Undefined};
 use crate::job::{Condition, MetricName, short_beside};
 use crate::manifest::{HeatMap, Published, PublishedRow, Sides};
 use crate::record::JobRecord;
@@ -29,12 +29,12 @@ pub struct HeatFigure {
     /// The tiles, row by row.
     pub tiles: Vec<HeatTile>,
     /// How far the largest mean is ahead of the tiles around it; `None` for differences.
-    pub lead: Option<Lead>,
+    pub lead: Option<PeakLead>,
 }
 
 /// The lead of the tile with the largest mean over its neighbours, those at most one column and one row away.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Lead {
+pub struct PeakLead {
     /// The place of the tile and of its closest neighbour, that with the smallest difference, among the tiles.
     pub tiles: [usize; 2],
     /// Their difference, its interval, and whether that is paired by seed.
@@ -47,7 +47,7 @@ pub struct Lead {
     pub behind: usize,
 }
 
-impl Lead {
+impl PeakLead {
     /// Whether the intervals of the differences to all neighbours exclude 0.
     pub fn is_clear(&self) -> bool {
         self.behind == self.neighbours
@@ -189,7 +189,7 @@ fn figure(
 }
 
 /// The lead of the largest mean; `samples` has one per tile. `None` without a neighbour or a test.
-fn lead(tiles: &[HeatTile], samples: &[Sample]) -> Option<Lead> {
+fn lead(tiles: &[HeatTile], samples: &[Sample]) -> Option<PeakLead> {
     let value = |place: &usize| tiles[*place].value.ok();
     let known = (0..samples.len()).filter(|place| value(place).is_some());
     let best = known.max_by(|one, other| {
@@ -207,7 +207,7 @@ fn lead(tiles: &[HeatTile], samples: &[Sample]) -> Option<Lead> {
         .filter(is_near)
         .filter(|place| value(place).is_some())
         .map(|place| {
-            let design = Design::of(&samples[best], &samples[place]);
+            let design = SeedPairing::of(&samples[best], &samples[place]);
             (place, Contrast::new(&samples[best], &samples[place], design))
         })
         .collect();
@@ -216,11 +216,11 @@ fn lead(tiles: &[HeatTile], samples: &[Sample]) -> Option<Lead> {
     let (closest, contrast, difference) =
         by_difference.min_by(|(.., one), (.., other)| one.total_cmp(other))?;
     let tests = near.iter().filter_map(|(_, contrast)| contrast.test.ok());
-    Some(Lead {
+    Some(PeakLead {
         tiles: [best, closest],
         difference,
         interval: contrast.test.map(|test| test.interval),
-        is_paired: contrast.design == Design::Matched,
+        is_paired: contrast.design == SeedPairing::Matched,
         neighbours: near.len(),
         tested: tests.clone().count(),
         behind: tests.filter(|test| test.interval.low > 0.0).count(),
@@ -242,7 +242,7 @@ fn difference(
         sample(jobs.iter().filter(|job| condition.is_met_by(job)).copied().collect(), metric)
     };
     let (first, second) = (side(&sides.first), side(&sides.second));
-    let contrast = Contrast::new(&first, &second, Design::of(&first, &second));
+    let contrast = Contrast::new(&first, &second, SeedPairing::of(&first, &second));
     let interval = contrast.test.map(|test| test.interval);
     (contrast.difference, interval, contrast.seeds.0.min(contrast.seeds.1))
 }

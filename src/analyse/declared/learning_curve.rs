@@ -2,7 +2,7 @@
 
 use super::arm::{ArmId, arms};
 use super::curve::Apart;
-use crate::analyse::{Design, Interval, Sample, grouped, mean_interval, moving_mean};
+use crate::analyse::{Interval, Sample, SeedPairing, grouped, mean_interval, moving_mean};
 use crate::job::metric::MEAN_RETURN;
 use crate::record::JobRecord;
 
@@ -35,7 +35,7 @@ impl LearningFigure {
         let pairs = drawn.len() * drawn.len().saturating_sub(1) / 2;
         let others = drawn.into_iter().filter(|other| !std::ptr::eq(*other, line));
         let compared = others.map(|other| {
-            let design = Design::of(&line.end, &other.end);
+            let design = SeedPairing::of(&line.end, &other.end);
             (Apart::of((&line.end, &other.end), design, pairs), design)
         });
         Some(HighestEnd { line, mean, interval: line.points.last()?.2, others: compared.collect() })
@@ -52,7 +52,7 @@ pub struct HighestEnd<'l> {
     /// The interval of this mean.
     pub interval: Option<Interval>,
     /// Whether its end differs from that of each other line of its panel, and how seeds are paired in the test.
-    pub others: Vec<(Apart, Design)>,
+    pub others: Vec<(Apart, SeedPairing)>,
 }
 
 /// The learning curves of one scenario.

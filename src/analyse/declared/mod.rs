@@ -24,9 +24,9 @@ mod summary;
 
 pub use action_choice::{ActionPanel, BinShares};
 pub use arm::{Arm, ArmId, condense, implied, is_at, varying};
-pub use contrast::{ContrastFigure, ContrastRow, Family};
-pub use curve::{ALPHA, Apart, CurveFigure, CurveLine, CurvePoint, Ends, Trends};
-pub use heat_map::{HeatFigure, HeatTile, Lead, Scale, heat_range};
+pub use contrast::{ContrastFigure, ContrastRow, TestFamily};
+pub use curve::{ALPHA, Apart, CurveFigure, CurveLine, Ends, LinePoint, Trends};
+pub use heat_map::{HeatFigure, HeatTile, PeakLead, Scale, heat_range};
 pub use inference_error::{ErrorFigure, ErrorPoint};
 pub use learned::{LearnedFigure, LearnedPanel, LearnedPoint, OverTrials};
 pub use learning_curve::{HighestEnd, LearningFigure, LearningLine, LearningPanel};
@@ -56,12 +56,12 @@ pub struct Finding {
     /// The numbers of jobs analysed.
     pub jobs: JobCounts,
     /// The numbers of the finding.
-    pub content: Content,
+    pub content: FindingContent,
 }
 
 /// The numbers of a finding.
 #[derive(Clone, Debug, PartialEq)]
-pub enum Content {
+pub enum FindingContent {
     /// Differences of means.
     Contrast(ContrastFigure),
     /// A metric along a parameter.
@@ -84,20 +84,20 @@ pub enum Content {
     InferenceError(ErrorFigure),
 }
 
-impl Content {
+impl FindingContent {
     /// The rows, if the content is a contrast.
     fn contrast_mut(&mut self) -> Option<&mut Vec<ContrastRow>> {
         match self {
-            Content::Contrast(figure) => Some(&mut figure.rows),
-            Content::Curve(_)
-            | Content::LearningCurve(_)
-            | Content::HeatMap(_)
-            | Content::ActionChoice(_)
-            | Content::Selection(_)
-            | Content::Recovery(_)
-            | Content::Operating(_)
-            | Content::Learned(_)
-            | Content::InferenceError(_) => None,
+            FindingContent::Contrast(figure) => Some(&mut figure.rows),
+            FindingContent::Curve(_)
+            | FindingContent::LearningCurve(_)
+            | FindingContent::HeatMap(_)
+            | FindingContent::ActionChoice(_)
+            | FindingContent::Selection(_)
+            | FindingContent::Recovery(_)
+            | FindingContent::Operating(_)
+            | FindingContent::Learned(_)
+            | FindingContent::InferenceError(_) => None,
         }
     }
 }
@@ -157,7 +157,11 @@ pub fn carry_out(
     findings
 }
 
-fn content(analysis: &Analysis, jobs: &[&JobRecord], published: Option<&Published>) -> Content {
+fn content(
+    analysis: &Analysis,
+    jobs: &[&JobRecord],
+    published: Option<&Published>,
+) -> FindingContent {
     let Some(range) = analysis.participants else {
         return content_of(analysis, jobs, published);
     };
@@ -166,34 +170,40 @@ fn content(analysis: &Analysis, jobs: &[&JobRecord], published: Option<&Publishe
     content_of(analysis, &among.iter().collect::<Vec<_>>(), None)
 }
 
-fn content_of(analysis: &Analysis, jobs: &[&JobRecord], published: Option<&Published>) -> Content {
+fn content_of(
+    analysis: &Analysis,
+    jobs: &[&JobRecord],
+    published: Option<&Published>,
+) -> FindingContent {
     let metric = analysis.metric;
     match &analysis.kind {
         AnalysisKind::Contrast(contrast) => {
-            Content::Contrast(contrast::figure(contrast, metric, jobs, published))
+            FindingContent::Contrast(contrast::figure(contrast, metric, jobs, published))
         }
         AnalysisKind::Curve(curve) => {
-            Content::Curve(curve::figure(curve.x, metric, jobs, published))
+            FindingContent::Curve(curve::figure(curve.x, metric, jobs, published))
         }
         AnalysisKind::LearningCurve(curve) => {
-            Content::LearningCurve(learning_curve::figure(curve.window, jobs))
+            FindingContent::LearningCurve(learning_curve::figure(curve.window, jobs))
         }
         AnalysisKind::HeatMap(map) => {
-            Content::HeatMap(heat_map::figures(map, metric, jobs, published))
+            FindingContent::HeatMap(heat_map::figures(map, metric, jobs, published))
         }
         AnalysisKind::ActionChoice(choice) => {
-            Content::ActionChoice(action_choice::panels(choice.bins.0, jobs))
+            FindingContent::ActionChoice(action_choice::panels(choice.bins.0, jobs))
         }
         AnalysisKind::Selection(selection) => {
-            Content::Selection(selection::rankings(selection.rule, metric, jobs))
+            FindingContent::Selection(selection::rankings(selection.rule, metric, jobs))
         }
-        AnalysisKind::Recovery(recovery) => Content::Recovery(recovery::rows(recovery, jobs)),
+        AnalysisKind::Recovery(recovery) => {
+            FindingContent::Recovery(recovery::rows(recovery, jobs))
+        }
         AnalysisKind::OperatingCharacteristics(kind) => {
-            Content::Operating(operating::figure(kind, jobs))
+            FindingContent::Operating(operating::figure(kind, jobs))
         }
-        AnalysisKind::DidItLearn(kind) => Content::Learned(learned::figure(kind, jobs)),
+        AnalysisKind::DidItLearn(kind) => FindingContent::Learned(learned::figure(kind, jobs)),
         AnalysisKind::InferenceError(_) => {
-            Content::InferenceError(inference_error::figure(jobs, published))
+            FindingContent::InferenceError(inference_error::figure(jobs, published))
         }
     }
 }

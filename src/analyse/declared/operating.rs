@@ -4,7 +4,7 @@ use std::collections::HashSet;
 
 use super::arm::{Arm, ArmId, arms, by_value, decided_by};
 use crate::analyse::{
-    Formula, Interval, Operating, SampleSize, Simulated, TrialEstimate, sample_size,
+    Formula, Interval, MonteCarloMean, Operating, SampleSize, TrialEstimate, sample_size,
 };
 use crate::job::{CONSTANT, Effect, distinct};
 use crate::key::Parameter;
@@ -204,7 +204,7 @@ fn seek(rows: &[OperatingRow], power: f64) -> Vec<Sought> {
     };
     let line = |rows: &[OperatingRow]| {
         let at = |row: &OperatingRow| Some((row.x?, row.operating.power.ok()?));
-        let powers: Vec<(f64, Simulated)> = rows.iter().filter_map(at).collect();
+        let powers: Vec<(f64, MonteCarloMean)> = rows.iter().filter_map(at).collect();
         let (first, last) = (powers.first()?, powers.last()?);
         let mut with_power = rows.iter().filter(|row| row.operating.power.is_ok());
         let trials = with_power.clone().map(|row| row.operating.trials).min()?;

@@ -4,7 +4,7 @@ use crate::job::metric::NET_RETURN;
 use std::collections::HashMap;
 
 use super::arm::{Arm, ArmId, Token, arms};
-use crate::analyse::{self, Design, Recovered, Sample, Undefined};
+use crate::analyse::{self, Recovered, Sample, SeedPairing, Undefined};
 use crate::job::{Condition, Scalar};
 use crate::manifest::Recovery;
 use crate::record::JobRecord;
@@ -17,7 +17,7 @@ pub struct RecoveryRow {
     /// The arm whose distance to the optimum is the loss.
     pub without: ArmId,
     /// How the seeds of both arms are paired.
-    pub design: Design,
+    pub design: SeedPairing,
     /// The net returns of the seeds that are compared.
     pub returns: [Sample; 2],
     /// The largest optimum of the analysis' scenarios that show the state.
@@ -70,7 +70,7 @@ pub fn rows(recovery: &Recovery, jobs: &[&JobRecord]) -> Vec<RecoveryRow> {
         for without in partners.iter().filter(|one| is_nearest(with, one, &partners)) {
             // The optimum is that of the net return.
             let (of_with, of_without) = (with.sample(NET_RETURN), without.sample(NET_RETURN));
-            let design = Design::of(&of_with, &of_without);
+            let design = SeedPairing::of(&of_with, &of_without);
             let recovered = optimum.ok_or(Undefined::NoOptimum).and_then(|optimum| {
                 analyse::recovered(&of_with, &of_without, optimum.mean_return, design)
             });

@@ -5,7 +5,8 @@ use std::collections::BTreeMap;
 use super::arm::arms;
 use crate::analyse::undefined::finite;
 use crate::analyse::{
-    Agreement, Design, Estimate, Likeness, Sample, Undefined, Verdict, agreement, t_test,
+    Agreement, Likeness, Sample, SeedPairing, UncertainNumber, Undefined, Verdict, agreement,
+    t_test,
 };
 use crate::env::inference_error;
 use crate::job::{MetricName, MetricUnit, Scalar, distinct};
@@ -218,11 +219,11 @@ fn reading_sd(row: &PublishedRow) -> f64 {
 /// to vary as much as ours.
 fn mean(row: &PublishedRow, sample: &Sample) -> Comparison {
     let reading_sd = reading_sd(row);
-    let ours = Estimate::of_mean(sample.values());
+    let ours = UncertainNumber::of_mean(sample.values());
     let comparison = match row.sd {
         Some(sd) => {
             let standard_error = (sd * sd / row.n + reading_sd * reading_sd).sqrt();
-            let theirs = Estimate { value: row.value, standard_error, df: row.n - 1.0 };
+            let theirs = UncertainNumber { value: row.value, standard_error, df: row.n - 1.0 };
             let is_known = if row.n > 1.0 {
                 Ok(theirs)
             } else {
@@ -245,7 +246,8 @@ fn difference(row: &PublishedRow, first: &Sample, second: &Sample) -> Comparison
     let ours = estimate(first, second);
     let comparison = match row.p {
         Some(p) => {
-            let theirs = Estimate::of_published(row.value, p.max(SMALLEST_P), 2.0 * row.n - 2.0);
+            let theirs =
+                UncertainNumber::of_published(row.value, p.max(SMALLEST_P), 2.0 * row.n - 2.0);
             compared(row.value, theirs, ours, seeds)
         }
         None => {
@@ -265,24 +267,26 @@ fn error_rate(row: &PublishedRow, jobs: &[&JobRecord]) -> Option<Comparison> {
         let ours = inference_error(sigma);
         // The binomial standard error of a published rate whose true value is ours. Our rate is exact.
         let standard_error = (ours * (1.0 - ours) / row.n).sqrt();
-        let exact = |value| Estimate { value, standard_error: 0.0, df: row.n - 1.0 };
-        let theirs = Ok(Estimate { standard_error, ..exact(row.value) });
+        let exact = |value| UncertainNumber { value, standard_error: 0.0, df: row.n - 1.0 };
+        let theirs = Ok(UncertainNumber { standard_error, ..exact(row.value) });
         compared(row.value, theirs, Ok(exact(ours)), 0)
     })
 }
 
 /// The difference of two arms with its standard error.
-fn estimate(first: &Sample, second: &Sample) -> Result<Estimate, Undefined> {
-    let design = Design::of(first, second);
+fn estimate(first: &Sample, second: &Sample) -> Result<UncertainNumber, Undefined> {
+    let design = SeedPairing::of(first, second);
     match design {
-        Design::Independent => Estimate::of_difference(first.values(), second.values()),
-        Design::Matched => t_test(first, second, design).map(|test| Estimate::of_test(&test)),
+        SeedPairing::Independent => UncertainNumber::of_difference(first.values(), second.values()),
+        SeedPairing::Matched => {
+            t_test(first, second, design).map(|test| UncertainNumber::of_test(&test))
+        }
     }
 }
 
 /// The difference of the means of two arms, which needs one seed per arm.
 fn gap(first: &Sample, second: &Sample) -> Result<f64, Undefined> {
-    let (first, second) = Design::of(first, second).compared(first, second);
+    let (first, second) = SeedPairing::of(first, second).compared(first, second);
     finite(first.mean()? - second.mean()?)
 }
 
@@ -290,7 +294,7 @@ fn gap(first: &Sample, second: &Sample) -> Result<f64, Undefined> {
 fn alike(
     published: f64,
     likeness: Result<Likeness, Undefined>,
-    ours: Result<Estimate, Undefined>,
+    ours: Result<UncertainNumber, Undefined>,
     seeds: usize,
 ) -> Comparison {
     let agreement = match (&ours, &likeness) {
@@ -304,8 +308,8 @@ fn alike(
 /// A comparison of two independent numbers.
 fn compared(
     published: f64,
-    theirs: Result<Estimate, Undefined>,
-    ours: Result<Estimate, Undefined>,
+    theirs: Result<UncertainNumber, Undefined>,
+    ours: Result<UncertainNumber, Undefined>,
     seeds: usize,
 ) -> Comparison {
     let agreement = match (&ours, &theirs) {
@@ -323,7 +327,7 @@ fn compared(
 fn unlabelled(
     published: f64,
     published_error: Result<f64, Undefined>,
-    ours: Result<Estimate, Undefined>,
+    ours: Result<UncertainNumber, Undefined>,
     seeds: usize,
     agreement: Result<Agreement, Undefined>,
 ) -> Comparison {

@@ -11,7 +11,7 @@ use crate::env::simulation::{Simulated, Simulation};
 use crate::env::vector::{
     Action, ActionSpec, EpisodeStatus, LaneSet, LaneStreams, VectorEnvironment,
 };
-use crate::external::{Numbers, Observation, Observed, ToEnvironment};
+use crate::external::{Observation, Observed, SentNumbers, ToEnvironment};
 use crate::state::{Resumable, StateError, StateReader, StateWriter};
 
 /// Up to this number, 32 bits hold every whole number.
@@ -154,7 +154,7 @@ impl OutsideEnvironment {
 
     fn read_rewards(
         &self,
-        found: Option<&Numbers>,
+        found: Option<&SentNumbers>,
         rewards: Option<&mut [f64]>,
     ) -> Result<(), String> {
         let (found, rewards) = match (found, rewards) {
@@ -178,7 +178,7 @@ impl OutsideEnvironment {
         Ok(())
     }
 
-    fn read_observations(&mut self, found: &Numbers) -> Result<(), String> {
+    fn read_observations(&mut self, found: &SentNumbers) -> Result<(), String> {
         let features = &self.program.description().features;
         let rows = self.rows("observations", found, features.len())?;
         let Use { shown, spec, .. } = &self.use_of;
@@ -208,7 +208,7 @@ impl OutsideEnvironment {
         Ok(())
     }
 
-    fn read_available(&mut self, found: Option<&Numbers>) -> Result<(), String> {
+    fn read_available(&mut self, found: Option<&SentNumbers>) -> Result<(), String> {
         match (found, self.program.description().availability) {
             (Some(_), false) => {
                 return Err("expected `available` only with \"availability\": true".to_owned());
@@ -226,7 +226,7 @@ impl OutsideEnvironment {
         Ok(())
     }
 
-    fn read_state(&mut self, found: Option<&Numbers>) -> Result<(), String> {
+    fn read_state(&mut self, found: Option<&SentNumbers>) -> Result<(), String> {
         if !self.use_of.records_state {
             return Ok(());
         }
@@ -246,8 +246,8 @@ impl OutsideEnvironment {
     /// Reads which episodes have ended.
     fn read_ends(
         &mut self,
-        terminated: Option<&Numbers>,
-        truncated: Option<&Numbers>,
+        terminated: Option<&SentNumbers>,
+        truncated: Option<&SentNumbers>,
         message: Observation,
     ) -> Result<(), String> {
         let terminated = terminated.map(|found| self.truths("terminated", found)).transpose()?;
@@ -279,7 +279,7 @@ impl OutsideEnvironment {
     }
 
     /// A value for each lane of the message.
-    fn flat<'n>(&self, name: &str, found: &'n Numbers) -> Result<&'n [f64], String> {
+    fn flat<'n>(&self, name: &str, found: &'n SentNumbers) -> Result<&'n [f64], String> {
         let lanes = self.lanes.len();
         match found.values.len() == lanes && found.width.is_none() {
             true => Ok(&found.values),
@@ -291,7 +291,7 @@ impl OutsideEnvironment {
     }
 
     /// 0 or 1 for each lane of the message.
-    fn truths<'n>(&self, name: &str, found: &'n Numbers) -> Result<&'n [f64], String> {
+    fn truths<'n>(&self, name: &str, found: &'n SentNumbers) -> Result<&'n [f64], String> {
         let all = self.flat(name, found)?;
         match all.iter().find(|value| ![0.0, 1.0].contains(*value)) {
             Some(value) => Err(format!("expected true or false as `{name}`, found {value}")),
@@ -303,7 +303,7 @@ impl OutsideEnvironment {
     fn rows<'n>(
         &self,
         name: &str,
-        found: &'n Numbers,
+        found: &'n SentNumbers,
         width: usize,
     ) -> Result<std::slice::ChunksExact<'n, f64>, String> {
         let lanes = self.lanes.len();
@@ -319,7 +319,7 @@ impl OutsideEnvironment {
     }
 }
 
-fn shape(of: &Numbers) -> String {
+fn shape(of: &SentNumbers) -> String {
     match of.width {
         Some(width) if width > 0 => format!("{} rows of {width}", of.values.len() / width),
         _ => of.values.len().to_string(),

@@ -4,7 +4,7 @@ use std::time::{Duration, Instant};
 
 use serde::Serialize;
 
-use crate::env::contract::{self, Violation};
+use crate::env::contract::{self, ContractViolation};
 use crate::env::outside::client::OutsideEnvironment;
 use crate::env::outside::description::Description;
 use crate::env::outside::program::{EnvironmentProgram, EpisodePhase, Launch};
@@ -43,7 +43,7 @@ pub enum TrialError {
         /// The command.
         command: String,
         /// The violation.
-        violation: Violation,
+        violation: ContractViolation,
     },
 }
 

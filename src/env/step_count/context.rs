@@ -128,7 +128,7 @@ fn prior_odds(environment: &StepCount) -> f64 {
 /// Draws of many contexts at once, each equal to [`ContextDraw::draw`].
 ///
 /// **Shapes**: every array has the length of `words`, the words of the stream.
-pub(super) struct Draws<'a, I> {
+pub(super) struct ContextDraws<'a, I> {
     /// The lanes to write draws to; other entries stay as they are.
     pub(super) drawn: &'a [bool],
     pub(super) inference: I,
@@ -138,7 +138,7 @@ pub(super) struct Draws<'a, I> {
     pub(super) likely: &'a mut [u8],
 }
 
-impl<I: LaneInference> WithSimd for Draws<'_, I> {
+impl<I: LaneInference> WithSimd for ContextDraws<'_, I> {
     type Output = ();
 
     #[inline(always)]
@@ -175,7 +175,7 @@ impl<I: LaneInference> WithSimd for Draws<'_, I> {
     }
 }
 
-/// Draws per iteration of the outer loop of [`Draws`].
+/// Draws per iteration of the outer loop of [`ContextDraws`].
 const BLOCK: usize = 64;
 
 /// Context draws for the next words of a stream, with both contexts equally likely, for callers that take one
@@ -215,7 +215,7 @@ impl ContextDrawsAhead {
         if self.words.get(self.taken) != Some(&word) {
             self.words[0] = word;
             stream.peek(&mut self.words[1..]);
-            isa.run(Draws {
+            isa.run(ContextDraws {
                 drawn: &[true; AHEAD],
                 inference: Inference { sigma: self.sigma, odds: 1.0 },
                 words: &self.words,

@@ -5,7 +5,7 @@ use crate::env::vector::Action;
 
 /// The state after an action, and its reward.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Effect {
+pub struct StateChange {
     /// Habituation after the step, in [0, 1].
     pub habituation: f64,
     /// Disengagement risk after the step, in [0, 1]; the episode ends if it reaches the threshold.
@@ -23,7 +23,7 @@ pub fn apply_action(
     action: Action,
     habituation: f64,
     disengagement: f64,
-) -> Effect {
+) -> StateChange {
     Dynamics::of(environment).apply(context, action, habituation, disengagement)
 }
 
@@ -86,7 +86,7 @@ impl Dynamics {
         action: Action,
         habituation: f64,
         disengagement: f64,
-    ) -> Effect {
+    ) -> StateChange {
         let sends = action != Action::NONE;
         let untailored = action == Action::UNTAILORED;
         let suits = action == Action::tailored_to(context);
@@ -100,7 +100,7 @@ impl Dynamics {
         let disengagement = if untailored | suits { calm } else { unwelcome };
 
         let reward = self.reward(context, action, habituation);
-        Effect { habituation, disengagement, reward }
+        StateChange { habituation, disengagement, reward }
     }
 
     /// Disengagement risk after an untailored or a right message.

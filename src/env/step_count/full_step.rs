@@ -4,7 +4,7 @@
 use pulp::{Simd, WithSimd};
 
 use crate::env::scenario::Scenario;
-use crate::env::step_count::dynamics::{Dynamics, Effect, LaneDynamics};
+use crate::env::step_count::dynamics::{Dynamics, LaneDynamics, StateChange};
 use crate::env::step_count::intervention::OPTIONS;
 use crate::env::step_count::noise::Noise;
 use crate::env::step_count::parameters::{
@@ -102,7 +102,7 @@ pub(super) struct FullStep<'a, P, N> {
 impl<P: LaneDynamics, N: Noise> FullStep<'_, P, N> {
     /// The state after an action, and the steps walked.
     #[inline(always)]
-    fn effect(&self, lane: usize, dynamics: &Dynamics, action: Action) -> Effect {
+    fn effect(&self, lane: usize, dynamics: &Dynamics, action: Action) -> StateChange {
         let context = self.contexts[lane];
         let drawn = self.noise.dynamics(lane, dynamics);
         let expected =
@@ -115,7 +115,7 @@ impl<P: LaneDynamics, N: Noise> FullStep<'_, P, N> {
             RewardHabituation::Drawn => drawn.reward(context, action, habituation),
         };
         let steps = self.noise.steps(lane, dynamics, steps);
-        Effect { habituation, disengagement, reward: steps }
+        StateChange { habituation, disengagement, reward: steps }
     }
 
     #[inline(always)]
@@ -123,7 +123,7 @@ impl<P: LaneDynamics, N: Noise> FullStep<'_, P, N> {
         let e = self.environment;
         let dynamics = *self.dynamics.of(lane);
         let action = self.memory.taken(e.message_budget, lane, self.actions[lane]);
-        let Effect { habituation, disengagement, reward: steps } =
+        let StateChange { habituation, disengagement, reward: steps } =
             self.effect(lane, &dynamics, action);
         let time = self.times[lane] + 1;
         let disengaged = disengagement >= dynamics.disengagement_threshold;

@@ -28,7 +28,7 @@ pub use constraints::{CONSTRAINTS, PEOPLE_CONSTRAINTS, population};
 pub use context::{
     ContextDraw, ContextDrawsAhead, context_error, inference_error, probability_of_zero,
 };
-pub use dynamics::{Effect, apply_action, fewest_steps};
+pub use dynamics::{StateChange, apply_action, fewest_steps};
 pub use family::{FAMILY, StepCountModel};
 pub use filter::Beliefs;
 pub use full_step::INITIAL_STEPS;

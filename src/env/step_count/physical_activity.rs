@@ -6,7 +6,7 @@ use crate::env::history::History;
 use crate::env::observation::Observations;
 use crate::env::scenario::Scenario;
 use crate::env::step_count::context::{
-    ContextChain, ContextDraw, ContextDrawsAhead, Draws, Inference, LaneInference,
+    ContextChain, ContextDraw, ContextDraws, ContextDrawsAhead, Inference, LaneInference,
 };
 use crate::env::step_count::dynamics::{Alike, Dynamics, LaneDynamics};
 use crate::env::step_count::filter::{Beliefs, Evidence, Filters, Update};
@@ -338,7 +338,7 @@ impl PhysicalActivity {
 
     /// Derives contexts from the words, for the lanes marked in `drawn`.
     fn draw_contexts(&mut self, inference: impl LaneInference) {
-        self.isa.run(Draws {
+        self.isa.run(ContextDraws {
             drawn: &self.drawn,
             inference,
             words: &self.words,

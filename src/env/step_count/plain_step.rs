@@ -5,7 +5,7 @@ use std::hint::select_unpredictable;
 
 use pulp::{Simd, WithSimd};
 
-use crate::env::step_count::dynamics::{Dynamics, Effect, LaneDynamics};
+use crate::env::step_count::dynamics::{Dynamics, LaneDynamics, StateChange};
 use crate::env::step_count::full_step::cut;
 use crate::env::step_count::noise::{Silence, uniform_state};
 use crate::env::vector::{Action, EpisodeStatus};
@@ -23,9 +23,9 @@ pub(super) trait PlainNoise {
         &self,
         dynamics: &Dynamics,
         given: (u8, Action),
-        expected: Effect,
+        expected: StateChange,
         words: Self::Words,
-    ) -> Effect;
+    ) -> StateChange;
 }
 
 impl PlainNoise for Silence {
@@ -38,7 +38,7 @@ impl PlainNoise for Silence {
     }
 
     #[inline(always)]
-    fn applied(&self, _: &Dynamics, _: (u8, Action), expected: Effect, (): ()) -> Effect {
+    fn applied(&self, _: &Dynamics, _: (u8, Action), expected: StateChange, (): ()) -> StateChange {
         expected
     }
 }
@@ -64,15 +64,15 @@ impl PlainNoise for UniformNoise<'_> {
         &self,
         dynamics: &Dynamics,
         (context, action): (u8, Action),
-        expected: Effect,
+        expected: StateChange,
         words: [u64; 2],
-    ) -> Effect {
-        let Effect { habituation, disengagement, reward } = expected;
+    ) -> StateChange {
+        let StateChange { habituation, disengagement, reward } = expected;
         let next = uniform_state(dynamics.state_spread, [habituation, disengagement], words);
         let [habituation, disengagement] = next.map(|x| cut(x, 0.0, 1.0));
         let drawn = dynamics.reward(context, action, habituation);
         let reward = if self.is_reward_drawn { drawn } else { reward };
-        Effect { habituation, disengagement, reward }
+        StateChange { habituation, disengagement, reward }
     }
 }
 

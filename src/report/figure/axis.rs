@@ -1,10 +1,10 @@
 //! Axes, which map numbers to positions, with round numbers as ticks.
 
 use super::ticks::{linear, logarithmic, round_step};
-use super::{FAINT, GRID, INK, Numbers, TEXT, fitting, rising_title, text};
+use super::{FAINT, GRID, INK, NumberFormat, TEXT, fitting, rising_title, text};
 use crate::job::Scalar;
 use crate::report::data_table::{shown, signed};
-use crate::report::scene::{Anchor, Mark, Shape, Stroke, Weight, width};
+use crate::report::scene::{Anchor, Mark, SceneShape, Stroke, Weight, width};
 
 /// An axis of a chart.
 #[derive(Clone, Debug, PartialEq)]
@@ -16,7 +16,7 @@ pub struct Axis {
     /// The mapping of numbers to positions.
     scale: AxisScale,
     /// How its numbers are written.
-    numbers: Numbers,
+    numbers: NumberFormat,
     /// Ascending numbers before the range, each at a place of its own before a break of the axis: 0 on a
     /// logarithmic axis.
     aside: Vec<f64>,
@@ -63,7 +63,7 @@ const MOST: f64 = 1e300;
 impl Axis {
     /// An axis that reaches from `low` to `high`. Numbers that are not finite, and an empty range, are replaced
     /// by an axis around the number that is left.
-    pub fn new(title: String, range: (f64, f64), scale: AxisScale, numbers: Numbers) -> Axis {
+    pub fn new(title: String, range: (f64, f64), scale: AxisScale, numbers: NumberFormat) -> Axis {
         let (low, high) = match range {
             (low, high) if low.is_finite() && high.is_finite() => (low.min(high), low.max(high)),
             (low, _) if low.is_finite() => (low, low),
@@ -85,7 +85,7 @@ impl Axis {
     }
 
     /// A logarithmic axis of these numbers. Numbers that are not above 0, or far below all others, stand aside.
-    pub fn logarithmic(title: String, values: &[f64], numbers: Numbers) -> Axis {
+    pub fn logarithmic(title: String, values: &[f64], numbers: NumberFormat) -> Axis {
         let (aside, rest) = apart(values);
         let low = rest.first().copied().unwrap_or(1.0);
         let high = rest.last().copied().unwrap_or(low);
@@ -124,8 +124,8 @@ impl Axis {
             return Vec::new();
         }
         let label = |number: f64| match self.numbers {
-            Numbers::Plain => signed(&Scalar::Real(number).to_string()),
-            Numbers::Percent => shown(number * 100.0, usize::from(number != 0.0)),
+            NumberFormat::Plain => signed(&Scalar::Real(number).to_string()),
+            NumberFormat::Percent => shown(number * 100.0, usize::from(number != 0.0)),
         };
         let tick = |number: &f64| Tick {
             share: self.share(*number),
@@ -200,8 +200,8 @@ impl Axis {
     /// The ends in displayed unit.
     fn displayed(&self) -> (f64, f64) {
         let unit = match self.numbers {
-            Numbers::Plain => 1.0,
-            Numbers::Percent => 100.0,
+            NumberFormat::Plain => 1.0,
+            NumberFormat::Percent => 100.0,
         };
         (self.range.0 * unit, self.range.1 * unit)
     }
@@ -330,14 +330,14 @@ impl Frame {
         for Tick { share, label, .. } in y.ticks(HEIGHT_TICKS) {
             let height = self.top + (1.0 - share) * self.height;
             let points = vec![(self.left, height), (self.left + self.width, height)];
-            marks.push(Shape::Line { points, stroke: Stroke::solid(GRID, 0.6) }.into());
+            marks.push(SceneShape::Line { points, stroke: Stroke::solid(GRID, 0.6) }.into());
             let at = (self.left - 4.0, height + TEXT * 0.35);
             marks.push(text(at, label, plain, FAINT, Anchor::End).into());
         }
         for Tick { share, label, .. } in Frame::ticks_across(x, self.width) {
             let across = self.left + share * self.width;
             let points = vec![(across, bottom), (across, bottom + 3.0)];
-            marks.push(Shape::Line { points, stroke: Stroke::solid(FAINT, 0.7) }.into());
+            marks.push(SceneShape::Line { points, stroke: Stroke::solid(FAINT, 0.7) }.into());
             let at = (across, bottom + 4.0 + TEXT);
             marks.push(text(at, label, plain, FAINT, Anchor::Middle).into());
         }
@@ -358,7 +358,7 @@ impl Frame {
         let (left, right) = (self.left, self.left + self.width);
         let bottom = self.top + self.height;
         let line = |points: Vec<(f64, f64)>| -> Mark {
-            Shape::Line { points, stroke: Stroke::solid(FAINT, 0.8) }.into()
+            SceneShape::Line { points, stroke: Stroke::solid(FAINT, 0.8) }.into()
         };
         let level = |from: f64, to: f64| line(vec![(from, bottom), (to, bottom)]);
         if x.aside.is_empty() {
@@ -383,7 +383,7 @@ mod tests {
     use super::*;
 
     fn axis(range: (f64, f64), scale: AxisScale) -> Axis {
-        Axis::new("σ".to_owned(), range, scale, Numbers::Plain)
+        Axis::new("σ".to_owned(), range, scale, NumberFormat::Plain)
     }
 
     fn labels(axis: &Axis, wanted: usize) -> String {
@@ -408,7 +408,7 @@ mod tests {
     fn numbers_are_written_to_their_step() {
         let mut axis = axis((0.0, 1.0), AxisScale::Linear);
         assert_eq!(labels(&axis, 4), "0 0.25 0.50 0.75 1.00");
-        axis.numbers = Numbers::Percent;
+        axis.numbers = NumberFormat::Percent;
         assert_eq!(labels(&axis, 5), "0 20 40 60 80 100");
         let axis = self::axis((1e-5, 100.0), AxisScale::Log);
         let written = "1e-5 3e-5 1e-4 3e-4 0.001 0.003 0.01 0.03 0.1 0.3 1 3 10 30 100";
@@ -462,7 +462,7 @@ mod tests {
 
     #[test]
     fn zero_and_numbers_far_below_stand_aside_on_a_logarithmic_axis() {
-        let of = |values: &[f64]| Axis::logarithmic(String::new(), values, Numbers::Plain);
+        let of = |values: &[f64]| Axis::logarithmic(String::new(), values, NumberFormat::Plain);
         let zero = of(&[0.1, 0.0, 0.001]).padded();
         let shares = [0.0, 0.001, 0.01, 0.1].map(|value| zero.share(value));
         assert!(shares.windows(2).all(|pair| pair[1] - pair[0] > 0.08), "{shares:?}");

@@ -1,6 +1,6 @@
 //! Lines along an axis, with intervals: one chart per panel, all with the same axes.
 
-use super::Numbers;
+use super::NumberFormat;
 use super::axis::{Axis, AxisScale, Frame, HEIGHT_TICKS, round_range, tick_width};
 use super::label::{Placing, below, beside, end_labels, placing};
 use super::line::{ALONE, Chart, GAP, LEAST_PLOT, LEFT, Line, Place, Spread, marker, single};
@@ -8,7 +8,9 @@ use super::overlap::{dodges, widenings};
 use super::style::Style;
 use super::{FAINT, INK, LINE, NOTE, TEXT, fitting, heading_lines, text};
 use crate::job::Measure;
-use crate::report::scene::{Anchor, Color, Fill, Mark, Point, Scene, Shape, Stroke, Weight, width};
+use crate::report::scene::{
+    Anchor, Color, Fill, Mark, Point, Scene, SceneShape, Stroke, Weight, width,
+};
 use crate::report::words::unit_numbers;
 
 const HEIGHT: f64 = 236.0;
@@ -23,7 +25,7 @@ const LEAST_HEIGHT: f64 = 60.0;
 /// first to the last point. The vertical axis has round ends, unless the style declares others.
 pub fn axes(
     charts: &[Chart],
-    (x_title, x_numbers, scale): (String, Numbers, AxisScale),
+    (x_title, x_numbers, scale): (String, NumberFormat, AxisScale),
     metric: Measure,
     style: &Style,
 ) -> (Axis, Axis) {
@@ -33,8 +35,8 @@ pub fn axes(
 /// [`axes`] of lines that show something else than a metric: with the title and the numbers of the vertical axis.
 pub fn axes_of(
     charts: &[Chart],
-    (x_title, x_numbers, scale): (String, Numbers, AxisScale),
-    (y_title, y_numbers): (String, Numbers),
+    (x_title, x_numbers, scale): (String, NumberFormat, AxisScale),
+    (y_title, y_numbers): (String, NumberFormat),
     style: &Style,
 ) -> (Axis, Axis) {
     let lines = || charts.iter().flat_map(|chart| &chart.lines);
@@ -49,7 +51,7 @@ pub fn axes_of(
     let lows = points().map(|point| point.interval.map_or(point.y, |(low, _)| low.min(point.y)));
     let low = lows.filter(|y| y.is_finite()).fold(0.0, f64::min);
     let (low, high) = round_range(low, if high.is_finite() { high } else { 1.0 });
-    let cap = if y_numbers == Numbers::Percent { 1.0 } else { f64::INFINITY };
+    let cap = if y_numbers == NumberFormat::Percent { 1.0 } else { f64::INFINITY };
     let low = style.limits.0.unwrap_or(low);
     let high = style.limits.1.unwrap_or(high.min(cap));
     // A declared end may lie beyond the other end.
@@ -186,7 +188,7 @@ fn line_marks(
     let reference: Vec<Point> = line.reference.iter().map(|(x, y)| place(*x, *y)).collect();
     if reference.len() > 1 {
         let stroke = Stroke { color, width: 0.8, dash: None, opacity: 0.65 };
-        marks.push(Shape::Line { points: reference, stroke }.into());
+        marks.push(SceneShape::Line { points: reference, stroke }.into());
     }
     if line.spread == Spread::Band {
         let banded = line.points.iter().filter_map(|point| Some((point.x, point.interval?)));
@@ -196,7 +198,7 @@ fn line_marks(
         upper.extend(lower);
         if upper.len() > 3 {
             let fill = Fill { color, opacity: 0.16 };
-            marks.push(Shape::Area { points: upper, fill, stroke: None }.into());
+            marks.push(SceneShape::Area { points: upper, fill, stroke: None }.into());
         }
     }
     let moved = |(x, y): Point| (x + right, y);
@@ -217,9 +219,10 @@ fn line_marks(
         let casing = wider.map(|_| Stroke::solid(Color::WHITE, stroke.width + CASING));
         for part in clipped(&points, axes.1.range()) {
             let points: Vec<Point> = part.into_iter().map(|(x, y)| moved(place(x, y))).collect();
-            let casing = casing.map(|stroke| Shape::Line { points: points.clone(), stroke }.into());
+            let casing =
+                casing.map(|stroke| SceneShape::Line { points: points.clone(), stroke }.into());
             marks.extend(casing);
-            marks.push(Shape::Line { points, stroke }.into());
+            marks.push(SceneShape::Line { points, stroke }.into());
         }
         // A labelled line with a single point is drawn as a dash. The points of other lines have marks.
         let (low, high) = axes.1.range();
@@ -229,7 +232,7 @@ fn line_marks(
         {
             let (x, y) = moved(place(*at, *height));
             let points = vec![(x - ALONE, y), (x + ALONE, y)];
-            marks.push(Shape::Line { points, stroke }.into());
+            marks.push(SceneShape::Line { points, stroke }.into());
         }
     }
     marks
@@ -296,7 +299,7 @@ fn point_marks(line: &Line, axes: (&Axis, &Axis), frame: &Frame, right: f64) -> 
             marker(at, &line.look, if line.look.marker.is_hollow() { 2.6 } else { 2.2 })
         } else {
             let fill = Fill { color: line.look.color, opacity: 0.0 };
-            Shape::Circle { centre: at, radius: 3.0, fill, stroke: None }
+            SceneShape::Circle { centre: at, radius: 3.0, fill, stroke: None }
         };
         let mark = Mark::from(shape);
         if point.tip.is_empty() { mark } else { mark.saying(&point.tip) }
@@ -313,7 +316,7 @@ fn point_marks(line: &Line, axes: (&Axis, &Axis), frame: &Frame, right: f64) -> 
         let (low, high) = point.interval.filter(|_| line.spread == Spread::Bars)?;
         let points = vec![place(point.x, low), place(point.x, high)];
         let stroke = Stroke::solid(line.look.color, 1.0);
-        Some(Mark::from(Shape::Line { points, stroke }))
+        Some(Mark::from(SceneShape::Line { points, stroke }))
     };
     let marks = |point| std::iter::once(mark(point)).chain(bar(point)).chain(number(point));
     said.flat_map(marks).collect()
@@ -349,22 +352,23 @@ mod tests {
         };
         let charts = [chart(words), chart(&"w".repeat(100)), chart("short")];
         let style = Style::of(&FigureKeys::default());
-        let axis = ("x".to_owned(), Numbers::Plain, AxisScale::Linear);
+        let axis = ("x".to_owned(), NumberFormat::Plain, AxisScale::Linear);
         let axes = axes(&charts, axis, MEAN_RETURN.in_unit("points"), &style);
         let scenes = draw(&charts, &axes, &style);
         for scene in &scenes {
             for mark in &scene.marks {
-                if let Shape::Text { at, text, size, weight: Weight::SemiBold, .. } = &mark.shape {
+                if let SceneShape::Text { at, text, size, weight: Weight::SemiBold, .. } =
+                    &mark.shape
+                {
                     let end = at.0 + width(text, *size, Weight::SemiBold);
                     assert!(end <= scene.width, "{text} ends at {end} of {}", scene.width);
                 }
             }
         }
         let lines = |scene: &Scene| {
-            let headings = scene
-                .marks
-                .iter()
-                .filter(|mark| matches!(&mark.shape, Shape::Text { weight: Weight::SemiBold, .. }));
+            let headings = scene.marks.iter().filter(|mark| {
+                matches!(&mark.shape, SceneShape::Text { weight: Weight::SemiBold, .. })
+            });
             headings.count()
         };
         assert!(lines(&scenes[0]) > 1 && lines(&scenes[2]) == 1);
@@ -376,7 +380,7 @@ mod tests {
         let (heading, description, note) = (None, String::new(), note.to_owned());
         let chart = Chart { heading, description, lines, note };
         let style = Style::of(&FigureKeys::default());
-        let axis = ("x".to_owned(), Numbers::Plain, AxisScale::Linear);
+        let axis = ("x".to_owned(), NumberFormat::Plain, AxisScale::Linear);
         let axes = axes(slice::from_ref(&chart), axis, MEAN_RETURN.in_unit("points"), &style);
         draw(slice::from_ref(&chart), &axes, &style).remove(0)
     }
@@ -391,7 +395,7 @@ mod tests {
         let lines = |series: usize| -> Vec<(f64, f64)> {
             let of_series = scene.marks.iter().filter(|mark| mark.series == Some(series));
             let lines = of_series.filter_map(|mark| match &mark.shape {
-                Shape::Line { points, stroke } if points.len() == 3 => {
+                SceneShape::Line { points, stroke } if points.len() == 3 => {
                     Some((stroke.width, points[0].1))
                 }
                 _ => None,
@@ -405,7 +409,7 @@ mod tests {
         assert_eq!(first[1].1, second[1].1);
         let has = |words: &str| {
             scene.marks.iter().any(|mark| match &mark.shape {
-                Shape::Text { text, .. } => text.contains(words),
+                SceneShape::Text { text, .. } => text.contains(words),
                 _ => false,
             })
         };
@@ -419,7 +423,7 @@ mod tests {
         let scene = drawn(lines, "");
         let of_optimum = scene.marks.iter().filter(|mark| mark.series == Some(1));
         let mut shown = of_optimum.filter_map(|mark| match &mark.shape {
-            Shape::Line { points, .. } => Some(points),
+            SceneShape::Line { points, .. } => Some(points),
             _ => None,
         });
         let points = shown.next().expect("a short line");
@@ -439,8 +443,8 @@ mod tests {
             let (mut dash, mut label) = (None, None);
             for mark in of_optimum {
                 match &mark.shape {
-                    Shape::Line { points, .. } => dash = Some(points[1]),
-                    Shape::Text { at, .. } => label = Some(*at),
+                    SceneShape::Line { points, .. } => dash = Some(points[1]),
+                    SceneShape::Text { at, .. } => label = Some(*at),
                     _ => {}
                 }
             }
@@ -465,7 +469,8 @@ mod tests {
             let scene = drawn(vec![line(scale)], "");
             let mut numbers = 0;
             for mark in &scene.marks {
-                let Shape::Text { at, text, size, weight, anchor, direction, .. } = &mark.shape
+                let SceneShape::Text { at, text, size, weight, anchor, direction, .. } =
+                    &mark.shape
                 else {
                     continue;
                 };

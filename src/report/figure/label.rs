@@ -6,7 +6,7 @@ use super::look::Look;
 use super::room::{free_height, is_free, spread_out};
 use super::style::Style;
 use super::{INK, TEXT, text};
-use crate::report::scene::{Anchor, Color, Mark, Point, Shape, Stroke, Weight, width};
+use crate::report::scene::{Anchor, Color, Mark, Point, SceneShape, Stroke, Weight, width};
 
 /// Maximum number of labels at the ends of lines that end early; with more such lines, all labels
 /// stand beside the frame.
@@ -97,7 +97,7 @@ fn sample(chart: &Chart, series: usize, (left, height): Point) -> Vec<Mark> {
     let points = vec![(left, height), (left + SAMPLE - 4.0, height)];
     let stroke = Stroke { color, width: 1.3, dash, opacity: 1.0 };
     let of_line = (line.spread != Spread::Points)
-        .then(|| Mark::from(Shape::Line { points, stroke }).of(series));
+        .then(|| Mark::from(SceneShape::Line { points, stroke }).of(series));
     let is_marked = matches!(line.spread, Spread::Bars | Spread::Points);
     let at = (left + (SAMPLE - 4.0) / 2.0, height);
     let point = is_marked.then(|| Mark::from(marker(at, &line.look, 2.2)).of(series));
@@ -111,7 +111,7 @@ fn letters(chart: &Chart, series: usize, at: Point, (size, rim): (f64, Option<St
     let darker = if line.look.color.lightness() > 0.5 { 0.35 } else { 0.0 };
     let color = line.look.color.towards(INK, darker);
     let mut letters = text(at, &line.label, (size, Weight::SemiBold), color, Anchor::Start);
-    if let Shape::Text { rim: of_letters, .. } = &mut letters {
+    if let SceneShape::Text { rim: of_letters, .. } = &mut letters {
         *of_letters = rim;
     }
     Mark::from(letters).of(series)
@@ -186,7 +186,7 @@ pub(super) fn end_labels(
             // A label far from the end of its line would seem to belong to another line.
             let stroke = Stroke::solid(chart.lines[series].look.color, 0.5);
             let foot = (end.0.clamp(left, behind), height - apart.signum() * TEXT / 2.0);
-            marks.push(Mark::from(Shape::Line { points: vec![end, foot], stroke }).of(series));
+            marks.push(Mark::from(SceneShape::Line { points: vec![end, foot], stroke }).of(series));
         }
         marks.push(letters(chart, series, (left, height + TEXT * 0.35), (TEXT, white)));
     }
@@ -195,7 +195,7 @@ pub(super) fn end_labels(
             let color = chart.lines[series].look.color;
             let stroke = Stroke { color, width: 0.5, dash: None, opacity: 0.6 };
             let points = vec![(end.0 + dodges[series] + 3.0, end.1), (right + 5.0, height)];
-            marks.push(Mark::from(Shape::Line { points, stroke }).of(series));
+            marks.push(Mark::from(SceneShape::Line { points, stroke }).of(series));
         }
         marks.push(letters(chart, series, (right + 6.0, height + TEXT * 0.35), (TEXT, None)));
     }

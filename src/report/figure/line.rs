@@ -2,7 +2,7 @@
 
 use super::TEXT;
 use super::look::{Look, Marker};
-use crate::report::scene::{Color, Facets, Fill, Point, Shape, Stroke, rectangle};
+use crate::report::scene::{Color, Facets, Fill, Point, SceneShape, Stroke, rectangle};
 
 /// Space left of the frame for numbers and title.
 pub(super) const LEFT: f64 = 48.0;
@@ -84,7 +84,7 @@ pub struct Place {
 pub(super) const ALONE: f64 = 7.0;
 
 /// The mark of a single seed: the outline of the arm's mark, larger and without fill.
-pub(super) fn single(at: Point, look: &Look) -> Shape {
+pub(super) fn single(at: Point, look: &Look) -> SceneShape {
     let look = match look.marker {
         Marker::Disc | Marker::Ring => Look { marker: Marker::Ring, ..*look },
         Marker::Square | Marker::Diamond => Look { marker: Marker::Diamond, ..*look },
@@ -93,20 +93,20 @@ pub(super) fn single(at: Point, look: &Look) -> Shape {
 }
 
 /// The mark of a point.
-pub fn marker(at: Point, look: &Look, radius: f64) -> Shape {
+pub fn marker(at: Point, look: &Look, radius: f64) -> SceneShape {
     let solid = Fill { color: look.color, opacity: 1.0 };
     let white = Fill { color: Color::WHITE, opacity: 1.0 };
     let rim = Some(Stroke::solid(look.color, 1.3));
     let (x, y) = at;
     match look.marker {
-        Marker::Disc => Shape::Circle { centre: at, radius, fill: solid, stroke: None },
-        Marker::Ring => Shape::Circle { centre: at, radius, fill: white, stroke: rim },
-        Marker::Square => Shape::Area {
+        Marker::Disc => SceneShape::Circle { centre: at, radius, fill: solid, stroke: None },
+        Marker::Ring => SceneShape::Circle { centre: at, radius, fill: white, stroke: rim },
+        Marker::Square => SceneShape::Area {
             points: rectangle(x - radius, y - radius, 2.0 * radius, 2.0 * radius),
             fill: solid,
             stroke: None,
         },
-        Marker::Diamond => Shape::Area {
+        Marker::Diamond => SceneShape::Area {
             points: vec![(x, y - radius), (x + radius, y), (x, y + radius), (x - radius, y)],
             fill: white,
             stroke: rim,

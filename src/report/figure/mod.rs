@@ -25,8 +25,8 @@ pub use optimum::optimum_lines;
 pub use panel::{MOST_ARMS, Panel, Panels};
 pub use style::Style;
 
-use super::scene::{Anchor, Color, Direction, Point, Shape, Weight, width};
-pub use super::words::Numbers;
+use super::scene::{Anchor, Color, Direction, Point, SceneShape, Weight, width};
+pub use super::words::NumberFormat;
 
 /// Width of a figure: 85 mm, the column of a journal, at 96 units per inch. Figures whose text
 /// needs more space are wider; their text is not smaller.
@@ -60,9 +60,9 @@ pub(super) fn text(
     (size, weight): (f64, Weight),
     color: Color,
     anchor: Anchor,
-) -> Shape {
+) -> SceneShape {
     let direction = Direction::Right;
-    Shape::Text { at, text: words.into(), size, weight, color, anchor, direction, rim: None }
+    SceneShape::Text { at, text: words.into(), size, weight, color, anchor, direction, rim: None }
 }
 
 /// A centred line of text, in smaller letters if it would not fit its space.
@@ -71,7 +71,7 @@ pub(super) fn fitting(
     words: impl Into<String>,
     (size, room): (f64, f64),
     color: Color,
-) -> Shape {
+) -> SceneShape {
     let words = words.into();
     let size = fitted(&words, size, room);
     text(at, words, (size, Weight::Regular), color, Anchor::Middle)
@@ -109,11 +109,11 @@ fn fitted(words: &str, size: f64, room: f64) -> f64 {
 }
 
 /// The title of a vertical axis, running upwards, centred at a point, in a space of length `room`.
-pub(super) fn rising_title(at: Point, words: String, room: f64) -> Shape {
+pub(super) fn rising_title(at: Point, words: String, room: f64) -> SceneShape {
     let (weight, color, anchor) = (Weight::Regular, INK, Anchor::Middle);
     let size = fitted(&words, TEXT, room);
     let direction = Direction::Up;
-    Shape::Text { at, text: words, size, weight, color, anchor, direction, rim: None }
+    SceneShape::Text { at, text: words, size, weight, color, anchor, direction, rim: None }
 }
 
 /// The number of seeds in words: `n = 3 seeds`, or `n = 2–3 seeds` if counts differ.

@@ -5,14 +5,14 @@ use crate::analyse::declared::{ActionPanel, ArmId, BinShares};
 use crate::analyse::quantile;
 use crate::job::{Measure, MetricUnit};
 
-use crate::report::data_table::{DataTable, Entry, shown};
+use crate::report::data_table::{DataTable, TableEntry, shown};
 use crate::report::escape::file_stem;
 use crate::report::figure::{
     FAINT, INK, NOTE, Panels, Style, TEXT, arm_label, facets, fitting, rising_title, seeds, text,
 };
 use crate::report::names::Names;
 use crate::report::scene::{
-    Anchor, Color, Fill, Mark, Point, Scene, Shape, Stroke, Weight, rectangle, width,
+    Anchor, Color, Fill, Mark, Point, Scene, SceneShape, Stroke, Weight, rectangle, width,
 };
 use crate::report::tables::{arm, between, high, in_unit, low, no_interval};
 
@@ -163,7 +163,7 @@ fn legend(whole: f64) -> Vec<Mark> {
         let side = 8.0 * scale;
         let points = rectangle(left, 15.0 - side, side, side);
         let fill = Fill { color, opacity: 1.0 };
-        marks.push(Shape::Area { points, fill, stroke: None }.into());
+        marks.push(SceneShape::Area { points, fill, stroke: None }.into());
         let at = (left + 10.5 * scale, 14.5);
         marks.push(text(at, name, (NOTE * scale, Weight::Regular), INK, Anchor::Start).into());
         left += length(name) * scale;
@@ -225,7 +225,7 @@ fn stack(
             seeds(std::iter::once(bin.seeds)),
             bin.steps
         );
-        let area = Shape::Area {
+        let area = SceneShape::Area {
             points: rectangle(left, top, width, height),
             fill: Fill { color, opacity: 1.0 },
             stroke: Some(Stroke::solid(Color::WHITE, 0.5)),
@@ -260,15 +260,15 @@ fn table(title: &str, panels: &[ActionPanel], names: &Names) -> DataTable {
                 let interval = interval.ok_or(no_interval(bin.seeds));
                 table.rows.push(vec![
                     arm(&panel.name, names),
-                    Entry::number(bin.low, 1),
-                    Entry::number(bin.high, 1),
-                    Entry::number(action as f64, 0),
+                    TableEntry::number(bin.low, 1),
+                    TableEntry::number(bin.high, 1),
+                    TableEntry::number(action as f64, 0),
                     in_unit(Ok(*share), MetricUnit::Share),
                     between(interval, MetricUnit::Share),
                     low(interval),
                     high(interval),
-                    Entry::number(bin.seeds as f64, 0),
-                    Entry::number(bin.steps as f64, 0),
+                    TableEntry::number(bin.seeds as f64, 0),
+                    TableEntry::number(bin.steps as f64, 0),
                 ]);
             }
         }

@@ -2,10 +2,10 @@
 
 use super::forest::{MOST_ROWS, forest_figures, sides};
 use super::{Drawn, Sheet, gap, gap_title, metric_words, related, test_name};
-use crate::analyse::declared::{ALPHA, ContrastFigure, ContrastRow, Family};
+use crate::analyse::declared::{ALPHA, ContrastFigure, ContrastRow, TestFamily};
 use crate::analyse::{FEW_SEEDS, Undefined};
 use crate::job::{Measure, counted, distinct};
-use crate::report::data_table::{DataTable, Entry, shown};
+use crate::report::data_table::{DataTable, TableEntry, shown};
 use crate::report::figure::seeds;
 use crate::report::names::Names;
 use crate::report::scene::Scene;
@@ -180,7 +180,7 @@ fn is_significant(row: &ContrastRow) -> bool {
 
 /// The correction of a row's p value: "; p corrected by Holm over the 24 tests of family f".
 fn family(row: &ContrastRow) -> String {
-    let Family { name, members } = &row.family;
+    let TestFamily { name, members } = &row.family;
     match members {
         0 | 1 => String::new(),
         _ => format!("; Holm’s correction is over the {members} tests of the family {name}"),
@@ -271,14 +271,14 @@ fn table(title: &str, figure: &ContrastFigure, metric: Measure, names: &Names) -
 }
 
 /// The numbers of seeds of the first and the second side; a single 0 if both are 0.
-fn of_sides(numbers: (usize, usize)) -> Entry {
-    Entry::text(match numbers {
+fn of_sides(numbers: (usize, usize)) -> TableEntry {
+    TableEntry::text(match numbers {
         (0, 0) => "0".to_owned(),
         (first, second) => format!("{first}, {second}"),
     })
 }
 
-fn contrast_entries(row: &ContrastRow, metric: Measure, is_mixed: bool) -> Vec<Entry> {
+fn contrast_entries(row: &ContrastRow, metric: Measure, is_mixed: bool) -> Vec<TableEntry> {
     let contrast = &row.contrast;
     let interval = contrast.test.map(|test| test.interval);
     let improvement = contrast.improvement.map(|improvement| improvement.interval);
@@ -290,10 +290,10 @@ fn contrast_entries(row: &ContrastRow, metric: Measure, is_mixed: bool) -> Vec<E
     let (first, second) = row.means();
     vec![
         row.error.map_or_else(
-            || Entry::Missing("not the same on both sides".to_owned()),
-            |error| Entry::Number { value: error, shown: shown(error * 100.0, 1) },
+            || TableEntry::Missing("not the same on both sides".to_owned()),
+            |error| TableEntry::Number { value: error, shown: shown(error * 100.0, 1) },
         ),
-        Entry::text(seeds),
+        TableEntry::text(seeds),
         of_sides(row.unmatched()),
         of_sides(row.lost()),
         in_unit(first, metric),
@@ -302,47 +302,47 @@ fn contrast_entries(row: &ContrastRow, metric: Measure, is_mixed: bool) -> Vec<E
         between(interval, metric),
         low(interval),
         high(interval),
-        Entry::text(test(row)),
-        Entry::of(contrast.test.map(|test| test.df), 0),
-        Entry::p(contrast.test.map(|test| test.p)),
-        Entry::p(contrast.student.map(|test| test.p)),
-        Entry::text(row.family.name.clone()),
-        Entry::number(row.family.members as f64, 0),
-        Entry::p(row.corrected.map(|corrected| corrected.holm)),
-        Entry::p(row.corrected.map(|corrected| corrected.benjamini_hochberg)),
-        Entry::p(contrast.permutation_p),
+        TableEntry::text(test(row)),
+        TableEntry::of(contrast.test.map(|test| test.df), 0),
+        TableEntry::p(contrast.test.map(|test| test.p)),
+        TableEntry::p(contrast.student.map(|test| test.p)),
+        TableEntry::text(row.family.name.clone()),
+        TableEntry::number(row.family.members as f64, 0),
+        TableEntry::p(row.corrected.map(|corrected| corrected.holm)),
+        TableEntry::p(row.corrected.map(|corrected| corrected.benjamini_hochberg)),
+        TableEntry::p(contrast.permutation_p),
         match (g, is_mixed && row.is_paired()) {
             // The unit is another one than that of unpaired rows.
             (Ok(g), true) => {
-                Entry::Number { value: g.g, shown: format!("{} (paired)", shown(g.g, 2)) }
+                TableEntry::Number { value: g.g, shown: format!("{} (paired)", shown(g.g, 2)) }
             }
-            (g, _) => Entry::of(g.map(|g| g.g), 2),
+            (g, _) => TableEntry::of(g.map(|g| g.g), 2),
         },
-        Entry::of(g.map(|g| g.interval.low), 2),
-        Entry::of(g.map(|g| g.interval.high), 2),
-        Entry::of(contrast.improvement.map(|improvement| improvement.probability), 2),
-        Entry::of(improvement.map(|interval| interval.low), 2),
-        Entry::of(improvement.map(|interval| interval.high), 2),
+        TableEntry::of(g.map(|g| g.interval.low), 2),
+        TableEntry::of(g.map(|g| g.interval.high), 2),
+        TableEntry::of(contrast.improvement.map(|improvement| improvement.probability), 2),
+        TableEntry::of(improvement.map(|interval| interval.low), 2),
+        TableEntry::of(improvement.map(|interval| interval.high), 2),
         in_unit(detectable.map(|detectable| detectable.difference), metric),
         between(of_detectable, metric),
         low(of_detectable),
         high(of_detectable),
-        Entry::published(row.published.map(|(effect, _)| Entry::number(effect, 1))),
-        Entry::published(row.published.and_then(|(_, p)| p).map(|p| Entry::number(p, 5))),
+        TableEntry::published(row.published.map(|(effect, _)| TableEntry::number(effect, 1))),
+        TableEntry::published(row.published.and_then(|(_, p)| p).map(|p| TableEntry::number(p, 5))),
     ]
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::analyse::{Corrected, Design, Sample};
+    use crate::analyse::{Corrected, Sample, SeedPairing};
     use crate::job::metric::MEAN_RETURN;
 
     const RETURN: Measure = MEAN_RETURN.in_unit("points");
 
     fn row(first: f64, holm: Option<f64>) -> ContrastRow {
         let sample = |mean: f64| Sample::new([(1, mean - 1.0), (2, mean + 1.0)], 0, 0).unwrap();
-        let row = ContrastRow::between(sample(first), sample(10.0), Design::Independent);
+        let row = ContrastRow::between(sample(first), sample(10.0), SeedPairing::Independent);
         match holm {
             Some(holm) => {
                 ContrastRow { corrected: Ok(Corrected { holm, benjamini_hochberg: holm }), ..row }
@@ -360,7 +360,7 @@ mod tests {
         let of = |all: &[(f64, Option<f64>)]| {
             let rows: Vec<ContrastRow> = all.iter().map(|(mean, holm)| row(*mean, *holm)).collect();
             let members = rows.len();
-            let family = Family { name: "f".into(), members };
+            let family = TestFamily { name: "f".into(), members };
             let rows = rows.into_iter().map(|row| ContrastRow { family: family.clone(), ..row });
             figure(rows.collect()).finds(RETURN, &Names::default()).unwrap()
         };

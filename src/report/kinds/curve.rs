@@ -3,14 +3,14 @@
 use super::{Drawn, Sheet, amount, gap as difference, metric_words, parameter, spread, test_name};
 use crate::analyse::Sample;
 use crate::analyse::declared::{
-    ALPHA, Apart, ArmId, CurveFigure, CurveLine, CurvePoint, Ends, Trends,
+    ALPHA, Apart, ArmId, CurveFigure, CurveLine, Ends, LinePoint, Trends,
 };
 use crate::job::Measure;
 use crate::report::arm_tables::{optimum, share};
-use crate::report::data_table::{DataTable, Entry, shown};
+use crate::report::data_table::{DataTable, TableEntry, shown};
 use crate::report::figure::{
-    AxisScale, Chart, Line, Numbers, Panel, Panels, Place, Spread, arm_label, axes, draw, facets,
-    optimum_lines, seeds,
+    AxisScale, Chart, Line, NumberFormat, Panel, Panels, Place, Spread, arm_label, axes, draw,
+    facets, optimum_lines, seeds,
 };
 use crate::report::names::Names;
 use crate::report::scene::Scene;
@@ -69,7 +69,7 @@ impl Drawn for CurveFigure {
 
 impl CurveFigure {
     /// The place of a point in words.
-    fn at(&self, point: &CurvePoint) -> String {
+    fn at(&self, point: &LinePoint) -> String {
         match self.is_error() {
             true => format!("{} % error", shown(point.x * 100.0, 0)),
             false => format!("{} = {}", symbols::short(&self.axis), parameter(point.x)),
@@ -158,8 +158,8 @@ fn curve_figures(figure: &CurveFigure, sheet: &Sheet<'_>) -> Vec<(String, Scene)
     let looks = panels.looks(sheet.looks, &names);
     let is_error = figure.is_error();
     let (x_title, x_numbers) = match is_error {
-        true => ("context inference error, %".to_owned(), Numbers::Percent),
-        false => (symbols::quantity(&figure.axis), Numbers::Plain),
+        true => ("context inference error, %".to_owned(), NumberFormat::Percent),
+        false => (symbols::quantity(&figure.axis), NumberFormat::Plain),
     };
     let extent = extent(figure);
     let line = |at: usize| {
@@ -257,7 +257,7 @@ fn scale_of<'l>(lines: impl Iterator<Item = &'l Line> + Clone) -> AxisScale {
 }
 
 /// A point of a curve with its tooltip. The axis shows the context inference error or a parameter.
-fn curve_place(point: &CurvePoint, name: &str, (metric, of): (Measure, &CurveFigure)) -> Place {
+fn curve_place(point: &LinePoint, name: &str, (metric, of): (Measure, &CurveFigure)) -> Place {
     let at = match of.is_error() {
         true => {
             let error = shown(point.x * 100.0, 1);
@@ -310,14 +310,14 @@ fn table(title: &str, figure: &CurveFigure, metric: Measure, names: &Names) -> D
     ];
     let mut table = DataTable::new(title, &columns);
     for line in &figure.lines {
-        let row = |place: [Entry; 2], sample: &Sample, best, published: Option<f64>| {
+        let row = |place: [TableEntry; 2], sample: &Sample, best, published: Option<f64>| {
             let (mean, interval) = (sample.mean(), sample.interval());
             let [parameter, x] = place;
             vec![
                 arm(&line.name, names),
                 parameter,
                 x,
-                Entry::number(sample.n() as f64, 0),
+                TableEntry::number(sample.n() as f64, 0),
                 in_unit(mean, metric),
                 between(interval, metric),
                 low(interval),
@@ -325,7 +325,7 @@ fn table(title: &str, figure: &CurveFigure, metric: Measure, names: &Names) -> D
                 in_unit(sample.sd(), metric),
                 optimum(best),
                 share(mean, best),
-                Entry::published(published.map(|value| Entry::number(value, 0))),
+                TableEntry::published(published.map(|value| TableEntry::number(value, 0))),
             ]
         };
         for point in &line.points {
@@ -335,14 +335,14 @@ fn table(title: &str, figure: &CurveFigure, metric: Measure, names: &Names) -> D
                 false => parameter(point.x),
             };
             let place = [
-                Entry::Number { value: point.parameter, shown: parameter(point.parameter) },
-                Entry::Number { value: point.x, shown: x },
+                TableEntry::Number { value: point.parameter, shown: parameter(point.parameter) },
+                TableEntry::Number { value: point.x, shown: x },
             ];
             let best = line.optimum_at(point.x);
             table.rows.push(row(place, &point.sample, best, published.map(|(_, value)| *value)));
         }
         if let Some(sample) = &line.across {
-            let lacks = || Entry::Missing(format!("the arm lacks {axis}"));
+            let lacks = || TableEntry::Missing(format!("the arm lacks {axis}"));
             table.rows.push(row([lacks(), lacks()], sample, None, None));
         }
     }

@@ -1,7 +1,7 @@
 //! The figures of contrasts: forest plots around zero, with one row per comparison.
 
 use super::{Sheet, gap_ends, gap_title, is_rate, related, test_name};
-use crate::analyse::declared::{ArmId, ContrastRow, Family};
+use crate::analyse::declared::{ArmId, ContrastRow, TestFamily};
 use crate::job::Measure;
 use crate::report::data_table::shown;
 use crate::report::figure::{
@@ -9,8 +9,8 @@ use crate::report::figure::{
     fitting, marker, note_lines, round_range, seeds, text,
 };
 use crate::report::names::Names;
-use crate::report::scene::{Anchor, Mark, Scene, Shape, Stroke, Weight, width};
-use crate::report::words::{Numbers, unit_numbers};
+use crate::report::scene::{Anchor, Mark, Scene, SceneShape, Stroke, Weight, width};
+use crate::report::words::{NumberFormat, unit_numbers};
 
 const TOP: f64 = 24.0;
 const ROW: f64 = 15.0;
@@ -72,8 +72,8 @@ pub(super) fn forest_figures(rows: &[ContrastRow], sheet: &Sheet<'_>) -> Vec<(St
 fn words(row: &ContrastRow, metric: Measure) -> String {
     let Ok(difference) = row.contrast.difference else { return "–".to_owned() };
     let difference = match unit_numbers(metric) {
-        (Numbers::Percent, decimals) => format!("{} pp", shown(difference * 100.0, decimals)),
-        (Numbers::Plain, decimals) => shown(difference, decimals),
+        (NumberFormat::Percent, decimals) => format!("{} pp", shown(difference * 100.0, decimals)),
+        (NumberFormat::Plain, decimals) => shown(difference, decimals),
     };
     match row.corrected {
         Ok(p) => format!("{difference}, p {}", related(p.holm)),
@@ -86,7 +86,7 @@ fn words(row: &ContrastRow, metric: Measure) -> String {
 
 /// The family of a row: ", Holm-corrected p (family f of 24 tests)"; without a number for a family of one test.
 fn family(row: &ContrastRow) -> String {
-    let Family { name, members } = &row.family;
+    let TestFamily { name, members } = &row.family;
     match members {
         0 | 1 => ", p".to_owned(),
         _ => format!(", Holm-corrected p (family {name} of {members} tests)"),
@@ -193,7 +193,7 @@ fn ruler(across: &Across, (top, bottom): (f64, f64), has_upper: bool) -> Vec<Mar
         let x = left + tick.share * (right - left);
         let stroke =
             if tick.is_zero { Stroke::solid(FAINT, 1.0) } else { Stroke::solid(GRID, 0.6) };
-        marks.push(Shape::Line { points: vec![(x, top), (x, bottom)], stroke }.into());
+        marks.push(SceneShape::Line { points: vec![(x, top), (x, bottom)], stroke }.into());
         if has_upper {
             let at = (x, top - 4.0);
             let label = text(at, &tick.label, (TEXT, Weight::Regular), FAINT, Anchor::Middle);
@@ -225,7 +225,7 @@ fn row_marks(
     if let Some(interval) = interval {
         let (low, high) = (across.place(interval.low), across.place(interval.high));
         let mut line = |points, width| {
-            marks.push(Shape::Line { points, stroke: Stroke::solid(INK, width) }.into());
+            marks.push(SceneShape::Line { points, stroke: Stroke::solid(INK, width) }.into());
         };
         line(vec![(low, middle), (high, middle)], 1.4);
         line(vec![(low, middle - END), (low, middle + END)], 0.9);
@@ -262,14 +262,14 @@ pub(super) fn sides(row: &ContrastRow, names: &Names) -> [String; 2] {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::analyse::{Corrected, Design, Sample};
+    use crate::analyse::{Corrected, Sample, SeedPairing};
     use crate::job::metric::MEAN_RETURN;
 
     fn row(first: &[(u64, f64)], second: &[(u64, f64)]) -> ContrastRow {
         let sample = |values: &[(u64, f64)]| Sample::new(values.iter().copied(), 0, 0).unwrap();
         ContrastRow {
             corrected: Ok(Corrected { holm: 0.0001, benjamini_hochberg: 0.1 }),
-            ..ContrastRow::between(sample(first), sample(second), Design::Independent)
+            ..ContrastRow::between(sample(first), sample(second), SeedPairing::Independent)
         }
     }
 
@@ -301,10 +301,10 @@ mod tests {
         let marks = row_marks(&row, "dqn P", 100.0, (&across, RETURN));
         // An interval of ±20 steps on an axis of more than 1000: its end marks are higher than the point.
         let ends = marks.iter().filter(|mark| match &mark.shape {
-            Shape::Line { points, .. } => {
+            SceneShape::Line { points, .. } => {
                 points[0].0 == points[1].0 && points[1].1 - points[0].1 == 8.0
             }
-            Shape::Area { .. } | Shape::Circle { .. } | Shape::Text { .. } => false,
+            SceneShape::Area { .. } | SceneShape::Circle { .. } | SceneShape::Text { .. } => false,
         });
         assert_eq!(ends.count(), 2);
         let tip = marks.iter().find_map(|mark| mark.tip.clone()).unwrap();

@@ -5,9 +5,9 @@ use std::collections::BTreeMap;
 
 use super::{Drawn, Sheet, amount, gap, gap_ends, is_rate, metric_words, parameter};
 use crate::analyse::Interval;
-use crate::analyse::declared::{ArmId, HeatFigure, HeatTile, Lead, Scale, heat_range};
+use crate::analyse::declared::{ArmId, HeatFigure, HeatTile, PeakLead, Scale, heat_range};
 use crate::job::Measure;
-use crate::report::data_table::{DataTable, Entry, exponential, shown, shown_ends, signed};
+use crate::report::data_table::{DataTable, TableEntry, exponential, shown, shown_ends, signed};
 use crate::report::escape::file_stem;
 use crate::report::figure::{
     FAINT, INK, LINE, NOTE, Panels, Style, TEXT, facets, fitting, heading_lines, rising_title,
@@ -15,7 +15,7 @@ use crate::report::figure::{
 };
 use crate::report::names::Names;
 use crate::report::scene::{
-    Anchor, Color, Fill, Mark, Scene, Shape, Stroke, Weight, rectangle, width,
+    Anchor, Color, Fill, Mark, Scene, SceneShape, Stroke, Weight, rectangle, width,
 };
 use crate::report::tables::{between, high, in_unit as entry_in_unit, low};
 use crate::report::words::unit_numbers;
@@ -89,7 +89,7 @@ impl Drawn for Vec<HeatFigure> {
         let range = format!("Values range from {least} to {most}; the largest is {place}");
         if map.scale == Scale::Mean {
             let lead = map.lead.as_ref().filter(|_| tied == 1).map(|lead| ahead(map, lead, metric));
-            let clear = self.iter().filter(|map| map.lead.as_ref().is_some_and(Lead::is_clear));
+            let clear = self.iter().filter(|map| map.lead.as_ref().is_some_and(PeakLead::is_clear));
             let maps = match self.len() {
                 1 => String::new(),
                 all => format!(
@@ -136,9 +136,16 @@ fn axis_title(axis: &str, other: &str) -> String {
 }
 
 /// The lead of the largest mean, as a clause.
-fn ahead(map: &HeatFigure, lead: &Lead, metric: Measure) -> String {
-    let Lead { tiles: [_, closest], difference, interval, is_paired, neighbours, tested, behind } =
-        lead;
+fn ahead(map: &HeatFigure, lead: &PeakLead, metric: Measure) -> String {
+    let PeakLead {
+        tiles: [_, closest],
+        difference,
+        interval,
+        is_paired,
+        neighbours,
+        tested,
+        behind,
+    } = lead;
     let tile = &map.tiles[*closest];
     let [x, y] = axes(map);
     let test = if *is_paired { "t interval paired by seed" } else { "t interval" };
@@ -340,12 +347,12 @@ fn color_bar(
         // Neighbours overlap, so that no seam is visible between them.
         let wide = if place + 1 < STEPS { step + 0.4 } else { step };
         let points = rectangle(at + place as f64 * step, top, wide, HIGH);
-        marks.push(Shape::Area { points, fill, stroke: None }.into());
+        marks.push(SceneShape::Area { points, fill, stroke: None }.into());
     }
     let rim = Some(Stroke::solid(EDGE, 0.6));
     let fill = Fill { color: Color::WHITE, opacity: 0.0 };
     let points = rectangle(at, top, long, HIGH);
-    marks.push(Shape::Area { points, fill, stroke: rim }.into());
+    marks.push(SceneShape::Area { points, fill, stroke: rim }.into());
     marks.push(text((at + long + ROOM, base), &most, plain, FAINT, Anchor::Start).into());
     marks
 }
@@ -368,7 +375,7 @@ fn tile_marks(
     };
     let fill = Fill { color, opacity: 1.0 };
     let rim = Some(Stroke::solid(EDGE, 0.6));
-    let area = Shape::Area { points: rectangle(left, top, width, height), fill, stroke: rim };
+    let area = SceneShape::Area { points: rectangle(left, top, width, height), fill, stroke: rim };
     let in_unit = |value: f64| in_unit(value, metric);
     // A number that needs much smaller letters has an exponent.
     let short = |value: f64, sign: &str, letters: (f64, Weight)| {
@@ -510,16 +517,16 @@ fn table(title: &str, figures: &[HeatFigure], metric: Measure, names: &Names) ->
         let [agent, subject] = named(figure, names);
         for tile in &figure.tiles {
             table.rows.push(vec![
-                Entry::name(&figure.agent, &agent),
-                Entry::name(&figure.subject, &subject),
-                Entry::Number { value: tile.y, shown: parameter(tile.y) },
-                Entry::Number { value: tile.x, shown: parameter(tile.x) },
-                Entry::number(tile.seeds as f64, 0),
+                TableEntry::name(&figure.agent, &agent),
+                TableEntry::name(&figure.subject, &subject),
+                TableEntry::Number { value: tile.y, shown: parameter(tile.y) },
+                TableEntry::Number { value: tile.x, shown: parameter(tile.x) },
+                TableEntry::number(tile.seeds as f64, 0),
                 entry_in_unit(tile.value, metric),
                 between(tile.interval, metric),
                 low(tile.interval),
                 high(tile.interval),
-                Entry::published(tile.published.map(|value| entry_in_unit(Ok(value), metric))),
+                TableEntry::published(tile.published.map(|value| entry_in_unit(Ok(value), metric))),
             ]);
         }
     }
@@ -574,7 +581,7 @@ mod tests {
             let room = (scene.width - left(&map) - RIGHT) / values.len() as f64;
             let mut numbers = Vec::new();
             for mark in &scene.marks {
-                let Shape::Text { at, text, size, weight, anchor, .. } = &mark.shape else {
+                let SceneShape::Text { at, text, size, weight, anchor, .. } = &mark.shape else {
                     continue;
                 };
                 let wide = width(text, *size, *weight);
@@ -599,7 +606,7 @@ mod tests {
     fn the_largest_mean_is_beside_its_closest_neighbour() {
         let t = crate::analyse::paired_t_test(&[(3.0, 2.0), (5.0, 3.0), (7.0, 3.5)]).unwrap();
         let (difference, interval) = (t.difference, Ok(t.interval));
-        let lead = Lead {
+        let lead = PeakLead {
             tiles: [1, 0],
             difference,
             interval,
@@ -634,8 +641,10 @@ mod tests {
         let words = |scale, range| -> Vec<String> {
             let marks = color_bar(scale, (range, true), RETURN, (321.0, 200.0));
             let texts = marks.into_iter().filter_map(|mark| match mark.shape {
-                Shape::Text { text, .. } => Some(text),
-                Shape::Area { .. } | Shape::Circle { .. } | Shape::Line { .. } => None,
+                SceneShape::Text { text, .. } => Some(text),
+                SceneShape::Area { .. } | SceneShape::Circle { .. } | SceneShape::Line { .. } => {
+                    None
+                }
             });
             texts.collect()
         };

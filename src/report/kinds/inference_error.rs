@@ -4,9 +4,10 @@ use super::{Drawn, Sheet, parameter};
 use crate::analyse::declared::ErrorFigure;
 use crate::env::inference_error;
 use crate::job::{Measure, counted};
-use crate::report::data_table::{DataTable, Entry, shown};
+use crate::report::data_table::{DataTable, TableEntry, shown};
 use crate::report::figure::{
-    Axis, AxisScale, Chart, INK, Line, Look, Marker, Numbers, PUBLISHED, Place, Spread, Style, draw,
+    Axis, AxisScale, Chart, INK, Line, Look, Marker, NumberFormat, PUBLISHED, Place, Spread, Style,
+    draw,
 };
 use crate::report::names::Names;
 use crate::report::scene::Scene;
@@ -107,8 +108,8 @@ fn error_axes(most: f64) -> (Axis, Axis) {
         Axis::new(title.to_owned(), (0.0, most), AxisScale::Linear, numbers)
     };
     (
-        axis("feature noise σ", most, Numbers::Plain),
-        axis("context inference error, %", 0.5, Numbers::Percent),
+        axis("feature noise σ", most, NumberFormat::Plain),
+        axis("context inference error, %", 0.5, NumberFormat::Percent),
     )
 }
 
@@ -122,16 +123,16 @@ fn table(title: &str, figure: &ErrorFigure) -> DataTable {
         ("steps", "Test steps"),
     ];
     let mut table = DataTable::new(title, &columns);
-    let percent = |value: f64| Entry::Number { value, shown: shown(value * 100.0, 1) };
+    let percent = |value: f64| TableEntry::Number { value, shown: shown(value * 100.0, 1) };
     for point in &figure.points {
         let published = figure.published.iter().find(|(sigma, _)| *sigma == point.sigma);
         table.rows.push(vec![
-            Entry::Number { value: point.sigma, shown: parameter(point.sigma) },
+            TableEntry::Number { value: point.sigma, shown: parameter(point.sigma) },
             percent(point.exact),
-            point.seen.map_or_else(|| Entry::Missing("no completed run".to_owned()), percent),
-            Entry::published(published.map(|(_, rate)| percent(*rate))),
-            Entry::number(point.runs as f64, 0),
-            Entry::number(point.steps as f64, 0),
+            point.seen.map_or_else(|| TableEntry::Missing("no completed run".to_owned()), percent),
+            TableEntry::published(published.map(|(_, rate)| percent(*rate))),
+            TableEntry::number(point.runs as f64, 0),
+            TableEntry::number(point.steps as f64, 0),
         ]);
     }
     table

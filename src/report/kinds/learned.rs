@@ -2,12 +2,12 @@
 
 use super::{Drawn, Sheet, parameter, related};
 use crate::analyse::declared::{ArmId, LearnedFigure, LearnedPanel, LearnedPoint, OverTrials};
-use crate::analyse::{CHANCE, Interval, Simulated, Undefined};
+use crate::analyse::{CHANCE, Interval, MonteCarloMean, Undefined};
 use crate::job::{Measure, MetricUnit, counted, distinct};
-use crate::report::data_table::{DataTable, Entry, shown};
+use crate::report::data_table::{DataTable, TableEntry, shown};
 use crate::report::figure::{
-    AxisScale, Chart, FAINT, Line, Look, Marker, Numbers, Place, Spread, arm_label, axes_of, draw,
-    facets,
+    AxisScale, Chart, FAINT, Line, Look, Marker, NumberFormat, Place, Spread, arm_label, axes_of,
+    draw, facets,
 };
 use crate::report::names::Names;
 use crate::report::scene::Scene;
@@ -25,8 +25,8 @@ impl Drawn for LearnedFigure {
             return Vec::new();
         }
         let scale = sheet.style.x_scale(AxisScale::Linear);
-        let x = ("day of the trial".to_owned(), Numbers::Plain, scale);
-        let y = ("effect / standard deviation".to_owned(), Numbers::Plain);
+        let x = ("day of the trial".to_owned(), NumberFormat::Plain, scale);
+        let y = ("effect / standard deviation".to_owned(), NumberFormat::Plain);
         let axes = axes_of(&charts, x, y, sheet.style);
         let stem = |place: usize| match charts.len() {
             1 => sheet.stem.to_owned(),
@@ -78,12 +78,13 @@ impl Drawn for LearnedFigure {
     }
 
     fn finds(&self, _: Measure, names: &Names) -> Option<String> {
-        let known: Vec<(&LearnedPanel, Simulated)> = self
+        let known: Vec<(&LearnedPanel, MonteCarloMean)> = self
             .panels
             .iter()
             .filter_map(|panel| Some((panel, panel.judged.share.ok()?)))
             .collect();
-        let by_share = |one: &&(&LearnedPanel, Simulated), other: &&(&LearnedPanel, Simulated)| {
+        let by_share = |one: &&(&LearnedPanel, MonteCarloMean),
+                        other: &&(&LearnedPanel, MonteCarloMean)| {
             one.1.value.total_cmp(&other.1.value)
         };
         let few = || {
@@ -93,8 +94,9 @@ impl Drawn for LearnedFigure {
         };
         let Some(most) = known.iter().max_by(by_share) else { return few() };
         let least = known.iter().min_by(by_share)?;
-        let of = |(panel, share): &(&LearnedPanel, Simulated)| self.sentence(panel, *share, names);
-        let is_clear = |(_, share): &&(&LearnedPanel, Simulated)| {
+        let of =
+            |(panel, share): &(&LearnedPanel, MonteCarloMean)| self.sentence(panel, *share, names);
+        let is_clear = |(_, share): &&(&LearnedPanel, MonteCarloMean)| {
             share.interval.is_ok_and(|interval| interval.low > CHANCE)
         };
         let clear = known.iter().filter(is_clear).count();
@@ -168,7 +170,7 @@ impl LearnedFigure {
     }
 
     /// In how many trials of a panel more was learned than by chance.
-    fn sentence(&self, panel: &LearnedPanel, share: Simulated, names: &Names) -> String {
+    fn sentence(&self, panel: &LearnedPanel, share: MonteCarloMean, names: &Names) -> String {
         let heading = self.heading(panel, names);
         if let [p] = panel.judged.p_values[..] {
             return format!("in {heading} (p {})", related(p));
@@ -188,19 +190,19 @@ fn state(panel: &LearnedPanel) -> String {
     format!("({})", numbers.join(", "))
 }
 
-fn cells(panel: &LearnedPanel, names: &Names) -> Vec<Entry> {
+fn cells(panel: &LearnedPanel, names: &Names) -> Vec<TableEntry> {
     let last = panel.points.last().ok_or(Undefined::NoSeeds);
     let over = |side: usize, of: fn(&OverTrials) -> f64| {
-        Entry::of(last.map(|last| of(&last.over[side])), DECIMALS)
+        TableEntry::of(last.map(|last| of(&last.over[side])), DECIMALS)
     };
     let rejected = panel.judged.share;
     let interval = rejected.and_then(|share| share.interval);
     let without = last.map(|last| Interval { low: last.over[1].low, high: last.over[1].high });
     vec![
         arm(&panel.name, names),
-        Entry::text(state(panel)),
-        Entry::number(panel.trials[0] as f64, 0),
-        Entry::number(panel.trials[1] as f64, 0),
+        TableEntry::text(state(panel)),
+        TableEntry::number(panel.trials[0] as f64, 0),
+        TableEntry::number(panel.trials[1] as f64, 0),
         over(0, |all| all.median),
         over(0, |all| all.low),
         over(0, |all| all.high),
@@ -208,7 +210,7 @@ fn cells(panel: &LearnedPanel, names: &Names) -> Vec<Entry> {
         scaled(without, (1.0, DECIMALS)),
         low(without),
         high(without),
-        Entry::p(panel.median_p()),
+        TableEntry::p(panel.median_p()),
         in_unit(rejected.map(|share| share.value), MetricUnit::Share),
         between(interval, MetricUnit::Share),
         low(interval),

@@ -6,10 +6,10 @@ use crate::analyse::declared::{
 };
 use crate::job::{Measure, MetricUnit, counted};
 use crate::manifest::PanelKey;
-use crate::report::data_table::{DataTable, Entry, shown};
+use crate::report::data_table::{DataTable, TableEntry, shown};
 use crate::report::figure::{
-    AxisScale, Chart, Line, Look, Numbers, Panel, Panels, Place, Spread, arm_label, axes, draw,
-    facets, optimum_lines, seeds,
+    AxisScale, Chart, Line, Look, NumberFormat, Panel, Panels, Place, Spread, arm_label, axes,
+    draw, facets, optimum_lines, seeds,
 };
 use crate::report::names::Names;
 use crate::report::scene::Scene;
@@ -135,7 +135,7 @@ fn learning_figures(figure: &LearningFigure, sheet: &Sheet<'_>) -> Vec<(String, 
         AxisScale::Log => "training episodes (logarithmic)".to_owned(),
         AxisScale::Linear => "training episodes".to_owned(),
     };
-    let axes = axes(&charts, (title, Numbers::Plain, scale), sheet.metric, sheet.style);
+    let axes = axes(&charts, (title, NumberFormat::Plain, scale), sheet.metric, sheet.style);
     panels.stems(sheet.stem).into_iter().zip(draw(&charts, &axes, sheet.style)).collect()
 }
 
@@ -202,9 +202,9 @@ fn table(title: &str, panels: &[LearningPanel], names: &Names) -> DataTable {
             let interval = interval.ok_or(no_interval(line.seeds.0));
             table.rows.push(vec![
                 arm(&line.name, names),
-                Entry::number(line.seeds.0 as f64, 0),
-                Entry::number(f64::from(*episode), 0),
-                Entry::number(*mean, 1),
+                TableEntry::number(line.seeds.0 as f64, 0),
+                TableEntry::number(f64::from(*episode), 0),
+                TableEntry::number(*mean, 1),
                 between(interval, MetricUnit::Return),
                 low(interval),
                 high(interval),

@@ -13,12 +13,12 @@ mod recovery;
 mod selection;
 
 use super::data_table::{DataTable, p_value, shown, shown_ends, signed};
-use super::figure::{Looks, Numbers, Panels, Style};
+use super::figure::{Looks, NumberFormat, Panels, Style};
 use super::names::Names;
 use super::scene::Scene;
 use super::words::unit_numbers;
-use crate::analyse::declared::{ArmId, Content, Finding};
-use crate::analyse::{Design, Interval};
+use crate::analyse::declared::{ArmId, Finding, FindingContent};
+use crate::analyse::{Interval, SeedPairing};
 use crate::job::counted;
 use crate::job::{Measure, MetricUnit, Scalar};
 use crate::report::symbols;
@@ -81,18 +81,18 @@ pub(super) trait Drawn {
 }
 
 /// The presentation of a finding.
-pub(super) fn drawn(content: &Content) -> &dyn Drawn {
+pub(super) fn drawn(content: &FindingContent) -> &dyn Drawn {
     match content {
-        Content::Contrast(figure) => figure,
-        Content::Curve(figure) => figure,
-        Content::LearningCurve(figure) => figure,
-        Content::HeatMap(figures) => figures,
-        Content::ActionChoice(panels) => panels,
-        Content::Selection(rankings) => rankings,
-        Content::Recovery(rows) => rows,
-        Content::Operating(figure) => figure,
-        Content::Learned(figure) => figure,
-        Content::InferenceError(figure) => figure,
+        FindingContent::Contrast(figure) => figure,
+        FindingContent::Curve(figure) => figure,
+        FindingContent::LearningCurve(figure) => figure,
+        FindingContent::HeatMap(figures) => figures,
+        FindingContent::ActionChoice(panels) => panels,
+        FindingContent::Selection(rankings) => rankings,
+        FindingContent::Recovery(rows) => rows,
+        FindingContent::Operating(figure) => figure,
+        FindingContent::Learned(figure) => figure,
+        FindingContent::InferenceError(figure) => figure,
     }
 }
 
@@ -130,17 +130,17 @@ fn among(finding: &Finding) -> String {
 /// A metric's number with its unit.
 pub(super) fn amount(value: f64, metric: Measure) -> String {
     match unit_numbers(metric) {
-        (Numbers::Percent, decimals) => format!("{} %", shown(value * 100.0, decimals)),
-        (Numbers::Plain, decimals) => shown(value, decimals),
+        (NumberFormat::Percent, decimals) => format!("{} %", shown(value * 100.0, decimals)),
+        (NumberFormat::Plain, decimals) => shown(value, decimals),
     }
 }
 
 /// The name of the t tests of these designs; `None` without a test.
-pub(super) fn test_name(designs: impl IntoIterator<Item = Design>) -> Option<&'static str> {
+pub(super) fn test_name(designs: impl IntoIterator<Item = SeedPairing>) -> Option<&'static str> {
     let (mut paired, mut unpaired) = (false, false);
     for design in designs {
-        paired |= design == Design::Matched;
-        unpaired |= design == Design::Independent;
+        paired |= design == SeedPairing::Matched;
+        unpaired |= design == SeedPairing::Independent;
     }
     match (paired, unpaired) {
         (true, false) => Some("t test paired by seed"),
@@ -153,27 +153,27 @@ pub(super) fn test_name(designs: impl IntoIterator<Item = Design>) -> Option<&'s
 /// A difference of a metric with its unit: of rates, percentage points.
 pub(super) fn gap(value: f64, metric: Measure) -> String {
     match unit_numbers(metric) {
-        (Numbers::Percent, decimals) => {
+        (NumberFormat::Percent, decimals) => {
             format!("{} percentage points", shown(value * 100.0, decimals))
         }
-        (Numbers::Plain, decimals) => shown(value, decimals),
+        (NumberFormat::Plain, decimals) => shown(value, decimals),
     }
 }
 
 /// The ends of an interval of a difference with their unit.
 pub(super) fn gap_ends(Interval { low, high }: Interval, metric: Measure) -> String {
     match unit_numbers(metric) {
-        (Numbers::Percent, decimals) => {
+        (NumberFormat::Percent, decimals) => {
             let ends = shown_ends(low * 100.0, high * 100.0, decimals);
             format!("{} percentage points", ends.join(" to "))
         }
-        (Numbers::Plain, _) => ends(Interval { low, high }, metric),
+        (NumberFormat::Plain, _) => ends(Interval { low, high }, metric),
     }
 }
 
 /// Whether differences of a metric are in percentage points.
 pub(super) fn is_rate(metric: Measure) -> bool {
-    unit_numbers(metric).0 == Numbers::Percent
+    unit_numbers(metric).0 == NumberFormat::Percent
 }
 
 /// The title of a metric in a sentence, its unit in parentheses.
@@ -193,11 +193,11 @@ pub(super) fn gap_title(metric: Measure) -> String {
 /// The ends of a metric's interval with their unit: "5 % to 7 %".
 pub(super) fn ends(Interval { low, high }: Interval, unit: impl Into<MetricUnit>) -> String {
     match unit_numbers(unit) {
-        (Numbers::Percent, decimals) => {
+        (NumberFormat::Percent, decimals) => {
             let [low, high] = shown_ends(low * 100.0, high * 100.0, decimals);
             format!("{low} % to {high} %")
         }
-        (Numbers::Plain, decimals) => shown_ends(low, high, decimals).join(" to "),
+        (NumberFormat::Plain, decimals) => shown_ends(low, high, decimals).join(" to "),
     }
 }
 
@@ -228,14 +228,14 @@ mod tests {
     use super::*;
     use crate::analyse::declared::{
         ActionPanel, BinShares, Candidate, ContrastFigure, ContrastRow, CurveFigure, CurveLine,
-        CurvePoint, JobCounts, LearningFigure, LearningLine, LearningPanel, Ranking,
+        JobCounts, LearningFigure, LearningLine, LearningPanel, LinePoint, Ranking,
     };
-    use crate::analyse::{Corrected, Design, Sample, Undefined};
+    use crate::analyse::{Corrected, Sample, SeedPairing, Undefined};
     use crate::job::ParticipantRange;
     use crate::job::metric::{DISENGAGEMENT_RATE, MEAN_RETURN};
     use crate::manifest::FigureKeys;
-    use crate::report::data_table::Entry;
-    use crate::report::scene::Shape;
+    use crate::report::data_table::TableEntry;
+    use crate::report::scene::SceneShape;
 
     const RETURN: Measure = MEAN_RETURN.in_unit("points");
     const RATE: Measure = DISENGAGEMENT_RATE.in_unit("points");
@@ -253,7 +253,7 @@ mod tests {
     }
 
     /// The entry of a column in the first row.
-    fn entry<'t>(table: &'t DataTable, name: &str) -> &'t Entry {
+    fn entry<'t>(table: &'t DataTable, name: &str) -> &'t TableEntry {
         let place = table.columns.iter().position(|column| column.name == name);
         &table.rows[0][place.unwrap()]
     }
@@ -264,7 +264,7 @@ mod tests {
 
     fn number(table: &DataTable, name: &str) -> f64 {
         match entry(table, name) {
-            Entry::Number { value, .. } => *value,
+            TableEntry::Number { value, .. } => *value,
             other => panic!("{name}: {other:?}"),
         }
     }
@@ -274,11 +274,8 @@ mod tests {
         // Seeds 2 and 3 are matched, with means of 30 and 35.
         let first = sample(&[(1, 900.0), (2, 20.0), (3, 40.0)], 0);
         let second = sample(&[(2, 25.0), (3, 45.0), (4, 1.0), (5, 2.0)], 0);
-        let table = contrast(vec![ContrastRow::between(first, second, Design::Matched)]).table(
-            "",
-            RETURN,
-            &Names::default(),
-        );
+        let table = contrast(vec![ContrastRow::between(first, second, SeedPairing::Matched)])
+            .table("", RETURN, &Names::default());
         assert_eq!([number(&table, "first"), number(&table, "second")], [30.0, 35.0]);
         assert_eq!(number(&table, "difference"), -5.0);
         assert_eq!(entry(&table, "seeds").shown(), "2");
@@ -290,11 +287,8 @@ mod tests {
     fn seeds_of_independent_sides_need_no_partner() {
         let first = sample(&[(1, 10.0), (2, 20.0)], 1);
         let second = sample(&[(3, 30.0)], 0);
-        let table = contrast(vec![ContrastRow::between(first, second, Design::Independent)]).table(
-            "",
-            RETURN,
-            &Names::default(),
-        );
+        let table = contrast(vec![ContrastRow::between(first, second, SeedPairing::Independent)])
+            .table("", RETURN, &Names::default());
         assert_eq!([number(&table, "first"), number(&table, "second")], [15.0, 30.0]);
         assert!(!is_shown(&table, "unmatched") && is_shown(&table, "lost"));
         assert_eq!(entry(&table, "lost").shown(), "1, 0");
@@ -305,7 +299,7 @@ mod tests {
         let of = |n: u64| {
             let values: Vec<(u64, f64)> = (1..=n).map(|seed| (seed, seed as f64 * 0.01)).collect();
             let (first, second) = (sample(&values, 0), sample(&values, 0));
-            contrast(vec![ContrastRow::between(first, second, Design::Independent)]).table(
+            contrast(vec![ContrastRow::between(first, second, SeedPairing::Independent)]).table(
                 "",
                 RATE,
                 &Names::default(),
@@ -339,14 +333,14 @@ mod tests {
         let few = Undefined::TooFewSeeds { have: 1, need: 2 };
         for (n, reason) in [(1, few), (3, Undefined::NoVariance)] {
             for table in [learning_of(n), actions_of(n)] {
-                assert_eq!(*entry(&table, "interval"), Entry::Missing(reason.to_string()));
+                assert_eq!(*entry(&table, "interval"), TableEntry::Missing(reason.to_string()));
             }
         }
         // One of three completed seeds has a step in the bin.
         assert_eq!(number(&actions_of(1), "seeds"), 1.0);
     }
 
-    fn said(content: Content, jobs: JobCounts) -> String {
+    fn said(content: FindingContent, jobs: JobCounts) -> String {
         let (name, title) = (String::new(), String::new());
         let metric = RETURN;
         caption(
@@ -364,17 +358,17 @@ mod tests {
             ..ContrastRow::between(
                 sample(first, 0),
                 sample(&[(1, 1.0), (2, 3.0)], 0),
-                Design::Independent,
+                SeedPairing::Independent,
             )
         };
         let rows = vec![
             of(0.01, &[(1, 51.0), (2, 53.0)]),
             of(0.2, &[(1, 0.0), (2, 2.0)]),
-            ContrastRow::between(sample(&[(1, 5.0)], 0), sample(&[], 3), Design::Independent),
+            ContrastRow::between(sample(&[(1, 5.0)], 0), sample(&[], 3), SeedPairing::Independent),
         ];
         let jobs = JobCounts { completed: 9, failed: 3, open: 1 };
         assert_eq!(
-            said(Content::Contrast(contrast(rows)), jobs),
+            said(FindingContent::Contrast(contrast(rows)), jobs),
             "Differences in mean return per episode (points) between a and b (unpaired t test) with their 95 % \
              intervals, not corrected for the number of comparisons, n = 1–2 seeds per side. Of 2 tested \
              comparisons, a is significantly above b in 1 and significantly below it in 0; at the widest \
@@ -391,7 +385,7 @@ mod tests {
             ..ContrastRow::between(
                 sample(&[(1, 1.0), (2, 3.0)], 0),
                 sample(&[(1, 51.0), (2, 53.5)], 0),
-                Design::Matched,
+                SeedPairing::Matched,
             )
         };
         let range = ParticipantRange { parameter: "epsilon_d", place: 4, from: 0.8, to: 1.0 };
@@ -401,7 +395,7 @@ mod tests {
             metric: RETURN,
             participants: Some(range),
             jobs: ALL,
-            content: Content::Contrast(contrast(vec![one(p)])),
+            content: FindingContent::Contrast(contrast(vec![one(p)])),
         };
         // Differences -50 and -50.5: mean -50.25, standard error 0.25.
         assert_eq!(
@@ -428,7 +422,7 @@ mod tests {
                 .zip(points)
                 .map(|(x, (mean, spread))| {
                     let values = [(1, *mean), (2, mean - spread), (3, mean + spread)];
-                    CurvePoint { x, parameter: x, sample: sample(&values, 0) }
+                    LinePoint { x, parameter: x, sample: sample(&values, 0) }
                 })
                 .collect(),
             across: None,
@@ -437,7 +431,8 @@ mod tests {
         };
         let of = |lines: &[CurveLine]| {
             let axis = "environment.delta_d".to_owned();
-            let said = said(Content::Curve(CurveFigure { axis, lines: lines.to_vec() }), ALL);
+            let said =
+                said(FindingContent::Curve(CurveFigure { axis, lines: lines.to_vec() }), ALL);
             let (shown, found) = said.split_once(". ").unwrap();
             assert_eq!(
                 shown,
@@ -487,7 +482,7 @@ mod tests {
     #[test]
     fn an_arm_that_lacks_the_key_of_a_curve_is_compared_at_every_point() {
         let values = |mean: f64| sample(&[(1, mean), (2, mean - 1.0), (3, mean + 1.0)], 0);
-        let point = |(x, mean): (f64, f64)| CurvePoint { x, parameter: x, sample: values(mean) };
+        let point = |(x, mean): (f64, f64)| LinePoint { x, parameter: x, sample: values(mean) };
         let swept = CurveLine {
             name: name(),
             points: [(0.001, 20.0), (0.01, 60.0)].map(point).into(),
@@ -506,7 +501,7 @@ mod tests {
         assert_eq!(table.rows.len(), 3);
         assert_eq!([entry(&table, "x").shown(), entry(&table, "mean").shown()], ["–", "50.0"]);
         assert_eq!(
-            said(Content::Curve(figure.clone()), ALL),
+            said(FindingContent::Curve(figure.clone()), ALL),
             "Mean and its 95 % interval of mean return per episode (points) against rate, n = 3 seeds per point; \
              arms without rate are lines across. rule P-H-D and dqn P-H-D are furthest apart at rate = \
              0.001, by 30 (t test paired by seed, Bonferroni-corrected p < 0.05)."
@@ -517,7 +512,7 @@ mod tests {
         let sheet = Sheet { stem: "s", metric: RETURN, names, looks: &looks, style: &style };
         let (_, scene) = figure.figures(&sheet).remove(0);
         let line = scene.marks.iter().find_map(|mark| match &mark.shape {
-            Shape::Line { points, stroke } if mark.series == Some(0) && stroke.width > 1.0 => {
+            SceneShape::Line { points, stroke } if mark.series == Some(0) && stroke.width > 1.0 => {
                 Some(points.clone())
             }
             _ => None,
@@ -546,7 +541,7 @@ mod tests {
             candidate(0.3, &[]),
         ];
         let ranking = Ranking { place: name(), rule: "highest_mean", candidates };
-        let said = said(Content::Selection(vec![ranking]), ALL);
+        let said = said(FindingContent::Selection(vec![ranking]), ALL);
         assert!(said.contains("learning_rate=0.1: 91 (best of 2 settings tried"), "{said}");
     }
 }

@@ -2,11 +2,11 @@
 
 use super::{Drawn, Sheet, parameter};
 use crate::analyse::declared::{ArmId, FEW_TRIALS, OperatingFigure, OperatingRow, Sought, Term};
-use crate::analyse::{Interval, LEVEL, Simulated, Undefined};
+use crate::analyse::{Interval, LEVEL, MonteCarloMean, Undefined};
 use crate::job::{CONSTANT, GROSS_REWARD, Measure, MetricUnit, REWARD, counted, distinct};
-use crate::report::data_table::{DataTable, Entry, shown};
+use crate::report::data_table::{DataTable, TableEntry, shown};
 use crate::report::figure::{
-    AxisScale, Chart, Line, Numbers, Panels, Place, Spread, arm_label, axes_of, draw, facets,
+    AxisScale, Chart, Line, NumberFormat, Panels, Place, Spread, arm_label, axes_of, draw, facets,
 };
 use crate::report::names::Names;
 use crate::report::scene::Scene;
@@ -30,7 +30,7 @@ impl Shown {
         }
     }
 
-    fn of(self, row: &OperatingRow) -> Result<Simulated, Undefined> {
+    fn of(self, row: &OperatingRow) -> Result<MonteCarloMean, Undefined> {
         match self {
             Shown::Power => row.operating.power,
             Shown::Coverage => row.operating.coverage,
@@ -61,10 +61,10 @@ impl Drawn for OperatingFigure {
                 }
                 let scale = sheet.style.x_scale(AxisScale::Linear);
                 let (title, numbers) = match group[0] {
-                    Shown::Bias => (bias_title(term, sheet.metric), Numbers::Plain),
-                    _ => ("share of trials, %".to_owned(), Numbers::Percent),
+                    Shown::Bias => (bias_title(term, sheet.metric), NumberFormat::Plain),
+                    _ => ("share of trials, %".to_owned(), NumberFormat::Percent),
                 };
-                let x = (symbols::quantity(axis), Numbers::Plain, scale);
+                let x = (symbols::quantity(axis), NumberFormat::Plain, scale);
                 let axes = axes_of(&charts, x, (title, numbers), sheet.style);
                 let stems = kinds.iter().map(|what| format!("{stem}-{}", what.word()));
                 scenes.extend(stems.zip(draw(&charts, &axes, sheet.style)));
@@ -311,8 +311,9 @@ impl OperatingFigure {
 
 /// Whether the intervals of some rows hold the truth as often as they should.
 fn coverage_of(rows: &[&OperatingRow]) -> Option<String> {
-    let known: Vec<Simulated> = rows.iter().filter_map(|row| row.operating.coverage.ok()).collect();
-    let share = |of: &Simulated| {
+    let known: Vec<MonteCarloMean> =
+        rows.iter().filter_map(|row| row.operating.coverage.ok()).collect();
+    let share = |of: &MonteCarloMean| {
         let ends = of.interval.map_or_else(
             |_| String::new(),
             |Interval { low, high }| format!(" ({} %)", range(100.0 * low, 100.0 * high, 1)),
@@ -325,7 +326,8 @@ fn coverage_of(rows: &[&OperatingRow]) -> Option<String> {
             Some(format!("95 % intervals hold the true effect in {} of the trials", share(one)))
         }
         all => {
-            let nominal = |one: &&Simulated| one.interval.is_ok_and(|ends| ends.contains(LEVEL));
+            let nominal =
+                |one: &&MonteCarloMean| one.interval.is_ok_and(|ends| ends.contains(LEVEL));
             let least = all.iter().min_by(|a, b| a.value.total_cmp(&b.value))?;
             Some(format!(
                 "{} of {} coverages agree with 95 %; the least is {}",
@@ -355,23 +357,24 @@ fn people(number: f64) -> String {
     shown(number.ceil(), 0)
 }
 
-fn cells(row: &OperatingRow, decimals: usize, names: &Names) -> Vec<Entry> {
+fn cells(row: &OperatingRow, decimals: usize, names: &Names) -> Vec<TableEntry> {
     let of = &row.operating;
-    let ends = |value: Result<Simulated, Undefined>| value.and_then(|value| value.interval);
-    let plain =
-        |value: Result<Simulated, Undefined>| Entry::of(value.map(|value| value.value), decimals);
+    let ends = |value: Result<MonteCarloMean, Undefined>| value.and_then(|value| value.interval);
+    let plain = |value: Result<MonteCarloMean, Undefined>| {
+        TableEntry::of(value.map(|value| value.value), decimals)
+    };
     let mut cells = vec![
         arm(&row.name, names),
-        Entry::text(row.term.estimate.clone()),
-        Entry::text(row.term.term.clone()),
+        TableEntry::text(row.term.estimate.clone()),
+        TableEntry::text(row.term.term.clone()),
         match row.x {
-            Some(value) => Entry::Number { value, shown: parameter(value) },
-            None => Entry::Missing("the arm lacks the parameter".to_owned()),
+            Some(value) => TableEntry::Number { value, shown: parameter(value) },
+            None => TableEntry::Missing("the arm lacks the parameter".to_owned()),
         },
-        Entry::number(of.trials as f64, 0),
-        Entry::number(row.failed.0 as f64, 0),
+        TableEntry::number(of.trials as f64, 0),
+        TableEntry::number(row.failed.0 as f64, 0),
     ];
-    let with_ends = |cells: &mut Vec<Entry>, value, entries: Vec<Entry>| {
+    let with_ends = |cells: &mut Vec<TableEntry>, value, entries: Vec<TableEntry>| {
         cells.extend(entries);
         cells.extend([low(ends(value)), high(ends(value))]);
     };

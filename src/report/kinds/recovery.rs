@@ -2,10 +2,10 @@
 
 use super::{Drawn, Sheet, test_name};
 use crate::analyse::declared::{ArmId, RecoveryRow};
-use crate::analyse::{Design, Interval, Recovered, Undefined};
+use crate::analyse::{Interval, Recovered, SeedPairing, Undefined};
 use crate::job::{Measure, MetricUnit, counted};
 use crate::report::arm_tables;
-use crate::report::data_table::{DataTable, Entry, shown};
+use crate::report::data_table::{DataTable, TableEntry, shown};
 use crate::report::figure::{seeds, settings_label};
 use crate::report::names::Names;
 use crate::report::scene::Scene;
@@ -50,12 +50,16 @@ impl Drawn for Vec<RecoveryRow> {
                 in_unit(without.mean(), metric),
                 arm_tables::optimum(row.optimum.as_ref().map(|best| best.mean_return)),
                 match &row.optimum {
-                    Some(best) => Entry::text(best.scenario.clone()),
-                    None => Entry::Missing(Undefined::NoOptimum.to_string()),
+                    Some(best) => TableEntry::text(best.scenario.clone()),
+                    None => TableEntry::Missing(Undefined::NoOptimum.to_string()),
                 },
-                Entry::number(with.n() as f64, 0),
-                Entry::number(without.n() as f64, 0),
-                Entry::text(if row.design == Design::Matched { "paired" } else { "unpaired" }),
+                TableEntry::number(with.n() as f64, 0),
+                TableEntry::number(without.n() as f64, 0),
+                TableEntry::text(if row.design == SeedPairing::Matched {
+                    "paired"
+                } else {
+                    "unpaired"
+                }),
                 in_unit(row.recovered.map(|found| found.share), MetricUnit::Share),
                 between(interval, MetricUnit::Share),
                 low(interval),
@@ -182,12 +186,12 @@ mod tests {
         RecoveryRow {
             with: name("ppo-gru", "P-M-S"),
             without: name("ppo", "P-T"),
-            design: Design::Matched,
+            design: SeedPairing::Matched,
             returns: [sample(with), sample(without)],
             optimum: optimum
                 .map(|mean_return| ScenarioOptimum { scenario: "P-H-D".to_owned(), mean_return }),
             recovered: optimum.ok_or(Undefined::NoOptimum).and_then(|optimum| {
-                recovered(&sample(with), &sample(without), optimum, Design::Matched)
+                recovered(&sample(with), &sample(without), optimum, SeedPairing::Matched)
             }),
         }
     }

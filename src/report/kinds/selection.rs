@@ -2,9 +2,9 @@
 
 use super::{Drawn, Sheet, amount, gap, gap_ends, metric_words, spread, test_name};
 use crate::analyse::declared::{Candidate, RangeEnd, Ranking};
-use crate::analyse::{Design, TTest, Undefined, t_test};
+use crate::analyse::{SeedPairing, TTest, Undefined, t_test};
 use crate::job::{Measure, counted};
-use crate::report::data_table::{DataTable, Entry};
+use crate::report::data_table::{DataTable, TableEntry};
 use crate::report::figure::{seeds, settings_key, settings_label};
 use crate::report::names::Names;
 use crate::report::scene::Scene;
@@ -85,7 +85,7 @@ fn behind(
     best: &Candidate,
     other: &Candidate,
 ) -> (Result<f64, Undefined>, Result<TTest, Undefined>) {
-    let design = Design::of(&best.sample, &other.sample);
+    let design = SeedPairing::of(&best.sample, &other.sample);
     let (one, two) = design.compared(&best.sample, &other.sample);
     let difference = one.mean().and_then(|one| Ok(one - two.mean()?));
     (difference, t_test(&best.sample, &other.sample, design))
@@ -99,7 +99,7 @@ fn runner_up(ranking: &Ranking, metric: Measure) -> Option<String> {
     let side = if difference < 0.0 { "below" } else { "above" };
     let interval = match test {
         Ok(test) => {
-            let name = test_name([Design::of(&best.sample, &next.sample)]).unwrap_or_default();
+            let name = test_name([SeedPairing::of(&best.sample, &next.sample)]).unwrap_or_default();
             format!(" (95 % interval {}, {name}, not corrected)", gap_ends(test.interval, metric))
         }
         Err(reason) => format!(" (no interval: {reason})"),
@@ -134,12 +134,15 @@ fn table(title: &str, rankings: &[Ranking], metric: Measure, names: &Names) -> D
                     (difference, Some(test.map(|test| test.interval)))
                 }
             };
-            let of_best = || Entry::text("");
+            let of_best = || TableEntry::text("");
             table.rows.push(vec![
                 arm(&ranking.place, names),
-                Entry::number(rank as f64 + 1.0, 0),
-                Entry::name(settings_key(&candidate.settings), settings_label(&candidate.settings)),
-                Entry::number(candidate.sample.n() as f64, 0),
+                TableEntry::number(rank as f64 + 1.0, 0),
+                TableEntry::name(
+                    settings_key(&candidate.settings),
+                    settings_label(&candidate.settings),
+                ),
+                TableEntry::number(candidate.sample.n() as f64, 0),
                 in_unit(candidate.mean, metric),
                 between(candidate.interval, metric),
                 low(candidate.interval),

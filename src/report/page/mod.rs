@@ -10,7 +10,7 @@ use parts::{figure_card, html_table, provenance};
 pub use parts::Hosts;
 
 use super::scene::web_font;
-use super::section::{ReportedExperiment, Section, all_jobs};
+use super::section::{ReportSection, ReportedExperiment, all_jobs};
 use super::tables;
 use crate::analyse::declared::{JobCounts, Reproduction};
 use crate::job::counted;
@@ -24,7 +24,7 @@ const POLICY: &str = "default-src 'none'; style-src 'unsafe-inline'; script-src 
 
 /// The page of these experiments.
 pub fn index(
-    sections: &[Section<'_>],
+    sections: &[ReportSection<'_>],
     reproduction: &Reproduction,
     store: &str,
     hosts: Hosts,
@@ -121,7 +121,7 @@ fn tile(number: impl Render, words: &str) -> Markup {
     html! { div.tile { b { (number) } span { (words) } } }
 }
 
-fn contents(sections: &[Section<'_>], reproduction: &Reproduction) -> Markup {
+fn contents(sections: &[ReportSection<'_>], reproduction: &Reproduction) -> Markup {
     html! {
         nav aria-label="Contents" {
             details {
@@ -130,7 +130,7 @@ fn contents(sections: &[Section<'_>], reproduction: &Reproduction) -> Markup {
                     @if !reproduction.comparisons.is_empty() {
                         li { a href="#reproduction" { "Reproduction" } }
                     }
-                    @for Section { experiment, anchor, shown, race, .. } in sections {
+                    @for ReportSection { experiment, anchor, shown, race, .. } in sections {
                         li {
                             a href={ "#" (anchor) } { (experiment.name) }
                             ul {
@@ -179,8 +179,8 @@ fn reproduced(reproduction: &Reproduction) -> Markup {
     }
 }
 
-fn section(section: &Section<'_>) -> Markup {
-    let Section { experiment, anchor, shown, race, tables, legend } = section;
+fn section(section: &ReportSection<'_>) -> Markup {
+    let ReportSection { experiment, anchor, shown, race, tables, legend } = section;
     let prose = [("Question", &experiment.question), ("Hypothesis", &experiment.hypothesis)];
     let counts = JobCounts::of(&experiment.jobs);
     html! {

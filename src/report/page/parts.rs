@@ -4,12 +4,12 @@ use std::collections::BTreeMap;
 
 use maud::{Markup, PreEscaped, html};
 
-use crate::analyse::declared::Content;
-use crate::report::data_table::{DataTable, Entry};
+use crate::analyse::declared::FindingContent;
+use crate::report::data_table::{DataTable, TableEntry};
 use crate::report::latex::is_printed;
 use crate::report::legend::{Legend, LegendValue};
 use crate::report::scene::{Color, Level, inline_svg, runs};
-use crate::report::section::{ArmTables, ReportedExperiment, Shown, ShownRace};
+use crate::report::section::{ArmTables, ReportedExperiment, ShownFinding, ShownRace};
 
 /// Maximum number of rows of a table on the page; the CSV file has all rows.
 const MOST_ROWS: usize = 400;
@@ -18,9 +18,9 @@ const MOST_ROWS: usize = 400;
 const IMAGES: [(&str, &str); 3] = [("svg", "SVG"), ("pdf", "PDF"), ("png", "PNG")];
 
 /// A finding: title, figures, caption, data.
-pub fn figure_card(shown: &Shown<'_>, legend: &Legend) -> Markup {
+pub fn figure_card(shown: &ShownFinding<'_>, legend: &Legend) -> Markup {
     // The text of maps names their colours, so a dark theme must not change them.
-    let is_map = matches!(shown.finding.content, Content::HeatMap(_));
+    let is_map = matches!(shown.finding.content, FindingContent::HeatMap(_));
     let size = match shown.scenes.len() {
         1 if shown.table.shown_columns().count() <= 10 => "card",
         _ => "card wide",
@@ -222,26 +222,30 @@ pub fn html_table(table: &DataTable) -> Markup {
     }
 }
 
-fn html_entry(entry: &Entry, class: Option<&str>) -> Markup {
+fn html_entry(entry: &TableEntry, class: Option<&str>) -> Markup {
     let (value, reason) = match entry {
-        Entry::Number { value, .. } => (Some(*value), None),
-        Entry::Missing(reason) => (None, Some(reason)),
-        Entry::Text { .. } => (None, None),
+        TableEntry::Number { value, .. } => (Some(*value), None),
+        TableEntry::Missing(reason) => (None, Some(reason)),
+        TableEntry::Text { .. } => (None, None),
     };
     html! { td class=[class] data-value=[value] title=[reason] { (symbols(entry.shown())) } }
 }
 
 /// One row in `every`, spread evenly over each run of rows with the same words, and the last of
 /// each run.
-fn thinned(rows: &[Vec<Entry>], every: usize) -> impl Iterator<Item = &Vec<Entry>> {
-    let same_words = |one: &Vec<Entry>, next: &Vec<Entry>| {
+fn thinned(rows: &[Vec<TableEntry>], every: usize) -> impl Iterator<Item = &Vec<TableEntry>> {
+    let same_words = |one: &Vec<TableEntry>, next: &Vec<TableEntry>| {
         one.iter().zip(next).all(|entries| match entries {
-            (Entry::Text { shown: one, .. }, Entry::Text { shown: next, .. }) => one == next,
-            (Entry::Text { .. }, Entry::Number { .. } | Entry::Missing(_))
-            | (Entry::Number { .. } | Entry::Missing(_), Entry::Text { .. }) => false,
+            (TableEntry::Text { shown: one, .. }, TableEntry::Text { shown: next, .. }) => {
+                one == next
+            }
+            (TableEntry::Text { .. }, TableEntry::Number { .. } | TableEntry::Missing(_))
+            | (TableEntry::Number { .. } | TableEntry::Missing(_), TableEntry::Text { .. }) => {
+                false
+            }
             (
-                Entry::Number { .. } | Entry::Missing(_),
-                Entry::Number { .. } | Entry::Missing(_),
+                TableEntry::Number { .. } | TableEntry::Missing(_),
+                TableEntry::Number { .. } | TableEntry::Missing(_),
             ) => true,
         })
     };
@@ -303,17 +307,17 @@ pub fn provenance(experiments: &[&ReportedExperiment], store: &str, hosts: Hosts
     let mut table = DataTable::new("Provenance", &columns);
     for ([version, revision, backend, processor, host], (runs, first, last, seconds)) in makers {
         let mut row = vec![
-            Entry::number(runs as f64, 0),
-            Entry::text(version),
-            Entry::text(revision),
-            Entry::text(backend),
-            Entry::text(processor),
-            Entry::text(first),
-            Entry::text(last),
-            Entry::number(seconds, 0),
+            TableEntry::number(runs as f64, 0),
+            TableEntry::text(version),
+            TableEntry::text(revision),
+            TableEntry::text(backend),
+            TableEntry::text(processor),
+            TableEntry::text(first),
+            TableEntry::text(last),
+            TableEntry::number(seconds, 0),
         ];
         if hosts == Hosts::Named {
-            row.push(Entry::text(host));
+            row.push(TableEntry::text(host));
         }
         table.rows.push(row);
     }

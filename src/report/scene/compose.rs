@@ -1,6 +1,6 @@
 //! Scenes made from scenes: scaled, and side by side.
 
-use super::{Mark, Point, Scene, Shape, Stroke};
+use super::{Mark, Point, Scene, SceneShape, Stroke};
 
 impl Scene {
     /// The scene with every length times `factor`.
@@ -43,26 +43,26 @@ impl Scene {
 }
 
 /// Moves the points of a shape, and multiplies its other lengths by `factor`.
-fn change(shape: &mut Shape, moved: &impl Fn(Point) -> Point, factor: f64) {
+fn change(shape: &mut SceneShape, moved: &impl Fn(Point) -> Point, factor: f64) {
     let line = |stroke: &mut Stroke| {
         stroke.width *= factor;
         stroke.dash = stroke.dash.map(|(dash, gap)| (dash * factor, gap * factor));
     };
     match shape {
-        Shape::Line { points, stroke } => {
+        SceneShape::Line { points, stroke } => {
             points.iter_mut().for_each(|point| *point = moved(*point));
             line(stroke);
         }
-        Shape::Area { points, stroke, .. } => {
+        SceneShape::Area { points, stroke, .. } => {
             points.iter_mut().for_each(|point| *point = moved(*point));
             stroke.iter_mut().for_each(line);
         }
-        Shape::Circle { centre, radius, stroke, .. } => {
+        SceneShape::Circle { centre, radius, stroke, .. } => {
             *centre = moved(*centre);
             *radius *= factor;
             stroke.iter_mut().for_each(line);
         }
-        Shape::Text { at, size, rim, .. } => {
+        SceneShape::Text { at, size, rim, .. } => {
             *at = moved(*at);
             *size *= factor;
             rim.iter_mut().for_each(line);
@@ -77,7 +77,7 @@ mod tests {
 
     fn scene(width: f64) -> Scene {
         let stroke = Stroke { dash: Some((2.0, 1.0)), ..Stroke::solid(Color::WHITE, 1.0) };
-        let line = Mark::from(Shape::Line { points: vec![(1.0, 2.0), (3.0, 4.0)], stroke });
+        let line = Mark::from(SceneShape::Line { points: vec![(1.0, 2.0), (3.0, 4.0)], stroke });
         let description = String::new();
         Scene {
             width,
@@ -92,7 +92,7 @@ mod tests {
     fn a_scaled_scene_is_as_large_in_every_length() {
         let twice = scene(20.0).scaled(2.0);
         assert_eq!((twice.width, twice.height), (40.0, 20.0));
-        let Shape::Line { points, stroke } = &twice.marks[0].shape else { panic!() };
+        let SceneShape::Line { points, stroke } = &twice.marks[0].shape else { panic!() };
         assert_eq!(*points, [(2.0, 4.0), (6.0, 8.0)]);
         assert_eq!((stroke.width, stroke.dash), (2.0, Some((4.0, 2.0))));
     }
@@ -103,7 +103,7 @@ mod tests {
         let all = Scene::in_rows(&scenes.iter().collect::<Vec<_>>(), String::new());
         assert_eq!((all.width, all.height), (60.0, 20.0));
         let first = |mark: &Mark| match &mark.shape {
-            Shape::Line { points, .. } => points[0],
+            SceneShape::Line { points, .. } => points[0],
             other => panic!("{other:?}"),
         };
         let places: Vec<Point> = all.marks.iter().map(first).collect();

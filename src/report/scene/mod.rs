@@ -97,7 +97,7 @@ pub enum Direction {
 #[derive(Clone, Debug, PartialEq)]
 pub struct Mark {
     /// The shape.
-    pub shape: Shape,
+    pub shape: SceneShape,
     /// The number of the series that it belongs to, by which a page shows and hides it.
     pub series: Option<usize>,
     /// The tooltip on the page.
@@ -106,7 +106,7 @@ pub struct Mark {
 
 /// A shape with its style.
 #[derive(Clone, Debug, PartialEq)]
-pub enum Shape {
+pub enum SceneShape {
     /// Straight lines from point to point.
     Line {
         /// The points.
@@ -155,18 +155,18 @@ pub enum Shape {
     },
 }
 
-impl Shape {
+impl SceneShape {
     /// Its text, if it is one.
     fn written(&self) -> Option<&str> {
         match self {
-            Shape::Text { text, .. } => Some(text),
-            Shape::Line { .. } | Shape::Area { .. } | Shape::Circle { .. } => None,
+            SceneShape::Text { text, .. } => Some(text),
+            SceneShape::Line { .. } | SceneShape::Area { .. } | SceneShape::Circle { .. } => None,
         }
     }
 }
 
-impl From<Shape> for Mark {
-    fn from(shape: Shape) -> Mark {
+impl From<SceneShape> for Mark {
+    fn from(shape: SceneShape) -> Mark {
         Mark { shape, series: None, tip: None }
     }
 }

@@ -12,7 +12,8 @@ use super::font::{Face, Letter};
 use super::script::runs;
 use super::svg::number;
 use super::{
-    Anchor, Color, Direction, Fill, Mark, Point, Scene, Shape, Stroke, Weight, width as width_of,
+    Anchor, Color, Direction, Fill, Mark, Point, Scene, SceneShape, Stroke, Weight,
+    width as width_of,
 };
 
 /// Points per unit, which is a CSS pixel.
@@ -67,21 +68,21 @@ impl Page {
     fn draw(&mut self, mark: &Mark) {
         self.content.push_str("q ");
         match &mark.shape {
-            Shape::Line { points, stroke } => {
+            SceneShape::Line { points, stroke } => {
                 self.stroke(stroke);
                 self.path(points);
                 self.content.push_str("S ");
             }
-            Shape::Area { points, fill, stroke } => {
+            SceneShape::Area { points, fill, stroke } => {
                 self.paint(fill, stroke.as_ref(), |page| {
                     page.path(points);
                     page.content.push_str("h ");
                 });
             }
-            Shape::Circle { centre, radius, fill, stroke } => {
+            SceneShape::Circle { centre, radius, fill, stroke } => {
                 self.paint(fill, stroke.as_ref(), |page| page.circle(*centre, *radius));
             }
-            Shape::Text { rim, .. } => {
+            SceneShape::Text { rim, .. } => {
                 if let Some(rim) = rim {
                     self.stroke(rim);
                     self.text(&mark.shape, 1);
@@ -153,8 +154,9 @@ impl Page {
     }
 
     /// A text with its letters filled (mode 0) or stroked (mode 1).
-    fn text(&mut self, shape: &Shape, mode: u8) {
-        let Shape::Text { at, text, size, weight, color, anchor, direction, .. } = shape else {
+    fn text(&mut self, shape: &SceneShape, mode: u8) {
+        let SceneShape::Text { at, text, size, weight, color, anchor, direction, .. } = shape
+        else {
             return;
         };
         if mode == 0 {
@@ -344,7 +346,7 @@ mod tests {
     use super::*;
 
     fn scene() -> Scene {
-        let text = |direction| Shape::Text {
+        let text = |direction| SceneShape::Text {
             at: (10.0, 20.0),
             text: "δ_d ≥ (1)".to_owned(),
             size: 9.5,
@@ -354,7 +356,7 @@ mod tests {
             direction,
             rim: None,
         };
-        let circle = Shape::Circle {
+        let circle = SceneShape::Circle {
             centre: (5.0, 5.0),
             radius: 2.0,
             fill: Fill { color: Color::WHITE, opacity: 0.16 },

@@ -8,7 +8,7 @@ use tiny_skia::{
 
 use super::font::Letter;
 use super::script::runs;
-use super::{Anchor, Color, Direction, Fill, Point, Scene, Shape, Stroke, Weight, width};
+use super::{Anchor, Color, Direction, Fill, Point, Scene, SceneShape, Stroke, Weight, width};
 
 /// Dots per unit: 384 dots per inch.
 const DOTS: f32 = 4.0;
@@ -20,18 +20,18 @@ pub fn png(scene: &Scene) -> Option<Vec<u8>> {
     canvas.fill(tiny_skia::Color::WHITE);
     for mark in &scene.marks {
         match &mark.shape {
-            Shape::Line { points, stroke } => {
+            SceneShape::Line { points, stroke } => {
                 draw(&mut canvas, path(points, false), None, Some(stroke))
             }
-            Shape::Area { points, fill, stroke } => {
+            SceneShape::Area { points, fill, stroke } => {
                 draw(&mut canvas, path(points, true), Some(fill), stroke.as_ref());
             }
-            Shape::Circle { centre, radius, fill, stroke } => {
+            SceneShape::Circle { centre, radius, fill, stroke } => {
                 let circle =
                     PathBuilder::from_circle(centre.0 as f32, centre.1 as f32, *radius as f32);
                 draw(&mut canvas, circle, Some(fill), stroke.as_ref());
             }
-            Shape::Text { at, text, size, weight, color, anchor, direction, rim } => {
+            SceneShape::Text { at, text, size, weight, color, anchor, direction, rim } => {
                 let written = letters(text, *size, *weight, *anchor);
                 let (x, y) = (at.0 as f32, at.1 as f32);
                 let turn = match direction {

@@ -5,7 +5,9 @@ use std::fmt::Write as _;
 use maud::html;
 
 use super::script::{Level, runs};
-use super::{Anchor, Color, Direction, Facets, Fill, Mark, Point, Scene, Shape, Stroke, web_font};
+use super::{
+    Anchor, Color, Direction, Facets, Fill, Mark, Point, Scene, SceneShape, Stroke, web_font,
+};
 
 /// Millimetres per unit, which is a CSS pixel.
 const MILLIMETRES: f64 = 25.4 / 96.0;
@@ -56,7 +58,7 @@ fn write_mark(out: &mut String, mark: &Mark, classes: &[String]) {
         let _ = write!(more, " data-tip=\"{}\"", escaped(tip));
     }
     let written = match &mark.shape {
-        Shape::Line { points, stroke } => {
+        SceneShape::Line { points, stroke } => {
             write!(
                 out,
                 "<polyline points=\"{}\" fill=\"none\"{}{more}/>",
@@ -64,17 +66,17 @@ fn write_mark(out: &mut String, mark: &Mark, classes: &[String]) {
                 line(stroke)
             )
         }
-        Shape::Area { points, fill, stroke } => {
+        SceneShape::Area { points, fill, stroke } => {
             let stroke = stroke.as_ref().map(line).unwrap_or_default();
             write!(out, "<polygon points=\"{}\"{}{stroke}{more}/>", list(points), filling(fill))
         }
-        Shape::Circle { centre, radius, fill, stroke } => {
+        SceneShape::Circle { centre, radius, fill, stroke } => {
             let stroke = stroke.as_ref().map(line).unwrap_or_default();
             let (x, y, radius) = (number(centre.0), number(centre.1), number(*radius));
             let fill = filling(fill);
             write!(out, "<circle cx=\"{x}\" cy=\"{y}\" r=\"{radius}\"{fill}{stroke}{more}/>")
         }
-        Shape::Text { at, text, size, weight, color, anchor, direction, rim } => {
+        SceneShape::Text { at, text, size, weight, color, anchor, direction, rim } => {
             let anchor = match anchor {
                 Anchor::Start => "start",
                 Anchor::Middle => "middle",

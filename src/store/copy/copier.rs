@@ -8,8 +8,8 @@ use crate::store::error::StoreError;
 use crate::store::verify::CheckWeights;
 use crate::store::writer::Store;
 
-use super::rows::{Batch, CopiedRun};
-use super::source::{Extent, Source};
+use super::rows::{CopiedRun, CopyBatch};
+use super::source::{CopySource, Extent};
 use super::target::{RunCopy, Target};
 
 const ACTION: &str = "copy runs to the store";
@@ -47,12 +47,12 @@ impl Copier {
     pub(in crate::store) fn write(
         &mut self,
         to: &mut Store,
-        batch: &Batch,
+        batch: &CopyBatch,
         mut report: impl FnMut(&CopiedRun, RunCopy),
     ) -> Result<(), StoreError> {
         let target = &mut self.target;
         match batch {
-            Batch::Experiments(rows, earlier) => {
+            CopyBatch::Experiments(rows, earlier) => {
                 let copied = to.write(ACTION, |open| {
                     let copied = target.experiments(open, rows)?;
                     target.earlier_manifests(open, earlier)?;
@@ -61,21 +61,23 @@ impl Copier {
                 self.copied.experiments += copied.inserted;
                 self.copied.differing.extend(copied.differing);
             }
-            Batch::Jobs(rows) => {
+            CopyBatch::Jobs(rows) => {
                 self.copied.jobs += to.write(ACTION, |open| Ok(target.jobs(open, rows)?))?;
             }
-            Batch::Memberships(rows) => to.write(ACTION, |open| Ok(target.hold(open, rows)?))?,
-            Batch::Runs(runs) => {
+            CopyBatch::Memberships(rows) => {
+                to.write(ACTION, |open| Ok(target.hold(open, rows)?))?
+            }
+            CopyBatch::Runs(runs) => {
                 let became: Vec<RunCopy> = to.write_durably(ACTION, |open| {
                     runs.iter().map(|run| Ok(target.run(open, run)?)).collect()
                 })?;
                 self.copied.estimates = target.estimates;
                 runs.iter().zip(became).for_each(|(run, became)| report(run, became));
             }
-            Batch::Conflicts(rows) => {
+            CopyBatch::Conflicts(rows) => {
                 to.write(ACTION, |open| Ok(target.conflicts(open, rows)?))?;
             }
-            Batch::Sessions(rows) => {
+            CopyBatch::Sessions(rows) => {
                 to.write_durably(ACTION, |open| Ok(target.end_sessions(open, rows)?))?;
             }
         }
@@ -98,7 +100,7 @@ pub(in crate::store) fn copy(
         .unchecked_transaction()
         .map_err(|source| StoreError::sqlite(&to.path, "read the source of a copy", source))?;
     let mut copier = Copier::new(Path::new(from.path().unwrap_or_default()));
-    let source = Source::new(&snapshot, Extent::Everything(check_weights));
+    let source = CopySource::new(&snapshot, Extent::Everything(check_weights));
     let unreadable = source.read(|batch| copier.write(to, &batch, &mut report))?;
     Ok(Copied { runs_unreadable: unreadable, ..copier.copied })
 }

@@ -23,7 +23,7 @@ mod target;
 mod tests;
 
 pub(super) use copier::{Copied, Copier, copy};
-pub(super) use rows::{Batch, Ended};
-pub(super) use source::{Extent, Source};
+pub(super) use rows::{CopyBatch, Ended};
+pub(super) use source::{CopySource, Extent};
 pub use target::Origin;
 pub(super) use target::{Origins, RunCopy};

@@ -8,7 +8,7 @@ use rusqlite::types::Value;
 use rusqlite::{CachedStatement, Connection};
 
 use crate::job::MetricName;
-use crate::store::digest::{Form, ResultsDigest};
+use crate::store::digest::{DigestForm, ResultsDigest};
 use crate::store::results::metric_id;
 use crate::store::tables::{ROWS, ResultTable, Statements, digested};
 
@@ -43,7 +43,7 @@ impl ResultRows {
 
     /// The digest of these results for the job with this key, equal to [`crate::store::digest::of_run_in`]; `None` if the
     /// name of a metric cannot be read.
-    pub(super) fn digest_in(&self, job_key: &str, form: Form) -> Option<[u8; 32]> {
+    pub(super) fn digest_in(&self, job_key: &str, form: DigestForm) -> Option<[u8; 32]> {
         self.digest_of(job_key, form, |_| true)
     }
 
@@ -56,7 +56,8 @@ impl ResultRows {
                 !table.is_optional || ours.is_empty() == theirs.is_empty()
             })
             .collect();
-        let digest = |rows: &ResultRows| rows.digest_of("", Form::Whole, |table| shared[table]);
+        let digest =
+            |rows: &ResultRows| rows.digest_of("", DigestForm::Whole, |table| shared[table]);
         digest(self).is_some_and(|ours| digest(other) == Some(ours))
     }
 
@@ -64,7 +65,7 @@ impl ResultRows {
     fn digest_of(
         &self,
         job_key: &str,
-        form: Form,
+        form: DigestForm,
         holds: impl Fn(usize) -> bool,
     ) -> Option<[u8; 32]> {
         let mut digest = ResultsDigest::new(job_key);

@@ -101,13 +101,13 @@ pub(in crate::store) struct CopiedRun {
     pub(super) digest: Value,
     /// The files of outside programs.
     pub(super) programs: Value,
-    pub(super) content: Content,
+    pub(super) content: RunContent,
     /// The intact estimates of a completed run.
     pub(super) estimates: Vec<estimate::Row>,
 }
 
 /// The verified results of a run.
-pub(super) enum Content {
+pub(super) enum RunContent {
     /// The results of a completed run.
     Results(ResultRows),
     /// No results: the run failed or was interrupted.
@@ -119,7 +119,7 @@ pub(super) enum Content {
 }
 
 /// The content of one transaction.
-pub(in crate::store) enum Batch {
+pub(in crate::store) enum CopyBatch {
     Experiments(Vec<ExperimentRow>, Vec<EarlierManifests>),
     Jobs(Vec<JobRow>),
     Memberships(Vec<MembershipRow>),

@@ -7,7 +7,7 @@ use rusqlite::Connection;
 use rusqlite::types::Value;
 
 use crate::store::conflict;
-use crate::store::digest::{self, Form};
+use crate::store::digest::{self, DigestForm};
 use crate::store::earlier_manifest;
 use crate::store::estimate;
 use crate::store::schema::has_column;
@@ -15,8 +15,8 @@ use crate::store::verify::{self, CheckWeights, row_ids};
 
 use super::results::{MetricNames, ResultRows};
 use super::rows::{
-    Batch, ConflictRow, Content, CopiedRun, EarlierManifests, Ended, ExperimentRow, JobRow,
-    MembershipRow, NamedRow, SESSION, SessionRow,
+    ConflictRow, CopiedRun, CopyBatch, EarlierManifests, Ended, ExperimentRow, JobRow,
+    MembershipRow, NamedRow, RunContent, SESSION, SessionRow,
 };
 use super::sql::{read_row, read_rows};
 
@@ -52,7 +52,7 @@ impl Extent<'_> {
 }
 
 /// A source whose statements all see the same snapshot.
-pub(in crate::store) struct Source<'a> {
+pub(in crate::store) struct CopySource<'a> {
     connection: &'a Connection,
     extent: Extent<'a>,
     metrics: Arc<MetricNames>,
@@ -62,12 +62,12 @@ pub(in crate::store) struct Source<'a> {
     sessions: HashMap<i64, Option<Arc<SessionRow>>>,
 }
 
-impl<'a> Source<'a> {
+impl<'a> CopySource<'a> {
     /// The source as a connection sees it. The caller has begun a transaction on the connection.
     pub(in crate::store) fn new(connection: &'a Connection, extent: Extent<'a>) -> Self {
         let metrics = Arc::new(MetricNames::read(connection));
         let (job_keys, sessions) = (HashMap::new(), HashMap::new());
-        Source { connection, extent, metrics, job_keys, sessions }
+        CopySource { connection, extent, metrics, job_keys, sessions }
     }
 
     /// Passes every batch to `give`; returns whether part of the list of runs is unreadable.
@@ -75,25 +75,25 @@ impl<'a> Source<'a> {
     /// **Errors**: the errors of `give`.
     pub(in crate::store) fn read<E>(
         mut self,
-        mut give: impl FnMut(Batch) -> Result<(), E>,
+        mut give: impl FnMut(CopyBatch) -> Result<(), E>,
     ) -> Result<bool, E> {
         let experiments = self.experiments();
         let experiment_ids: Vec<i64> = experiments.iter().map(|row| row.id).collect();
         let earlier = self.earlier_manifests(&experiment_ids);
-        give(Batch::Experiments(experiments, earlier))?;
+        give(CopyBatch::Experiments(experiments, earlier))?;
         for ids in self.job_ids().chunks(ROWS_PER_BATCH) {
             let jobs = self.jobs(ids);
-            give(Batch::Jobs(jobs))?;
+            give(CopyBatch::Jobs(jobs))?;
         }
-        self.memberships(&experiment_ids, |rows| give(Batch::Memberships(rows)))?;
+        self.memberships(&experiment_ids, |rows| give(CopyBatch::Memberships(rows)))?;
         let (runs, whole) = row_ids(self.connection, "run");
         let mut runs = runs.into_iter().peekable();
         while runs.peek().is_some() {
             let batch = self.runs(&mut runs);
-            give(Batch::Runs(batch))?;
+            give(CopyBatch::Runs(batch))?;
         }
-        give(Batch::Conflicts(self.conflicts()))?;
-        give(Batch::Sessions(self.sessions.into_values().flatten().collect()))?;
+        give(CopyBatch::Conflicts(self.conflicts()))?;
+        give(CopyBatch::Sessions(self.sessions.into_values().flatten().collect()))?;
         Ok(!whole)
     }
 
@@ -207,7 +207,7 @@ impl<'a> Source<'a> {
         {
             bytes += BYTES_PER_RUN;
             let Some(run) = self.run(id) else { continue };
-            if let Content::Results(results) = &run.content {
+            if let RunContent::Results(results) = &run.content {
                 bytes += results.bytes();
             }
             batch.push(run);
@@ -234,7 +234,7 @@ impl<'a> Source<'a> {
         let job_key = self.job_key(job);
         let content = match &job_key {
             Some(key) => self.content(id, ended, key, &digest),
-            None => Content::Damaged("the row of its job is missing or damaged".to_owned()),
+            None => RunContent::Damaged("the row of its job is missing or damaged".to_owned()),
         };
         let session_row = self.session(session);
         let estimates = match (&job_key, ended) {
@@ -257,35 +257,35 @@ impl<'a> Source<'a> {
         })
     }
 
-    fn content(&self, run: i64, ended: Ended, job_key: &str, digest: &Value) -> Content {
+    fn content(&self, run: i64, ended: Ended, job_key: &str, digest: &Value) -> RunContent {
         match ended {
-            Ended::Completed if self.is_known(job_key, digest) => Content::KnownToTarget,
+            Ended::Completed if self.is_known(job_key, digest) => RunContent::KnownToTarget,
             Ended::Completed => {
                 let results = ResultRows::read(self.connection, &self.metrics, run);
                 let Some(results) = results else {
-                    return Content::Damaged("its results cannot be read".to_owned());
+                    return RunContent::Damaged("its results cannot be read".to_owned());
                 };
                 let has = |taken: Option<[u8; 32]>| {
                     taken.is_some_and(|taken| *digest == Value::Blob(taken.into()))
                 };
                 let is_earlier = || {
                     digest::may_leave_out_steps(self.connection, run).unwrap_or(false)
-                        && has(results.digest_in(job_key, Form::WithoutSteps))
+                        && has(results.digest_in(job_key, DigestForm::WithoutSteps))
                 };
-                if !has(results.digest_in(job_key, Form::Whole)) && !is_earlier() {
+                if !has(results.digest_in(job_key, DigestForm::Whole)) && !is_earlier() {
                     let fault = "its results do not match their digest";
-                    return Content::Damaged(fault.to_owned());
+                    return RunContent::Damaged(fault.to_owned());
                 }
                 match self.weights_fault(run) {
-                    None => Content::Results(results),
-                    Some(fault) => Content::Damaged(fault),
+                    None => RunContent::Results(results),
+                    Some(fault) => RunContent::Damaged(fault),
                 }
             }
             Ended::Failed => match verify::failure_fault(self.connection, run) {
-                None => Content::Nothing,
-                Some(fault) => Content::Damaged(fault),
+                None => RunContent::Nothing,
+                Some(fault) => RunContent::Damaged(fault),
             },
-            Ended::Interrupted => Content::Nothing,
+            Ended::Interrupted => RunContent::Nothing,
         }
     }
 

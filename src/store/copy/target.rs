@@ -14,8 +14,8 @@ use crate::store::transaction::NOW;
 
 use super::results::{MetricNames, ResultRows};
 use super::rows::{
-    ConflictRow, Content, CopiedRun, EarlierManifests, Ended, ExperimentRow, JobRow, MembershipRow,
-    NamedRow, SESSION, SessionRow,
+    ConflictRow, CopiedRun, EarlierManifests, Ended, ExperimentRow, JobRow, MembershipRow,
+    NamedRow, RunContent, SESSION, SessionRow,
 };
 use super::sql::{Written, find, write};
 
@@ -126,7 +126,7 @@ fn insert_missing<const COLUMNS: usize>(
 /// Whether the target's run `own` has the results of the source's run under another digest: only one of the two has
 /// recorded choices, endings or steps, or the digest of only one covers its steps.
 fn has_the_same_results(target: &Connection, own: i64, run: &CopiedRun) -> bool {
-    let Content::Results(theirs) = &run.content else { return false };
+    let RunContent::Results(theirs) = &run.content else { return false };
     let names = Arc::new(MetricNames::read(target));
     let ours = ResultRows::read(target, &names, own);
     ours.is_some_and(|ours| ours.are_the_same_but_for_records(theirs))
@@ -204,7 +204,7 @@ impl Target {
         target: &Connection,
         run: &CopiedRun,
     ) -> rusqlite::Result<RunCopy> {
-        if let Content::Damaged(reason) = &run.content {
+        if let RunContent::Damaged(reason) = &run.content {
             return Ok(RunCopy::Damaged(reason.clone()));
         }
         let Some(&job) = self.jobs.get(&run.job) else {
@@ -327,7 +327,7 @@ impl Target {
             return Ok(Written::Refused);
         }
         let own = target.last_insert_rowid();
-        if let Content::Results(results) = &run.content
+        if let RunContent::Results(results) = &run.content
             && let Written::Refused = results.insert(target, own, &mut self.metrics)?
         {
             return Ok(Written::Refused);

@@ -7,7 +7,7 @@ use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
 use std::sync::{Mutex, PoisonError};
 use std::thread;
 
-use crate::store::copy::{Batch, Copied, Copier, Ended, Extent, Origins, RunCopy, Source};
+use crate::store::copy::{Copied, Copier, CopyBatch, CopySource, Ended, Extent, Origins, RunCopy};
 use crate::store::error::StoreError;
 use crate::store::file;
 use crate::store::writer::Store;
@@ -23,7 +23,7 @@ const WAITING: usize = 1;
 
 /// A part of a source, as sent by a reading thread.
 enum Message {
-    Batch(Batch),
+    Batch(CopyBatch),
     /// The last message: whether part of the list of runs is unreadable, or why the source could not be read.
     End(Result<bool, StoreError>),
 }
@@ -120,7 +120,7 @@ fn read_all(unread: &Mutex<Receiver<Unread<'_>>>, target: &Path) {
             let source = snapshot::open(path)?;
             let known = file::connect_reader(target)
                 .map_err(|source| StoreError::sqlite(target, "read the store", source))?;
-            let source = Source::new(&source, Extent::Results(&known));
+            let source = CopySource::new(&source, Extent::Results(&known));
             Ok(source.read(|batch| to.send(Message::Batch(batch))))
         };
         let end = match read() {
@@ -148,7 +148,7 @@ fn take(
     for message in from {
         match message {
             Message::Batch(batch) => {
-                let runs = if let Batch::Runs(runs) = &batch { runs.len() } else { 0 };
+                let runs = if let CopyBatch::Runs(runs) = &batch { runs.len() } else { 0 };
                 copier.write(into, &batch, |run, became| {
                     merged.count(path, run.job_key.as_deref(), run.ended, became);
                 })?;

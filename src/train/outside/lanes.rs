@@ -4,7 +4,7 @@ use crate::agent::StepObserver;
 use crate::env::{
     Action, EpisodeStatus, LaneSet, LaneStreams, Observations, Simulated, VectorEnvironment,
 };
-use crate::external::{Program, Reset, Rows, Step, ToProgram};
+use crate::external::{Program, Reset, SentRows, StepRequest, ToProgram};
 use crate::job::{Job, counted};
 use crate::rng::{Purpose, Stream};
 
@@ -95,7 +95,7 @@ impl Lanes {
     /// **Errors**: there is not enough memory; or a description, if the actions do not match the lanes.
     pub(super) fn step(
         &mut self,
-        step: &Step,
+        step: &StepRequest,
         record: &mut TrainingRecord<'_>,
         program: &mut Program,
     ) -> Result<Result<(), String>, Broken> {
@@ -141,7 +141,7 @@ impl Lanes {
     }
 
     /// Reads the actions of a step, and their probabilities.
-    fn read(&mut self, step: &Step) -> Result<(), String> {
+    fn read(&mut self, step: &StepRequest) -> Result<(), String> {
         let lanes = self.simulation.lanes();
         if !self.simulation.any_running() {
             return Err("expected \"reset\" before \"step\": no episode is running".to_owned());
@@ -177,8 +177,8 @@ impl Lanes {
         self.observations.take_written_out()
     }
 
-    fn rows<'v>(&self, values: &'v [f32], only: Option<&'v [usize]>) -> Rows<'v> {
-        Rows { values, width: values.len() / self.simulation.lanes(), only }
+    fn rows<'v>(&self, values: &'v [f32], only: Option<&'v [usize]>) -> SentRows<'v> {
+        SentRows { values, width: values.len() / self.simulation.lanes(), only }
     }
 
     fn available(&self, lanes: &[usize]) -> Option<Vec<bool>> {

@@ -1,7 +1,7 @@
 //! The training of an outside program, as jitai counts and records it.
 
 use crate::agent::{OutOfMemory, TrainedEpisode};
-use crate::external::{Episodes, ProgramError, Update};
+use crate::external::{OwnEpisodes, ProgramError, Update};
 use crate::job::{Failure, FailureKind, MetricName, Outcome, Phase, Results};
 use crate::job::{Job, counted};
 use crate::train::control::TrainingControl;
@@ -100,7 +100,7 @@ impl<'j> TrainingRecord<'j> {
     /// Adds episodes that the program has played itself.
     ///
     /// **Errors**: there is not enough memory; or a description of the fault in the episodes.
-    pub(super) fn add(&mut self, of: &Episodes) -> Result<Result<(), String>, Broken> {
+    pub(super) fn add(&mut self, of: &OwnEpisodes) -> Result<Result<(), String>, Broken> {
         let count = of.returns.len();
         if let Some(fault) = self.fault(of) {
             return Ok(Err(fault));
@@ -115,7 +115,7 @@ impl<'j> TrainingRecord<'j> {
         Ok(Ok(()))
     }
 
-    fn fault(&self, of: &Episodes) -> Option<String> {
+    fn fault(&self, of: &OwnEpisodes) -> Option<String> {
         let (count, lengths, terminated) =
             (of.returns.len(), of.lengths.len(), of.terminated.len());
         if self.log.is_some() {

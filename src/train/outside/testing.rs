@@ -3,7 +3,7 @@
 use crate::agent::{Actions, certain};
 use crate::env::{Action, EpisodeStatus, Observations, Simulated, VectorEnvironment};
 use crate::external::{
-    Choices, FromProgram, Probabilities, Program, ProgramError, Rows, ToProgram,
+    Choices, FromProgram, Probabilities, Program, ProgramError, SentRows, ToProgram,
 };
 use crate::job::Job;
 use crate::rng::Stream;
@@ -88,7 +88,7 @@ impl Question {
             day: moment.map(|[day, _]| day),
             decision: moment.map(|[_, decision]| decision),
             lanes: &self.running,
-            observations: Rows {
+            observations: SentRows {
                 width: values.len() / simulation.lanes(),
                 values: &values,
                 only: Some(&self.running),

@@ -52,18 +52,18 @@ fn in_memory(query: &DataQuery, data: &jitai::record::DataSet) -> Rows {
 }
 
 fn in_sql(query: &DataQuery, reader: &Reader) -> Rows {
-    let text = |value: &store::Value<'_>| match value {
-        store::Value::Null => None,
-        store::Value::Integer(whole) => Some(Scalar::Real(*whole as f64).to_string()),
-        store::Value::Real(real) => Some(Scalar::Real(*real).to_string()),
-        store::Value::Text(text) => Some((*text).to_owned()),
-        store::Value::Blob(_) => panic!("no parameter is a blob"),
+    let text = |value: &store::SqlValue<'_>| match value {
+        store::SqlValue::Null => None,
+        store::SqlValue::Integer(whole) => Some(Scalar::Real(*whole as f64).to_string()),
+        store::SqlValue::Real(real) => Some(Scalar::Real(*real).to_string()),
+        store::SqlValue::Text(text) => Some((*text).to_owned()),
+        store::SqlValue::Blob(_) => panic!("no parameter is a blob"),
     };
     let mut rows = Vec::new();
     let sql = query.sql();
     let hear = |answer: Answer<'_>| {
         if let Answer::Row(values) = answer {
-            let [agent, scenario, store::Value::Integer(seed), keys @ .., _] = values else {
+            let [agent, scenario, store::SqlValue::Integer(seed), keys @ .., _] = values else {
                 panic!("{values:?}");
             };
             let [agent, scenario] = [agent, scenario].map(|word| text(word).unwrap());

@@ -6,7 +6,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread;
 use std::time::Duration;
 
-use jitai::store::{Answer, QueryError, Reader, Value};
+use jitai::store::{Answer, QueryError, Reader, SqlValue};
 
 use super::sample::{Sample, completed, dqn};
 
@@ -65,7 +65,7 @@ fn a_listener_can_break_off() {
         .query(endless, |answer| {
             heard += 1;
             match answer {
-                Answer::Row([Value::Integer(1000)]) => ControlFlow::Break(()),
+                Answer::Row([SqlValue::Integer(1000)]) => ControlFlow::Break(()),
                 _ => ControlFlow::Continue(()),
             }
         })

@@ -4,7 +4,7 @@ use crate::env::step_count::parameters::StepCount;
 
 /// The feature of a step, as far as it tells of the context, and the chain that led to the context.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Feature {
+pub(super) struct ContextEvidence {
     /// The likelihoods of context 0 and of context 1, up to a common factor.
     likelihoods: [f64; 2],
     /// The probability that a context is kept.
@@ -13,16 +13,16 @@ pub(super) struct Feature {
     zero: f64,
 }
 
-impl Feature {
+impl ContextEvidence {
     /// The feature from which context 0 is inferred with this probability, by the prior of the person.
     ///
     /// A prior of 0 or 1 hides the feature: the inferred probability is the prior.
     #[inline(always)]
-    pub(super) fn new(person: &StepCount, probability: f64) -> Feature {
+    pub(super) fn new(person: &StepCount, probability: f64) -> ContextEvidence {
         let one = person.context_probability;
         let likelihoods = [probability * one, (1.0 - probability) * (1.0 - one)];
         let is_hidden = one == 0.0 || one == 1.0;
-        Feature {
+        ContextEvidence {
             likelihoods: if is_hidden { [1.0; 2] } else { likelihoods },
             persistence: person.context_persistence,
             zero: 1.0 - one,

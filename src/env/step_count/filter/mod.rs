@@ -19,10 +19,10 @@ mod tests;
 
 use pulp::{Simd, WithSimd};
 
-use self::contexts::Feature as Seen;
+use self::contexts::ContextEvidence as Seen;
 pub(super) use self::evidence::Evidence;
 use self::moments::SIDE;
-use self::particles::{Draws, Particles};
+use self::particles::{ParticleScratch, Particles};
 use crate::env::companion_words::CompanionWords;
 use crate::env::scenario::Scenario;
 use crate::env::step_count::dynamics::Dynamics;
@@ -122,7 +122,7 @@ pub(super) struct Filters {
     /// The words from which the draws of particles come.
     words: CompanionWords,
     /// The draws and the room for a step of one lane; `None` without particles.
-    draws: Option<Box<Draws>>,
+    draws: Option<Box<ParticleScratch>>,
 }
 
 impl Filters {
@@ -148,7 +148,8 @@ impl Filters {
             near: vec![0.0; lanes],
             particles: vec![Particles::new(most); of(with_particles)],
             words: CompanionWords::new(Companion::Belief, of(with_particles)),
-            draws: with_particles.then(|| Box::new(Draws::new(widest, method.risk, most))),
+            draws: with_particles
+                .then(|| Box::new(ParticleScratch::new(widest, method.risk, most))),
         })
     }
 

@@ -6,7 +6,7 @@ use crate::kernel::math;
 
 /// The numbers of a belief.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) struct Moments {
+pub(super) struct BeliefMoments {
     /// The probability of context 0.
     pub(super) zero: f64,
     /// Mean and standard deviation.
@@ -26,7 +26,7 @@ pub(super) type Block = [f64; SIDE];
 
 /// Sums over states, with weights that are not normalised.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Sums {
+pub(super) struct StateSums {
     weight: Block,
     squares: Block,
     zero: Block,
@@ -35,15 +35,15 @@ pub(super) struct Sums {
     risk: Spread,
 }
 
-impl Sums {
+impl StateSums {
     /// Sums over no states. Habituation and risk are measured from one state's values, so that a single state has no
     /// deviation at all.
     #[inline(always)]
-    pub(super) fn from(habituation: f64, risk: f64) -> Sums {
+    pub(super) fn from(habituation: f64, risk: f64) -> StateSums {
         let none = [0.0; SIDE];
         let of = |origin| Spread { origin, first: none, second: none };
         let (habituation, risk) = (of(habituation), of(risk));
-        Sums { weight: none, squares: none, zero: none, near: none, habituation, risk }
+        StateSums { weight: none, squares: none, zero: none, near: none, habituation, risk }
     }
 
     /// Adds states with the weights of context 0 and of context 1, their risks and those that a wrong message leads to.
@@ -87,12 +87,12 @@ impl Sums {
 
     /// The numbers of the belief; `None` if there is no weight.
     #[inline(always)]
-    pub(super) fn moments(&self) -> Option<Moments> {
+    pub(super) fn moments(&self) -> Option<BeliefMoments> {
         let weight = self.weight();
         if weight <= 0.0 {
             return None;
         }
-        Some(Moments {
+        Some(BeliefMoments {
             zero: share(total(&self.zero), weight),
             habituation: self.habituation.moments(weight),
             risk: self.risk.moments(weight),

@@ -12,9 +12,9 @@
 //! **Source**: Gordon, Salmond and Smith, "Novel approach to nonlinear/non-Gaussian Bayesian state estimation", 1993;
 //! Doucet and Johansen, "A tutorial on particle filtering and smoothing", 2009, section 4.
 
-use super::contexts::Feature;
+use super::contexts::ContextEvidence;
 use super::evidence::Evidence;
-use super::moments::{Moments, SIDE, Sums, largest};
+use super::moments::{BeliefMoments, SIDE, StateSums, largest};
 use super::steps::{expected, ln_density, of_contexts, relative};
 use crate::env::step_count::dynamics::Dynamics;
 use crate::env::step_count::noise::DrawnNoise;
@@ -44,7 +44,7 @@ pub(super) struct Particles {
 
 /// Room for a step of one lane, and what is drawn for it.
 #[derive(Clone, Debug)]
-pub(super) struct Draws {
+pub(super) struct ParticleScratch {
     /// Whether the state has noise.
     is_noisy: bool,
     /// Whether particles need a disengagement risk.
@@ -64,10 +64,10 @@ pub(super) struct Draws {
     cells: Vec<[f64; 4]>,
 }
 
-impl Draws {
+impl ParticleScratch {
     /// Room for at most `most` particles, a multiple of [`SIDE`], in an environment.
-    pub(super) fn new(environment: &StepCount, has_risk: bool, most: usize) -> Draws {
-        Draws {
+    pub(super) fn new(environment: &StepCount, has_risk: bool, most: usize) -> ParticleScratch {
+        ParticleScratch {
             is_noisy: environment.has_noise_of_state(),
             has_risk,
             noise: DrawnNoise::of_state(environment, most),
@@ -103,7 +103,7 @@ impl Draws {
     /// the same `count` have the same.
     #[inline(always)]
     fn annoy(&mut self, dynamics: &Dynamics, count: usize, all: usize) {
-        let Draws { noise, words, next, wrong, .. } = self;
+        let ParticleScratch { noise, words, next, wrong, .. } = self;
         noise.expand(&mut Expansion(*words));
         let blocks = wrong[..all].chunks_mut(count).zip(next.risk.chunks(count));
         for (wrong, risk) in blocks {
@@ -130,7 +130,13 @@ impl Particles {
 
     /// Begins an episode at this habituation and risk, where context 0 has the probability `zero`: with all particles if
     /// the state has noise, and with one if it has none.
-    pub(super) fn begin(&mut self, habituation: f64, risk: f64, zero: f64, draws: &Draws) {
+    pub(super) fn begin(
+        &mut self,
+        habituation: f64,
+        risk: f64,
+        zero: f64,
+        draws: &ParticleScratch,
+    ) {
         let filled = if draws.is_noisy { self.risk.len() } else { 1 };
         let share = 1.0 / filled as f64;
         self.habituation.fill(habituation);
@@ -146,13 +152,13 @@ impl Particles {
     pub(super) fn update(
         &mut self,
         person: &StepCount,
-        seen: &Feature,
+        seen: &ContextEvidence,
         evidence: &Evidence,
-        draws: &mut Draws,
-    ) -> Option<Moments> {
+        draws: &mut ParticleScratch,
+    ) -> Option<BeliefMoments> {
         let dynamics = Dynamics::of(person);
         let (count, action, has_risk) = (self.count, evidence.action, draws.has_risk);
-        let Draws { noise, next, .. } = draws;
+        let ParticleScratch { noise, next, .. } = draws;
         next.count = count;
         next.habituate(self, noise, &dynamics, action, draws.is_noisy);
         if person.reward_habituation == RewardHabituation::Drawn {
@@ -183,7 +189,7 @@ impl Particles {
         if has_risk {
             draws.annoy(&dynamics, count, all);
         }
-        let Draws { next, wrong, from, places, cells, is_noisy, words, .. } = draws;
+        let ParticleScratch { next, wrong, from, places, cells, is_noisy, words, .. } = draws;
         let first = (0..all).find(|place| next.zero[*place] + next.one[*place] > 0.0)?;
         let sums = next.sums(&dynamics, first, wrong, *is_noisy);
         let moments = sums.moments()?;
@@ -299,7 +305,13 @@ impl Particles {
 
     /// Drops the particles that do not agree with the evidence, and weighs the next contexts.
     #[inline(always)]
-    fn look(&mut self, dynamics: &Dynamics, seen: &Feature, evidence: &Evidence, is_noisy: bool) {
+    fn look(
+        &mut self,
+        dynamics: &Dynamics,
+        seen: &ContextEvidence,
+        evidence: &Evidence,
+        is_noisy: bool,
+    ) {
         let [low, high] = evidence.risks(dynamics);
         let least = if is_noisy { 0.0 } else { LEAST };
         let weights = self.zero[..self.count].iter_mut().zip(&mut self.one);
@@ -333,8 +345,8 @@ impl Particles {
 
     /// Sums over all particles, measured from one of them.
     #[inline(always)]
-    fn sums(&self, dynamics: &Dynamics, from: usize, wrong: &[f64], is_noisy: bool) -> Sums {
-        let mut sums = Sums::from(self.habituation[from], self.risk[from]);
+    fn sums(&self, dynamics: &Dynamics, from: usize, wrong: &[f64], is_noisy: bool) -> StateSums {
+        let mut sums = StateSums::from(self.habituation[from], self.risk[from]);
         let weights = self.zero[..self.count].as_chunks().0.iter().zip(self.one.as_chunks().0);
         let risks = self.risk.as_chunks().0.iter().zip(wrong.as_chunks().0);
         if is_noisy {
