@@ -77,14 +77,14 @@ pub(super) fn run(arguments: &Arguments) -> Result<Exit, Error> {
             Err(Error::Usage(format!("nothing was removed from {file}: {what}")))
         }
         Forgotten::Removed(Belongings { jobs, alone, .. }) => {
-            let (removed, without_results) =
-                if *results { (alone.total(), alone.completed) } else { (0, 0) };
-            let stay = jobs.completed - without_results;
+            let (with, without_results) = match *results {
+                true => (format!(", with {}", counted(alone.total(), "job")), alone.completed),
+                false => (String::new(), 0),
+            };
+            let stay = counted(jobs.completed - without_results, "job");
             writeln!(
                 io::stdout(),
-                "{name} removed from {file}, with {}; the results of {} of it stay",
-                counted(removed, "job"),
-                counted(stay, "job")
+                "{name} removed from {file}{with}; the results of {stay} of it stay"
             )?;
             Ok(Exit::Done)
         }

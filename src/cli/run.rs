@@ -207,7 +207,9 @@ impl Caller for Console<'_> {
             remaining.lacking.iter().filter(|queued| queued.trains()).cloned().collect();
         if self.arguments.says() && !again.is_empty() {
             let jobs = counted(again.len(), "completed job");
-            say(&format!("training {jobs} again for estimates, without recorded decisions"));
+            say(&format!(
+                "training {jobs} again for estimates: their decisions, or the costs of messages, are not recorded"
+            ));
         }
         // Jobs whose decisions are read take no time to show.
         let queue = match self.arguments.format {

@@ -113,7 +113,9 @@ impl<'m> Preview<'m> {
         if lacking > 0 {
             let again = match again {
                 0 => "without training".to_owned(),
-                again => format!("{again} of them by training again, without recorded decisions"),
+                again => format!(
+                    "{again} of them by training again: their decisions, or the costs of messages, are not recorded"
+                ),
             };
             let jobs = counted(lacking, "completed job");
             notes.push(format!("estimates of {jobs} to compute, {again}"));

@@ -143,10 +143,9 @@ fn jobs_without_recorded_decisions_have_the_same_estimates() {
     let before = digests(&later);
     assert_eq!(before, digests(&folder));
     later.write("sweep.toml", format!("{MANIFEST}{ESTIMATES}"));
-    later
-        .jitai(["plan", "sweep.toml"])
-        .succeeded()
-        .says("4 of them by training again, without recorded decisions");
+    later.jitai(["plan", "sweep.toml"]).succeeded().says(
+        "4 of them by training again: their decisions, or the costs of messages, are not recorded",
+    );
     later
         .jitai(["run", "sweep.toml"])
         .succeeded()
