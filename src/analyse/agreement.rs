@@ -202,11 +202,11 @@ mod tests {
 
     #[test]
     fn what_does_not_vary_says_nothing_of_a_published_number() {
-        let of = |arms: &[&[f64]]| Likeness::new(arms, 3.0, 8.0);
-        assert_eq!(of(&[&[5.0; 3]]), Err(Undefined::NoVariance));
-        assert_eq!(of(&[&[5.0]]), Err(Undefined::TooFewSeeds { have: 1, need: 2 }));
-        assert_eq!(of(&[&[5.0, 6.0], &[]]), Err(Undefined::NoSeeds));
+        let compare = |arms: &[&[f64]]| Likeness::new(arms, 3.0, 8.0);
+        assert_eq!(compare(&[&[5.0; 3]]), Err(Undefined::NoVariance));
+        assert_eq!(compare(&[&[5.0]]), Err(Undefined::TooFewSeeds { have: 1, need: 2 }));
+        assert_eq!(compare(&[&[5.0, 6.0], &[]]), Err(Undefined::NoSeeds));
         // One arm with variance is enough, as for a t test.
-        assert!((of(&[&[5.0; 3], &[5.0, 6.0]]).unwrap().df - 1.0).abs() < 1e-12);
+        assert!((compare(&[&[5.0; 3], &[5.0, 6.0]]).unwrap().df - 1.0).abs() < 1e-12);
     }
 }

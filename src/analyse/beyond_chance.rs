@@ -229,17 +229,17 @@ mod tests {
 
     #[test]
     fn too_few_references_are_refused_and_ends_are_exact() {
-        let of = |n: u64, shift: f64| -> Vec<(u64, f64)> {
+        let make_trials = |n: u64, shift: f64| -> Vec<(u64, f64)> {
             (0..n).map(|seed| (seed, seed as f64 + shift)).collect()
         };
-        let refused = beyond_chance(&of(39, 100.0), &of(39, 0.0)).share;
+        let refused = beyond_chance(&make_trials(39, 100.0), &make_trials(39, 0.0)).share;
         assert_eq!(refused, Err(Undefined::TooFewReferences { have: 38, need: 39 }));
-        let all = beyond_chance(&of(40, 100.0), &of(40, 0.0)).share.unwrap();
+        let all = beyond_chance(&make_trials(40, 100.0), &make_trials(40, 0.0)).share.unwrap();
         assert_eq!((all.value, all.interval.unwrap().high), (1.0, 1.0));
         assert!(all.interval.unwrap().low > ALPHA);
         // The middle of the references: none is beyond them.
         let middle: Vec<(u64, f64)> = (100..120).map(|seed| (seed, 20.5)).collect();
-        let none = beyond_chance(&middle, &of(40, 0.0)).share.unwrap();
+        let none = beyond_chance(&middle, &make_trials(40, 0.0)).share.unwrap();
         assert_eq!((none.value, none.interval.unwrap().low), (0.0, 0.0));
     }
 }

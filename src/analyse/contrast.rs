@@ -128,17 +128,23 @@ mod tests {
 
     #[test]
     fn seeds_are_matched_where_those_of_one_arm_are_among_those_of_the_other() {
-        let of = |seeds: std::ops::Range<u64>| {
+        let make_sample = |seeds: std::ops::Range<u64>| {
             Sample::new(seeds.map(|seed| (seed, seed as f64)), 0, 0).unwrap()
         };
         let is_matched =
             |one: &Sample, other: &Sample| SeedPairing::of(one, other) == SeedPairing::Matched;
-        assert!(is_matched(&of(1..11), &of(1..11)));
-        assert!(is_matched(&of(1..13), &of(1..3)));
-        assert!(!is_matched(&of(1..13), &of(1..2)), "a single pair");
-        assert!(!is_matched(&of(1..6), &of(6..11)), "other seeds");
+        assert!(is_matched(&make_sample(1..11), &make_sample(1..11)));
+        assert!(is_matched(&make_sample(1..13), &make_sample(1..3)));
+        assert!(!is_matched(&make_sample(1..13), &make_sample(1..2)), "a single pair");
+        assert!(!is_matched(&make_sample(1..6), &make_sample(6..11)), "other seeds");
         // What has a value yet does not count.
-        assert!(is_matched(&of(1..3).with_given(1..11), &of(5..11).with_given(1..11)));
-        assert!(!is_matched(&of(1..2).with_given(1..4), &of(4..5).with_given(4..7)));
+        assert!(is_matched(
+            &make_sample(1..3).with_given(1..11),
+            &make_sample(5..11).with_given(1..11)
+        ));
+        assert!(!is_matched(
+            &make_sample(1..2).with_given(1..4),
+            &make_sample(4..5).with_given(4..7)
+        ));
     }
 }

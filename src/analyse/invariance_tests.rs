@@ -189,22 +189,22 @@ fn corrections_keep_the_order_and_are_never_below_the_raw_p() {
 
 /// Degenerate samples, and one ordinary sample.
 fn odd_samples() -> Vec<Sample> {
-    let of = |values: &[f64]| sample(values);
+    let make_sample = |values: &[f64]| sample(values);
     vec![
         Sample::default(),
         Sample::new([], 3, 0).unwrap(),
-        of(&[f64::NAN, f64::INFINITY]),
-        of(&[5.0]),
-        of(&[5.0, f64::NAN, 5.0]),
-        of(&[0.1; 6]),
-        of(&[0.1, 0.1 + 1e-17, 0.1]),
-        of(&[0.0, -0.0, 0.0]),
-        of(&[1e300, -1e300, 1e300]),
-        of(&[f64::MAX, f64::MAX, f64::MAX]),
-        of(&[1e-300, 2e-300, 3e-300]),
-        of(&[f64::MIN_POSITIVE / 4.0, 0.0, 1.0]),
-        of(&[1.0, 1.0 + 1e-13, 1.0 - 1e-13]),
-        of(&[4.0, 2.0, 7.0, 1.0]),
+        make_sample(&[f64::NAN, f64::INFINITY]),
+        make_sample(&[5.0]),
+        make_sample(&[5.0, f64::NAN, 5.0]),
+        make_sample(&[0.1; 6]),
+        make_sample(&[0.1, 0.1 + 1e-17, 0.1]),
+        make_sample(&[0.0, -0.0, 0.0]),
+        make_sample(&[1e300, -1e300, 1e300]),
+        make_sample(&[f64::MAX, f64::MAX, f64::MAX]),
+        make_sample(&[1e-300, 2e-300, 3e-300]),
+        make_sample(&[f64::MIN_POSITIVE / 4.0, 0.0, 1.0]),
+        make_sample(&[1.0, 1.0 + 1e-13, 1.0 - 1e-13]),
+        make_sample(&[4.0, 2.0, 7.0, 1.0]),
     ]
 }
 

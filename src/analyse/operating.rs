@@ -146,13 +146,15 @@ pub struct SampleSize {
 /// the interval are where the upper and the lower ends of the intervals of the powers, interpolated in the same way, reach
 /// `power`. `None` if the power is nowhere reached from below.
 pub fn sample_size(powers: &[(f64, MonteCarloMean)], power: f64) -> Option<SampleSize> {
-    let ends = |of: fn(Interval) -> f64| {
-        let of = |(people, at): &(f64, MonteCarloMean)| Some((*people, of(at.interval.ok()?)));
-        reached(&powers.iter().filter_map(of).collect::<Vec<_>>(), power)
+    let find_end = |choose: fn(Interval) -> f64| {
+        let read = |(people, at): &(f64, MonteCarloMean)| {
+            Some((*people, choose(at.interval.ok()?)))
+        };
+        reached(&powers.iter().filter_map(read).collect::<Vec<_>>(), power)
     };
     let values: Vec<(f64, f64)> = powers.iter().map(|(people, at)| (*people, at.value)).collect();
     let people = reached(&values, power)?;
-    Some(SampleSize { people, low: ends(|end| end.high), high: ends(|end| end.low) })
+    Some(SampleSize { people, low: find_end(|end| end.high), high: find_end(|end| end.low) })
 }
 
 /// Where an interpolated line first rises to a share.

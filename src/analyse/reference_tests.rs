@@ -91,16 +91,16 @@ fn assert_t_test(ours: Result<TTest, Undefined>, theirs: &Value, what: &str) {
 }
 
 fn assert_effect(ours: &Contrast, theirs: &Value, prefix: &str, what: &str) {
-    let of = |name: &str| &theirs[format!("{prefix}{name}")];
-    if !of("hedges_g").is_null() {
+    let read = |name: &str| &theirs[format!("{prefix}{name}")];
+    if !read("hedges_g").is_null() {
         let g = ours.hedges_g.unwrap();
-        assert_near(g.g, number(&of("hedges_g")["g"]), what);
-        assert_interval(g.interval, &of("hedges_g")["interval"], TOLERANCE, what);
+        assert_near(g.g, number(&read("hedges_g")["g"]), what);
+        assert_interval(g.interval, &read("hedges_g")["interval"], TOLERANCE, what);
     }
     let improvement = ours.improvement.unwrap();
-    assert_near(improvement.probability, number(&of("improvement")["probability"]), what);
-    assert_interval(improvement.interval, &of("improvement")["interval"], TOLERANCE, what);
-    assert_near(ours.permutation_p.unwrap(), number(of("permutation_p")), what);
+    assert_near(improvement.probability, number(&read("improvement")["probability"]), what);
+    assert_interval(improvement.interval, &read("improvement")["interval"], TOLERANCE, what);
+    assert_near(ours.permutation_p.unwrap(), number(read("permutation_p")), what);
 }
 
 #[test]

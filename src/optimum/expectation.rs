@@ -267,11 +267,11 @@ mod tests {
         let action_values =
             ActionValues { nothing: 1.0, untailored: 4.0, suitable: 10.0, unsuitable: -20.0 };
         let environment = StepCount::paper(0.8);
-        let of = |scenario: &str| {
+        let expect_best = |scenario: &str| {
             let belief = Belief::new(&environment, &scenario.parse().unwrap());
             Expectation::new(belief).of_best(&action_values)
         };
-        let values = ["C", "P", "L", "T"].map(of);
+        let values = ["C", "P", "L", "T"].map(expect_best);
         assert!(values.windows(2).all(|pair| pair[0] >= pair[1]), "{values:?}");
         assert_eq!((values[0], values[3]), (10.0, 4.0));
         let likely = Belief::new(&environment, &"L".parse().unwrap());

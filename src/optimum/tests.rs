@@ -33,11 +33,11 @@ fn optima_with_the_papers_parameters_are_the_known_ones() {
     assert_known(Sampled, "C-H-D", &[(0.4, 3397.8), (2.0, 3397.8)]);
     assert_known(Fixed, "C-H-D", &[(0.4, 3397.8)]);
     let sigmas = [0.4, 0.6, 0.8, 1.0, 2.0];
-    let of = |values: [f64; 5]| -> Vec<(f64, f64)> { sigmas.into_iter().zip(values).collect() };
-    assert_known(Sampled, "P-H-D", &of([3238.0, 2879.0, 2477.0, 2179.0, 1603.0]));
-    assert_known(Sampled, "L-H-D", &of([2847.0, 2254.0, 1938.0, 1761.0, 1457.0]));
-    assert_known(Fixed, "P-H-D", &of([3254.0, 2924.0, 2547.0, 2263.0, 1706.0]));
-    assert_known(Fixed, "L-H-D", &of([2880.0, 2317.0, 2016.0, 1848.0, 1557.0]));
+    let pair = |values: [f64; 5]| -> Vec<(f64, f64)> { sigmas.into_iter().zip(values).collect() };
+    assert_known(Sampled, "P-H-D", &pair([3238.0, 2879.0, 2477.0, 2179.0, 1603.0]));
+    assert_known(Sampled, "L-H-D", &pair([2847.0, 2254.0, 1938.0, 1761.0, 1457.0]));
+    assert_known(Fixed, "P-H-D", &pair([3254.0, 2924.0, 2547.0, 2263.0, 1706.0]));
+    assert_known(Fixed, "L-H-D", &pair([2880.0, 2317.0, 2016.0, 1848.0, 1557.0]));
 }
 
 /// Values from grids many times finer, by an earlier method that refined its grids until they gained nothing.

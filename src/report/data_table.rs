@@ -151,14 +151,14 @@ pub fn shown(value: f64, decimals: usize) -> String {
 pub fn shown_ends(low: f64, high: f64, decimals: usize) -> [String; 2] {
     /// More digits than this are rounding errors.
     const DIGITS: f64 = 12.0;
-    let of = |decimals| [low, high].map(|end| shown(end, decimals));
+    let show_ends = |decimals| [low, high].map(|end| shown(end, decimals));
     if low == high {
-        return of(decimals);
+        return show_ends(decimals);
     }
     let size = low.abs().max(high.abs());
     let most = (DIGITS - size.log10().floor()).clamp(0.0, 300.0) as usize;
-    let differ = (decimals..=most).map(of).find(|[low, high]| low != high);
-    differ.unwrap_or_else(|| of(decimals))
+    let differ = (decimals..=most).map(show_ends).find(|[low, high]| low != high);
+    differ.unwrap_or_else(|| show_ends(decimals))
 }
 
 /// The text of a number with a true minus sign before it.

@@ -108,8 +108,8 @@ pub fn figures(experiments: &[ReportedExperiment]) -> Vec<ReportFigure> {
 
 /// The experiments in displayed form.
 fn sections(experiments: &[ReportedExperiment]) -> Vec<ReportSection<'_>> {
-    let of = |one: &ReportedExperiment| Names::of(&one.jobs, &one.styles, &one.labels);
-    let names: Vec<Names> = experiments.iter().map(of).collect();
+    let find_names = |one: &ReportedExperiment| Names::of(&one.jobs, &one.styles, &one.labels);
+    let names: Vec<Names> = experiments.iter().map(find_names).collect();
     let arms = experiments.iter().zip(&names).flat_map(|(experiment, names)| {
         let findings = experiment.findings.iter();
         findings.flat_map(|(finding, _)| names.arms(drawn(&finding.content).arms()))

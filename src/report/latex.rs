@@ -196,13 +196,19 @@ mod tests {
 
     #[test]
     fn a_wider_long_table_has_smaller_letters_or_lies_across_the_page() {
-        let of = |letters: usize| {
+        let set_table = |letters: usize| {
             let mut table = table(41);
             table.rows[7][0] = TableEntry::text("m".repeat(letters));
             setting(&table)
         };
-        assert_eq!([of(10), of(105)], [("footnotesize", false), ("scriptsize", false)]);
-        assert_eq!([of(130), of(180)], [("footnotesize", true), ("scriptsize", true)]);
+        assert_eq!(
+            [set_table(10), set_table(105)],
+            [("footnotesize", false), ("scriptsize", false)]
+        );
+        assert_eq!(
+            [set_table(130), set_table(180)],
+            [("footnotesize", true), ("scriptsize", true)]
+        );
         let mut wide = table(41);
         wide.rows[7][0] = TableEntry::text("m".repeat(130));
         assert!(latex(&wide).starts_with("% Needs \\usepackage{booktabs,longtable,pdflscape}.\n"));

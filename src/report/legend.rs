@@ -55,11 +55,11 @@ impl Legend {
 
     /// The CSS classes of a series of marks.
     pub fn classes(&self, series: &Facets) -> String {
-        let of = |facet: &(String, String)| {
+        let find_class = |facet: &(String, String)| {
             let (facet, value) = self.places.get(facet)?;
             Some(self.class(*facet, *value))
         };
-        series.iter().filter_map(of).collect::<Vec<_>>().join(" ")
+        series.iter().filter_map(find_class).collect::<Vec<_>>().join(" ")
     }
 }
 

@@ -82,15 +82,15 @@ mod tests {
     #[test]
     fn swept_parameters_get_columns_and_missing_seeds_are_counted() {
         let swept = Swept::of(&[manifest::parse("t", MANIFEST.as_bytes()).unwrap()]);
-        let of = |values: &[f64], failed, open| {
+        let make_sample = |values: &[f64], failed, open| {
             Sample::new((1..).zip(values.iter().copied()), failed, open).unwrap()
         };
         let both = [("agent.batch", 32.0), ("agent.gamma", 0.9)];
         let (columns, lines) = summary_table(
             &[
-                arm("dqn", &both, of(&[96.0, 100.0, 104.0], 0, 0)),
-                arm("reinforce", &both[1..], of(&[], 1, 2)),
-                arm("reinforce", &both[1..], of(&[], 0, 3)),
+                arm("dqn", &both, make_sample(&[96.0, 100.0, 104.0], 0, 0)),
+                arm("reinforce", &both[1..], make_sample(&[], 1, 2)),
+                arm("reinforce", &both[1..], make_sample(&[], 0, 3)),
             ],
             &swept,
         );

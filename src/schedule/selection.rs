@@ -174,9 +174,10 @@ mod tests {
             .filter(|planned| planned.job.seed == 1)
             .map(|planned| planned.form.key())
             .collect();
-        let of = |key: &JobKey| if first.contains(key) { Score::Value(1.0) } else { Score::Open };
+        let score =
+            |key: &JobKey| if first.contains(key) { Score::Value(1.0) } else { Score::Open };
         let staged = plan::at_stage(&manifests, |keys, _| {
-            Ok::<_, FilterError>(keys.iter().map(of).collect())
+            Ok::<_, FilterError>(keys.iter().map(score).collect())
         });
         let whole = Selection::new(&manifests, None).unwrap();
         let staged = Selection { staged: staged.unwrap(), ..whole };

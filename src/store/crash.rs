@@ -273,7 +273,7 @@ mod tests {
 
     #[test]
     fn a_mark_is_of_an_abort_a_kill_for_memory_another_kill_or_a_stop() {
-        let of = |mark: &str, kills| Death::of(mark.as_bytes(), kills);
+        let read_death = |mark: &str, kills| Death::of(mark.as_bytes(), kills);
         // Files of earlier releases are empty or hold one byte.
         for (mark, kills, expected) in [
             ("", Some(7), Death::Killed),
@@ -287,7 +287,7 @@ mod tests {
             ("S", None, Death::Blameless),
             ("7\nSX", None, Death::Crashed),
         ] {
-            assert_eq!(of(mark, kills), expected, "{mark:?} {kills:?}");
+            assert_eq!(read_death(mark, kills), expected, "{mark:?} {kills:?}");
         }
     }
 }

@@ -316,7 +316,7 @@ mod tests {
     ];
 
     fn decisions(state: &[f64]) -> Vec<Decision> {
-        let of = |phase| Decision {
+        let make_decision = |phase| Decision {
             phase,
             episode: 1,
             step: 0,
@@ -331,7 +331,7 @@ mod tests {
             terminated: false,
             truncated: true,
         };
-        vec![of(Phase::Train), of(Phase::Test)]
+        vec![make_decision(Phase::Train), make_decision(Phase::Test)]
     }
 
     /// Results with rows in every table but those of decisions.

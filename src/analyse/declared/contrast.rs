@@ -191,8 +191,8 @@ fn row(
     (contrast, metric): (&Contrast, MetricName),
     published: Option<&Published>,
 ) -> ContrastRow {
-    let of = |jobs| super::Arm { name: name.clone(), jobs };
-    let (first, second) = (of(first), of(second));
+    let make_arm = |jobs| super::Arm { name: name.clone(), jobs };
+    let (first, second) = (make_arm(first), make_arm(second));
     let error_of = |arm: &super::Arm<'_>| arm.jobs.first()?.context_error;
     let error = error_of(&first).filter(|error| error_of(&second) == Some(*error));
     let published = published_row(published, metric, (&name, &contrast.sides), (&first, &second));
@@ -226,8 +226,8 @@ fn published_row<'p>(
     let words = words(sides);
     let difference = format!("{} - {}", words.0, words.1);
     let value = |parameter: &str| {
-        let of = |arm: &super::Arm<'p>| arm.jobs.first()?.setting(parameter);
-        of(first).filter(|value| of(second) == Some(*value))
+        let read_setting = |arm: &super::Arm<'p>| arm.jobs.first()?.setting(parameter);
+        read_setting(first).filter(|value| read_setting(second) == Some(*value))
     };
     let ways = [(difference.as_str(), &*name.scenario), (&*name.agent, difference.as_str())];
     let found: Vec<&PublishedRow> =

@@ -283,11 +283,11 @@ mod tests {
         assert_eq!((found.tested, found.behind), (3, 2));
         assert_eq!(lead(&tiles, &[]), None);
         // A neighbour that is behind by the same amount for every seed is the closest, without an interval.
-        let of = |place: usize| match place {
+        let make_sample = |place: usize| match place {
             5 => sample(4, -10.0),
             _ => sample(place, 0.0),
         };
-        let found = lead(&tiles, &(0..8).map(of).collect::<Vec<_>>()).unwrap();
+        let found = lead(&tiles, &(0..8).map(make_sample).collect::<Vec<_>>()).unwrap();
         assert_eq!((found.tiles[1], found.interval), (5, Err(Undefined::NoVariance)));
         assert_eq!((found.neighbours, found.tested, found.behind), (3, 2, 2));
         assert!(!found.is_clear());

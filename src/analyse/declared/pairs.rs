@@ -27,10 +27,10 @@ pub struct Pair<'j> {
 /// sides are two agents, a setting that only one of them sweeps has a difference per value: the other
 /// agent lacks the key, or has a single value of its own.
 pub fn pairs<'j>(sides: &Sides, jobs: &[&'j JobRecord], aside: &[&str]) -> Vec<Pair<'j>> {
-    let of = |side: &Condition| -> Vec<&'j JobRecord> {
+    let select = |side: &Condition| -> Vec<&'j JobRecord> {
         jobs.iter().filter(|job| side.is_met_by(job)).copied().collect()
     };
-    let (first, second) = (of(&sides.first), of(&sides.second));
+    let (first, second) = (select(&sides.first), select(&sides.second));
     let swept = [varying(&first), varying(&second)];
     let both: Vec<&JobRecord> = first.iter().chain(&second).copied().collect();
     let mut names = varying(&both);

@@ -40,7 +40,7 @@ pub struct ScenarioOptimum {
 /// shows the state.
 pub fn rows(recovery: &Recovery, jobs: &[&JobRecord]) -> Vec<RecoveryRow> {
     let arms = arms(jobs, &[]);
-    let of = |conditions: &[Condition]| -> Vec<&Arm<'_>> {
+    let select = |conditions: &[Condition]| -> Vec<&Arm<'_>> {
         let meets = |arm: &&Arm<'_>| {
             let mut jobs = arm.jobs.iter();
             jobs.all(|job| conditions.iter().all(|condition| condition.is_met_by(job)))
@@ -57,11 +57,11 @@ pub fn rows(recovery: &Recovery, jobs: &[&JobRecord]) -> Vec<RecoveryRow> {
         }
     }
     let mut partners: HashMap<_, Vec<&Arm<'_>>> = HashMap::new();
-    for arm in of(&recovery.without) {
+    for arm in select(&recovery.without) {
         partners.entry(environment(&arm.name)).or_default().push(arm);
     }
     let mut rows = Vec::new();
-    for with in of(&recovery.with) {
+    for with in select(&recovery.with) {
         let place = environment(&with.name);
         let optimum = optima.get(&place);
         let partners = partners.get(&place).into_iter().flatten();

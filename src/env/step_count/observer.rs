@@ -71,7 +71,7 @@ impl Estimate {
 
 /// The entries of a scenario, in the scenario's order.
 fn entries(scenario: &Scenario) -> Vec<Entry> {
-    let of = |feature: &Feature| match feature {
+    let list_entries = |feature: &Feature| match feature {
         Feature::PreviousAction => {
             (0..OPTIONS).filter_map(Action::from_index).map(Entry::PreviousAction).collect()
         }
@@ -83,7 +83,7 @@ fn entries(scenario: &Scenario) -> Vec<Entry> {
         }
         feature => vec![Entry::Of(*feature)],
     };
-    scenario.features().iter().flat_map(of).collect()
+    scenario.features().iter().flat_map(list_entries).collect()
 }
 
 /// Turns the states of lanes into observations of a scenario.

@@ -419,14 +419,14 @@ mod tests {
 
     #[test]
     fn large_and_small_numbers_have_an_exponent() {
-        let of = |low, high| labels(&axis((low, high), AxisScale::Linear), 4);
-        assert_eq!(of(0.0, 6.2e6), "0 2e6 4e6 6e6");
-        assert_eq!(of(-1e6, 1.5e6), "−1e6 0 1e6");
-        assert_eq!(of(0.0, 1e6), "0 2.5e5 5e5 7.5e5 1e6");
-        assert_eq!(of(0.0, 8e5), "0 200000 400000 600000 800000");
-        assert_eq!(of(0.0, 1e-7), "0 2.5e-8 5e-8 7.5e-8 1e-7");
-        assert_eq!(of(-1e300, 1e300), "−1e300 −5e299 0 5e299 1e300");
-        assert_eq!(of(0.0, f64::INFINITY), of(0.0, 0.0));
+        let label = |low, high| labels(&axis((low, high), AxisScale::Linear), 4);
+        assert_eq!(label(0.0, 6.2e6), "0 2e6 4e6 6e6");
+        assert_eq!(label(-1e6, 1.5e6), "−1e6 0 1e6");
+        assert_eq!(label(0.0, 1e6), "0 2.5e5 5e5 7.5e5 1e6");
+        assert_eq!(label(0.0, 8e5), "0 200000 400000 600000 800000");
+        assert_eq!(label(0.0, 1e-7), "0 2.5e-8 5e-8 7.5e-8 1e-7");
+        assert_eq!(label(-1e300, 1e300), "−1e300 −5e299 0 5e299 1e300");
+        assert_eq!(label(0.0, f64::INFINITY), label(0.0, 0.0));
         let log = axis((1e5, 1e8), AxisScale::Log);
         assert_eq!(labels(&log, 8), "100000 300000 1e6 3e6 1e7 3e7 1e8");
     }
@@ -462,25 +462,26 @@ mod tests {
 
     #[test]
     fn zero_and_numbers_far_below_stand_aside_on_a_logarithmic_axis() {
-        let of = |values: &[f64]| Axis::logarithmic(String::new(), values, NumberFormat::Plain);
-        let zero = of(&[0.1, 0.0, 0.001]).padded();
+        let make_axis =
+            |values: &[f64]| Axis::logarithmic(String::new(), values, NumberFormat::Plain);
+        let zero = make_axis(&[0.1, 0.0, 0.001]).padded();
         let shares = [0.0, 0.001, 0.01, 0.1].map(|value| zero.share(value));
         assert!(shares.windows(2).all(|pair| pair[1] - pair[0] > 0.08), "{shares:?}");
         assert!(shares[0] > 0.0 && shares[3] < 1.0);
         assert_eq!(labels(&zero, 8), "0 0.001 0.003 0.01 0.03 0.1");
-        let far = of(&[1e-300, 1e-3, 1e-2, 1e-1]).padded();
+        let far = make_axis(&[1e-300, 1e-3, 1e-2, 1e-1]).padded();
         assert_eq!(labels(&far, 3), "1e-300 0.001 0.01 0.1");
         assert!(far.share(1e-2) - far.share(1e-3) > 0.3);
         // Two numbers alone are the ends of their axis.
-        let two = of(&[1e-300, 1e-3]).padded();
+        let two = make_axis(&[1e-300, 1e-3]).padded();
         assert!(two.before() == 0.0 && two.share(1e-3) - two.share(1e-300) > 0.8);
         assert!(two.ticks(4).len() >= 3);
-        assert_eq!(of(&[-2.0, 0.0, 1.0, 100.0]).before(), 0.48);
+        assert_eq!(make_axis(&[-2.0, 0.0, 1.0, 100.0]).before(), 0.48);
         // Every number of the first axis is labelled in a column of a journal.
         let along: Vec<String> =
             far.ticks_along(189.0, 4).into_iter().map(|tick| tick.label).collect();
         assert_eq!(along.join(" "), "1e-300 0.001 0.003 0.01 0.03 0.1");
-        assert_eq!(of(&[]).before(), 0.0);
+        assert_eq!(make_axis(&[]).before(), 0.0);
     }
 
     #[test]

@@ -111,11 +111,11 @@ mod tests {
         ];
         assert_eq!(widenings(&lines, &placed), [Some(2.8), Some(0.0), None, None]);
         // Lines without labels and levels keep their widths.
-        let of = |spread| line(&[0.0, 1.0], spread);
+        let draw = |spread| line(&[0.0, 1.0], spread);
         let thin = [
-            Line { label: String::new(), ..of(Spread::Exact) },
-            of(Spread::Level),
-            of(Spread::Bars),
+            Line { label: String::new(), ..draw(Spread::Exact) },
+            draw(Spread::Level),
+            draw(Spread::Bars),
         ];
         assert_eq!(widenings(&thin, &vec![level(5.0); 3]), [None; 3]);
         let equal: Vec<Line> = (0..8).map(|_| line(&[0.0, 1.0], Spread::Bars)).collect();

@@ -81,8 +81,8 @@ impl Drawn for ContrastFigure {
             ));
         }
         let all = tested.len();
-        let of = |sign: f64| significant.iter().filter(|one| one.1 * sign > 0.0).count();
-        let signs = match (of(1.0), of(-1.0)) {
+        let count = |sign: f64| significant.iter().filter(|one| one.1 * sign > 0.0).count();
+        let signs = match (count(1.0), count(-1.0)) {
             (0, 0) => format!("None of {all} tested differences is significant"),
             (above, 0) if above == all => {
                 format!("{first} is significantly above {second} in all {all} tested comparisons")
@@ -357,7 +357,7 @@ mod tests {
 
     #[test]
     fn only_tested_differences_are_counted_and_the_widest_significant_one_is_quoted() {
-        let of = |all: &[(f64, Option<f64>)]| {
+        let describe = |all: &[(f64, Option<f64>)]| {
             let rows: Vec<ContrastRow> = all.iter().map(|(mean, holm)| row(*mean, *holm)).collect();
             let members = rows.len();
             let family = TestFamily { name: "f".into(), members };
@@ -365,40 +365,43 @@ mod tests {
             figure(rows.collect()).finds(RETURN, &Names::default()).unwrap()
         };
         assert_eq!(
-            of(&[(12.0, Some(0.2)), (16.0, Some(0.05)), (90.0, None)]),
+            describe(&[(12.0, Some(0.2)), (16.0, Some(0.05)), (90.0, None)]),
             "None of 2 tested differences is significant; at the widest, a is above b by 6, for dqn P \
              (unpaired t = 4.24, 1 degree of freedom, p = 0.147, corrected = 0.050); Holm’s correction is \
              over the 3 tests of the family f"
         );
         assert_eq!(
-            of(&[(12.0, Some(0.01)), (16.0, Some(0.2)), (7.0, Some(0.3))]),
+            describe(&[(12.0, Some(0.01)), (16.0, Some(0.2)), (7.0, Some(0.3))]),
             "Of 3 tested comparisons, a is significantly above b in 1 and significantly below it in 0; at \
              the widest significant one, a is above b by 2, for dqn P (unpaired t = 1.41, 1 degree of \
              freedom, p = 0.392, corrected = 0.010); Holm’s correction is over the 3 tests of the family f"
         );
         assert_eq!(
-            of(&[(12.0, Some(0.01)), (13.0, Some(0.02))]),
+            describe(&[(12.0, Some(0.01)), (13.0, Some(0.02))]),
             "a is significantly above b in all 2 tested comparisons; at the widest significant one, a is \
              above b by 3, for dqn P (unpaired t = 2.12, 1 degree of freedom, p = 0.280, corrected = \
              0.020); Holm’s correction is over the 2 tests of the family f"
         );
         assert_eq!(
-            of(&[(12.0, Some(0.01))]),
+            describe(&[(12.0, Some(0.01))]),
             "a is above b by 2, for dqn P: significant (unpaired t = 1.41, 1 degree of freedom, p = 0.392)"
         );
         assert_eq!(
-            of(&[(12.0, None), (16.0, None)]),
+            describe(&[(12.0, None), (16.0, None)]),
             "No difference can be tested (too few seeds: 1 of at least 2); a is above b by 6, for dqn P"
         );
-        assert!(!of(&[(12.0, Some(0.5)), (12.0, Some(0.5))]).contains(". "));
+        assert!(!describe(&[(12.0, Some(0.5)), (12.0, Some(0.5))]).contains(". "));
     }
 
     #[test]
     fn equal_means_are_called_equal() {
         let equal = || row(10.0, Some(1.0));
-        let of = |rows| figure(rows).finds(RETURN, &Names::default()).unwrap();
-        assert_eq!(of(vec![equal(), equal()]), "a and b have equal means in all 2 comparisons");
-        assert_eq!(of(vec![equal()]), "a and b have equal means");
+        let describe = |rows| figure(rows).finds(RETURN, &Names::default()).unwrap();
+        assert_eq!(
+            describe(vec![equal(), equal()]),
+            "a and b have equal means in all 2 comparisons"
+        );
+        assert_eq!(describe(vec![equal()]), "a and b have equal means");
     }
 
     #[test]

@@ -356,16 +356,16 @@ mod tests {
     #[test]
     fn values_many_times_each_other_stand_by_powers_of_ten() {
         let line = |xs: &[f64]| Line::through(xs.iter().map(|x| (*x, 0.0)), Spread::Bars);
-        let of = |lines: &[Line]| scale_of(lines.iter());
-        assert_eq!(of(&[line(&[1e-5, 1e-3])]), AxisScale::Log);
-        assert_eq!(of(&[line(&[1e-5]), line(&[1e-3])]), AxisScale::Log);
-        assert_eq!(of(&[line(&[0.4, 2.0])]), AxisScale::Linear);
-        assert_eq!(of(&[line(&[0.0, 2.0])]), AxisScale::Linear);
+        let find_scale = |lines: &[Line]| scale_of(lines.iter());
+        assert_eq!(find_scale(&[line(&[1e-5, 1e-3])]), AxisScale::Log);
+        assert_eq!(find_scale(&[line(&[1e-5]), line(&[1e-3])]), AxisScale::Log);
+        assert_eq!(find_scale(&[line(&[0.4, 2.0])]), AxisScale::Linear);
+        assert_eq!(find_scale(&[line(&[0.0, 2.0])]), AxisScale::Linear);
         // 0 stands aside, but numbers below 0 have no place on a logarithmic axis.
         let published = Line { reference: vec![(0.0, 1.0)], ..line(&[1e-5, 1e-3]) };
-        assert_eq!(of(&[published]), AxisScale::Log);
-        assert_eq!(of(&[line(&[-1.0, 1e-5, 1e-3])]), AxisScale::Linear);
-        assert_eq!(of(&[line(&[1e-300, 1e-3])]), AxisScale::Log);
-        assert_eq!(of(&[]), AxisScale::Linear);
+        assert_eq!(find_scale(&[published]), AxisScale::Log);
+        assert_eq!(find_scale(&[line(&[-1.0, 1e-5, 1e-3])]), AxisScale::Linear);
+        assert_eq!(find_scale(&[line(&[1e-300, 1e-3])]), AxisScale::Log);
+        assert_eq!(find_scale(&[]), AxisScale::Linear);
     }
 }

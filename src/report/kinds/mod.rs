@@ -296,7 +296,7 @@ mod tests {
 
     #[test]
     fn what_few_seeds_detect_stands_beside_what_they_found() {
-        let of = |n: u64| {
+        let draw_table = |n: u64| {
             let values: Vec<(u64, f64)> = (1..=n).map(|seed| (seed, seed as f64 * 0.01)).collect();
             let (first, second) = (sample(&values, 0), sample(&values, 0));
             contrast(vec![ContrastRow::between(first, second, SeedPairing::Independent)]).table(
@@ -305,10 +305,10 @@ mod tests {
                 &Names::default(),
             )
         };
-        assert!(is_shown(&of(9), "detectable") && !is_shown(&of(10), "detectable"));
+        assert!(is_shown(&draw_table(9), "detectable") && !is_shown(&draw_table(10), "detectable"));
         // The standard deviation of 1, 2, 3 % is 1 %; t with 2 degrees of freedom detects 5.65 standard errors.
-        assert_eq!(entry(&of(3), "detectable").shown(), "4.6");
-        assert!(of(3).markdown().contains("Detectable (80 % power at 0.05)"));
+        assert_eq!(entry(&draw_table(3), "detectable").shown(), "4.6");
+        assert!(draw_table(3).markdown().contains("Detectable (80 % power at 0.05)"));
     }
 
     #[test]
@@ -353,7 +353,7 @@ mod tests {
 
     #[test]
     fn the_caption_of_a_contrast_states_n_the_largest_difference_its_test_and_what_is_missing() {
-        let of = |p: f64, first: &[(u64, f64)]| ContrastRow {
+        let make_row = |p: f64, first: &[(u64, f64)]| ContrastRow {
             corrected: Ok(Corrected { holm: p, benjamini_hochberg: p }),
             ..ContrastRow::between(
                 sample(first, 0),
@@ -362,8 +362,8 @@ mod tests {
             )
         };
         let rows = vec![
-            of(0.01, &[(1, 51.0), (2, 53.0)]),
-            of(0.2, &[(1, 0.0), (2, 2.0)]),
+            make_row(0.01, &[(1, 51.0), (2, 53.0)]),
+            make_row(0.2, &[(1, 0.0), (2, 2.0)]),
             ContrastRow::between(sample(&[(1, 5.0)], 0), sample(&[], 3), SeedPairing::Independent),
         ];
         let jobs = JobCounts { completed: 9, failed: 3, open: 1 };
@@ -429,7 +429,7 @@ mod tests {
             optimum: Vec::new(),
             published: Vec::new(),
         };
-        let of = |lines: &[CurveLine]| {
+        let describe = |lines: &[CurveLine]| {
             let axis = "environment.delta_d".to_owned();
             let said =
                 said(FindingContent::Curve(CurveFigure { axis, lines: lines.to_vec() }), ALL);
@@ -447,34 +447,34 @@ mod tests {
         ];
         let (falls, noise) = (&falls, &noise);
         assert_eq!(
-            of(slice::from_ref(falls)),
+            describe(slice::from_ref(falls)),
             "a P-H-D falls from 90 at δ_d = 1 to 20 at δ_d = 3 (t test paired by seed, p < 0.05)."
         );
         assert_eq!(
-            of(slice::from_ref(noise)),
+            describe(slice::from_ref(noise)),
             "b P-H-D is at 90 at δ_d = 1 and at 30 at δ_d = 3; the difference is not significant \
              (t test paired by seed, p ≥ 0.05)."
         );
         assert_eq!(
-            of(&[falls.clone(), noise.clone()]),
+            describe(&[falls.clone(), noise.clone()]),
             "a P-H-D and b P-H-D do not differ significantly at any point (t test paired by seed, \
              Bonferroni-corrected p ≥ 0.05)."
         );
         let other = line("c", &[(90.0, 1.0), (10.0, 2.0), (20.0, 2.0)]);
-        assert!(of(&[falls.clone(), other.clone()]).starts_with(
+        assert!(describe(&[falls.clone(), other.clone()]).starts_with(
             "a P-H-D and c P-H-D are furthest apart at δ_d = 2, by 40 (t test paired by seed"
         ));
         assert!(
-            of(&[falls.clone(), noise.clone(), other])
+            describe(&[falls.clone(), noise.clone(), other])
                 .starts_with("Of 3 lines, 2 fall and 0 rise significantly")
         );
         assert_eq!(
-            of(&[noise.clone(), noise.clone(), noise.clone()]),
+            describe(&[noise.clone(), noise.clone(), noise.clone()]),
             "Of 3 lines, none falls or rises significantly from the first to the last point (t test paired by seed, \
              Bonferroni-corrected p ≥ 0.05)."
         );
         assert!(
-            of(&[falls.clone(), line("d", &[]), line("e", &[(5.0, 1.0)])])
+            describe(&[falls.clone(), line("d", &[]), line("e", &[(5.0, 1.0)])])
                 .starts_with("Of 1 line that can be tested, 1 falls and 0 rise significantly")
         );
     }

@@ -255,12 +255,12 @@ impl OperatingFigure {
     fn covers(&self) -> Option<String> {
         let mut names: Vec<&str> = self.rows.iter().map(|row| row.term.estimate.as_str()).collect();
         names.dedup();
-        let of = |name: &&str| {
+        let describe = |name: &&str| {
             let rows = self.rows.iter().filter(|row| row.term.estimate == **name);
             let said = coverage_of(&rows.collect::<Vec<_>>())?;
             Some(if names.len() == 1 { said } else { format!("{name}: {said}") })
         };
-        let all: Vec<String> = names.iter().filter_map(of).collect();
+        let all: Vec<String> = names.iter().filter_map(describe).collect();
         (!all.is_empty()).then(|| all.join("; "))
     }
 

@@ -102,11 +102,11 @@ impl<'a> CopySource<'a> {
         if !earlier_manifest::are_known(self.connection).unwrap_or(false) {
             return Vec::new();
         }
-        let of = |experiment: &i64| {
+        let read_texts = |experiment: &i64| {
             let texts = earlier_manifest::intact(self.connection, *experiment).unwrap_or_default();
             EarlierManifests { experiment: *experiment, texts }
         };
-        experiments.iter().map(of).collect()
+        experiments.iter().map(read_texts).collect()
     }
 
     /// The conflicts that earlier merges found, as far as they are readable.

@@ -104,7 +104,7 @@ fn completed() -> Outcome {
 
 /// Decisions of two phases, more than one row of the table can hold.
 fn decisions() -> Vec<Decision> {
-    let of = |phase| {
+    let make_decisions = |phase| {
         (0..13).map(move |step| Decision {
             phase,
             episode: 1,
@@ -121,7 +121,7 @@ fn decisions() -> Vec<Decision> {
             truncated: step == 12,
         })
     };
-    of(Phase::Train).chain(of(Phase::Test)).collect()
+    make_decisions(Phase::Train).chain(make_decisions(Phase::Test)).collect()
 }
 
 /// Results of the same job that differ in one reward.

@@ -131,7 +131,7 @@ impl Filters {
     pub(super) fn new(widest: &StepCount, scenario: &Scenario, lanes: usize) -> Option<Filters> {
         let method = Method::of(widest, scenario)?;
         let shows = |feature| scenario.features().contains(&feature);
-        let of = |is: bool| if is { lanes } else { 0 };
+        let count_lanes = |is: bool| if is { lanes } else { 0 };
         let with_particles = method.has_particles();
         let most = (widest.belief_particles as usize).next_multiple_of(SIDE);
         Some(Filters {
@@ -146,8 +146,8 @@ impl Filters {
             risk: vec![0.0; lanes],
             risk_deviation: vec![0.0; lanes],
             near: vec![0.0; lanes],
-            particles: vec![Particles::new(most); of(with_particles)],
-            words: CompanionWords::new(Companion::Belief, of(with_particles)),
+            particles: vec![Particles::new(most); count_lanes(with_particles)],
+            words: CompanionWords::new(Companion::Belief, count_lanes(with_particles)),
             draws: with_particles
                 .then(|| Box::new(ParticleScratch::new(widest, method.risk, most))),
         })

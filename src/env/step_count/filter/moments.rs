@@ -41,8 +41,8 @@ impl StateSums {
     #[inline(always)]
     pub(super) fn from(habituation: f64, risk: f64) -> StateSums {
         let none = [0.0; SIDE];
-        let of = |origin| Spread { origin, first: none, second: none };
-        let (habituation, risk) = (of(habituation), of(risk));
+        let start_at = |origin| Spread { origin, first: none, second: none };
+        let (habituation, risk) = (start_at(habituation), start_at(risk));
         StateSums { weight: none, squares: none, zero: none, near: none, habituation, risk }
     }
 

@@ -252,12 +252,12 @@ impl Residuals {
 
     /// The largest sum of a bin in units of its standard deviation, where episodes are independent.
     fn largest(&self) -> f64 {
-        let of = |bin: usize| {
+        let measure = |bin: usize| {
             let sums = self.0.iter().map(|bins| bins[bin]);
             let deviation = sums.clone().map(|sum| sum * sum).sum::<f64>().sqrt();
             if deviation > 0.0 { (sums.sum::<f64>() / deviation).abs() } else { 0.0 }
         };
-        (0..10).map(of).fold(0.0, f64::max)
+        (0..10).map(measure).fold(0.0, f64::max)
     }
 }
 
