@@ -121,11 +121,12 @@ pub mod experiment {
     pub use crate::job::{
         CurvePoint, Metric, Outcome, ParticipantValue, Phase, Results, TestEpisode,
     };
+    pub use crate::manifest::kind::{Contrast, Pairing, Recovery, SelectionRule};
     pub use crate::manifest::{
-        Analysis, AnalysisKind, Contrast, CurveAxis, DeclaredAgent, DeclaredEstimate, Draw,
-        Exclusion, Fault, Faults, Leaving, Manifest, Overridden, Override, Pairing, Parameters,
-        Position, Published, PublishedRow, Recovery, Runs, Search, Section, SelectionRule, Sides,
-        Stage, Zip, hints, load, load_with, parse, parse_with, same_name, schema,
+        Analysis, AnalysisKind, CurveAxis, DeclaredAgent, DeclaredEstimate, Draw, Exclusion, Fault,
+        Faults, Leaving, Manifest, Overridden, Override, Parameters, Position, Published,
+        PublishedRow, Runs, Search, Section, Sides, Stage, Zip, hints, load, load_with, parse,
+        parse_with, same_name, schema,
     };
     pub use crate::plan::{
         Cost, Entrant, Factors, Fate, Filter, FilterError, Lead, Race, RaceJobs, RaceOutcome,
@@ -220,8 +221,8 @@ pub mod algorithm {
     };
     pub use crate::kernel::Isa;
     pub use crate::key::{
-        Assignment, CanonicalError, Constraint, Key, KeyType, Keyed, Kind, Parameter, SettingError,
-        Size, Value, Violation,
+        Assignment, CanonicalError, Constraint, Key, KeyType, Keyed, Kind, Parameter, SectionName,
+        SettingError, Size, Value, Violation,
     };
 }
 

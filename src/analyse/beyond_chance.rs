@@ -6,7 +6,7 @@ use super::monte_carlo::monte_carlo_p;
 use super::noncentral::normal;
 use super::operating::MonteCarloMean;
 use super::undefined::Undefined;
-use crate::manifest::DidItLearn;
+use crate::manifest::kind::DidItLearn;
 
 /// Trials whose p-value is at most this show more than chance.
 pub const ALPHA: f64 = 0.05;

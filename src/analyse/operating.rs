@@ -147,9 +147,8 @@ pub struct SampleSize {
 /// `power`. `None` if the power is nowhere reached from below.
 pub fn sample_size(powers: &[(f64, MonteCarloMean)], power: f64) -> Option<SampleSize> {
     let find_end = |choose: fn(Interval) -> f64| {
-        let read = |(people, at): &(f64, MonteCarloMean)| {
-            Some((*people, choose(at.interval.ok()?)))
-        };
+        let read =
+            |(people, at): &(f64, MonteCarloMean)| Some((*people, choose(at.interval.ok()?)));
         reached(&powers.iter().filter_map(read).collect::<Vec<_>>(), power)
     };
     let values: Vec<(f64, f64)> = powers.iter().map(|(people, at)| (*people, at.value)).collect();

@@ -14,7 +14,7 @@ use crate::env::context_error;
 use crate::env::{self, Family, Population, Scenario, StepCount};
 use crate::job::Job;
 use crate::job::{environment_text, people_text};
-use crate::key::Keyed;
+use crate::key::{Keyed, SectionName};
 use crate::manifest::{Manifest, Varying};
 use crate::optimum::{self, NoOptimum, Optimum};
 use crate::plan::{self};
@@ -164,7 +164,8 @@ fn found_of(pairs: &[(&StepCount, &Scenario)]) -> Vec<Result<Optimum, NoOptimum>
 
 /// The keys of the environment, except sigma, in which the manifests' environments differ.
 fn swept(manifests: &[Manifest]) -> Vec<&'static str> {
-    let keys = manifests.iter().flat_map(|manifest| manifest.environment.iter());
+    let keys =
+        manifests.iter().flat_map(|manifest| manifest.sections[SectionName::Environment].iter());
     let values = keys.flat_map(|(key, values)| values.iter().map(|value| ("", key.name, value)));
     let differs = Varying::among(values).names();
     let names = StepCount::KEYS.iter().map(|key| key.name);

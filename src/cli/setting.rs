@@ -3,8 +3,8 @@
 use crate::cli::Error;
 use crate::env::StepCount;
 use crate::env::StepCountModel;
-use crate::key::Keyed;
 use crate::key::printable;
+use crate::key::{Keyed, SectionName};
 use crate::manifest::{self, Fault, Manifest};
 use crate::plan;
 
@@ -71,7 +71,8 @@ fn with_all(environment: StepCount, given: &[Given]) -> Result<StepCount, Error>
         let of_option = faults.list().iter().filter(|fault| option_of(fault) == place);
         refused(&given[place].option, &said(of_option))
     })?;
-    for (key, _) in manifest.environment.iter().filter(|(_, values)| values.len() > 1) {
+    let environment = manifest.sections[SectionName::Environment].iter();
+    for (key, _) in environment.filter(|(_, values)| values.len() > 1) {
         if let Some(Given { option, .. }) = given.iter().find(|given| given.name == key.name) {
             return Err(refused(option, "expected one value, not a sweep"));
         }

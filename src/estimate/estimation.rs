@@ -5,8 +5,8 @@ use std::sync::Arc;
 use super::student::{t_of_p, two_sided_p};
 use super::wcls::{Correction, NoFit, Sums};
 use crate::job::{
-    CONSTANT, Decision, Effect, Estimate, EstimateDeclaration, Estimates, Messages, STEP,
-    Treatment, counted,
+    CONSTANT, Decision, Effect, Estimate, EstimateDeclaration, Estimates, Estimator, Messages,
+    STEP, Treatment, counted,
 };
 use crate::state::resumable;
 
@@ -94,6 +94,15 @@ enum Drawn {
     Unknown,
 }
 
+impl Estimator {
+    /// The sums that are kept of each person, before the first decision. A row has this number of columns.
+    fn sums(self, columns: usize) -> Sums {
+        match self {
+            Estimator::Wcls => Sums { columns, ..Sums::default() },
+        }
+    }
+}
+
 impl Estimation {
     /// An estimate before the first decision, in an environment with this number of actions and these names of the
     /// numbers in the state.
@@ -110,7 +119,7 @@ impl Estimation {
             actions,
             treatments,
             layout,
-            sums: Sums { columns, ..Sums::default() },
+            sums: declaration.estimator.sums(columns),
             last: Vec::new(),
             variances: Vec::new(),
             certain: 0,
@@ -314,6 +323,13 @@ impl Estimation {
                 counted(self.certain, "decision")
             ));
         }
+        match self.declaration.estimator {
+            Estimator::Wcls => self.least_squares(layout),
+        }
+    }
+
+    /// The coefficients of the treatments, by weighted and centred least squares.
+    fn least_squares(&self, layout: &Layout) -> Result<Vec<Result<Effect, String>>, String> {
         let fit =
             self.sums.fit(Correction::ManclDeRouen).map_err(|why| self.reason(layout, why))?;
         let columns = self.sums.columns;

@@ -17,7 +17,7 @@ fn declared(control: &[&str], moderators: &[&str], treatment: Treatment) -> Esti
     EstimateDeclaration {
         control: texts(control),
         less_costs: false,
-        estimator: Estimator::Wcls.word().to_owned(),
+        estimator: Estimator::Wcls,
         moderators: texts(moderators),
         name: "effect".to_owned(),
         numerator: 0.5,
@@ -306,7 +306,7 @@ fn estimates_are_those_of_statsmodels_and_geepack() {
         let decisions = decisions(case);
         for model in case["models"].as_array().unwrap() {
             let treatment = match model["treatment"].as_str() {
-                Some(word) => Treatment::named(word).unwrap(),
+                Some(word) => Treatment::Messages(Messages::named(word).unwrap()),
                 None => Treatment::Action(model["treatment"].as_u64().unwrap() as u8),
             };
             let features =

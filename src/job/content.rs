@@ -5,7 +5,7 @@ use std::time::Duration;
 
 use serde_json::{Map, Value as Json};
 
-use super::identity::{Parts, agent_text, environment_text, people_text, text};
+use super::identity::{agent_text, environment_text, people_text, text};
 use super::metric::TERMINATION_RATE;
 use super::{
     CanonicalForm, Evaluation, JobKey, MetricName, Pooling, RecordedEpisodes, Scalar, TestActions,
@@ -14,7 +14,9 @@ use super::{
 use crate::agent::{Agent, Algorithm, Engine, External, Task, Work};
 use crate::env::outside::OutsideModel;
 use crate::env::{Environment, Family, Scenario};
-use crate::key::{CanonicalError, Key, Keyed, Parameter, Value, free_key, read_object};
+use crate::key::{
+    CanonicalError, Key, Keyed, Parameter, PerSection, SectionName, Value, free_key, read_object,
+};
 
 /// The complete content of a training and its test.
 ///
@@ -213,35 +215,41 @@ impl Job {
 
     /// The canonical form, which determines the key.
     pub fn form(&self) -> CanonicalForm {
-        let parts = Parts {
-            agent: &agent_text(&self.agent),
-            environment: &environment_text(&self.environment),
-            evaluation: &text(&self.evaluation),
-            population: &people_text(&self.environment),
-            trial: &self.trial.as_ref().map(text).unwrap_or_default(),
-        };
-        self.form_of(parts)
+        self.form_of(&PerSection::of(|section| self.text_of(section)))
     }
 
-    /// The canonical form, given the texts of the job's parts.
-    pub fn form_of(&self, parts: Parts<'_>) -> CanonicalForm {
-        let Parts { agent, environment, evaluation, population, trial } = parts;
-        let population = match population {
-            // Jobs stored before populations were introduced omit them.
-            "{}" => String::new(),
-            differing => format!("\"population\":{differing},"),
-        };
-        let trial = match trial {
-            "" => String::new(),
-            trial => format!(",\"trial\":{trial}"),
-        };
+    /// The canonical text of a section; empty if the job leaves it out.
+    pub fn text_of(&self, section: SectionName) -> String {
+        match section {
+            SectionName::Environment => environment_text(&self.environment),
+            SectionName::Population => match people_text(&self.environment) {
+                // Jobs stored before populations were introduced omit them.
+                text if text == "{}" => String::new(),
+                differing => differing,
+            },
+            SectionName::Agent => agent_text(&self.agent),
+            SectionName::Evaluation => text(&self.evaluation),
+            SectionName::Trial => self.trial.as_ref().map(text).unwrap_or_default(),
+        }
+    }
+
+    /// The canonical form, given the texts of the job's sections.
+    pub fn form_of(&self, texts: &PerSection<String>) -> CanonicalForm {
         // A scenario consists of words and hyphens, so nothing needs escaping.
-        let (scenario, seed) = (&self.scenario, self.seed);
-        let text = format!(
-            "{{\"agent\":{agent},\"environment\":{environment},\"evaluation\":{evaluation},\
-             {population}\"scenario\":\"{scenario}\",\"seed\":{seed}{trial}}}"
-        );
-        CanonicalForm::new(text, self.versions())
+        let (scenario, seed) = (format!("\"{}\"", self.scenario), self.seed.to_string());
+        let mut members = vec![("scenario", scenario.as_str()), ("seed", &seed)];
+        let sections =
+            SectionName::ALL.iter().map(|section| (section.word(), &texts[*section][..]));
+        members.extend(sections.filter(|(_, text)| !text.is_empty()));
+        members.sort_unstable_by_key(|(name, _)| *name);
+        let length = members.iter().map(|(name, text)| name.len() + text.len() + 4).sum::<usize>();
+        let mut form = String::with_capacity(length + 1);
+        for (name, text) in members {
+            form.push(if form.is_empty() { '{' } else { ',' });
+            form.extend(["\"", name, "\":", text]);
+        }
+        form.push('}');
+        CanonicalForm::new(form, self.versions())
     }
 
     /// The job as one line of JSON; see [`CanonicalForm::text`].
@@ -314,40 +322,83 @@ impl Job {
         }
     }
 
-    /// The sections of the job: name, keys and their values. The agent comes first.
-    pub fn sections(&self) -> [(&'static str, &'static [Key], Vec<Value>); 5] {
-        let trial = self.trial.as_ref();
+    /// The job with these values of the keys of its sections; `None` if they are of other kinds. A job without values of
+    /// a trial has no trial.
+    pub fn of_values(
+        (family, algorithm): (&'static Family, &'static Algorithm),
+        (scenario, seed): (Scenario, u64),
+        values: &dyn Fn(SectionName) -> Vec<Value>,
+    ) -> Option<Job> {
+        let of_people = values(SectionName::Population);
+        Some(Job {
+            environment: (family.read)(family, &values(SectionName::Environment), &of_people)?,
+            scenario,
+            agent: Agent::with_values(algorithm, values(SectionName::Agent))?,
+            evaluation: Evaluation::from_values(&values(SectionName::Evaluation))?,
+            trial: trial_of(&values(SectionName::Trial))?,
+            seed,
+        })
+    }
+
+    /// Sets a section to the values of its keys; `None` if they are of other kinds.
+    pub fn set_section(
+        &mut self,
+        section: SectionName,
+        values: &dyn Fn(SectionName) -> Vec<Value>,
+    ) -> Option<()> {
+        let own = values(section);
+        match section {
+            // How people differ is part of the environment.
+            SectionName::Environment | SectionName::Population => {
+                let family = self.environment.family();
+                let of_people = values(SectionName::Population);
+                let of_environment = values(SectionName::Environment);
+                self.environment = (family.read)(family, &of_environment, &of_people)?;
+            }
+            SectionName::Agent => self.agent = Agent::with_values(self.agent.algorithm(), own)?,
+            SectionName::Evaluation => self.evaluation = Evaluation::from_values(&own)?,
+            SectionName::Trial => self.trial = trial_of(&own)?,
+        }
+        Some(())
+    }
+
+    /// The sections with their keys and values, in the order of their names: the agent comes first.
+    pub fn sections(&self) -> [(SectionName, &'static [Key], Vec<Value>); SectionName::ALL.len()] {
+        let mut names = SectionName::ALL;
+        names.sort_unstable_by_key(|name| name.word());
+        names.map(|name| {
+            let (keys, values) = self.section(name);
+            (name, keys, values)
+        })
+    }
+
+    /// The keys of a section with their values; none for a trial that the job does not have.
+    pub fn section(&self, section: SectionName) -> (&'static [Key], Vec<Value>) {
         let family = self.environment.family();
-        [
-            ("agent", self.agent.algorithm().keys(), self.agent.values().to_vec()),
-            ("environment", family.keys, self.environment.values()),
-            ("evaluation", Evaluation::KEYS, self.evaluation.to_values()),
-            ("population", family.people, self.environment.people_values()),
-            (
-                "trial",
-                trial.map_or(&[], |_| Trial::KEYS),
-                trial.map_or_else(Vec::new, Keyed::to_values),
-            ),
-        ]
+        match section {
+            SectionName::Environment => (family.keys, self.environment.values()),
+            SectionName::Population => (family.people, self.environment.people_values()),
+            SectionName::Agent => (self.agent.algorithm().keys(), self.agent.values().to_vec()),
+            SectionName::Evaluation => (Evaluation::KEYS, self.evaluation.to_values()),
+            SectionName::Trial => match &self.trial {
+                Some(trial) => (Trial::KEYS, trial.to_values()),
+                None => (&[], Vec::new()),
+            },
+        }
     }
 
     /// The value of a parameter; `None` if the job's algorithm lacks the key, and for the agent's name, which
     /// is not part of a job.
     pub fn value(&self, parameter: Parameter) -> Option<Value> {
-        let place = |keys: &[Key], name: &str| keys.iter().position(|key| key.name == name);
-        let (section, name) = match parameter {
+        match parameter {
             Parameter::SCENARIO => return Some(Value::Text(self.scenario.to_string())),
             Parameter::SEED => return Some(Value::Integer(self.seed)),
             Parameter::ALGORITHM => return Some(Value::Choice(self.algorithm())),
-            Parameter::Job(_) => return None,
-            Parameter::Agent(name) => (0, name),
-            Parameter::Environment(name) => (1, name),
-            Parameter::Evaluation(name) => (2, name),
-            Parameter::Population(name) => (3, name),
-            Parameter::Trial(name) => (4, name),
-        };
-        let (_, keys, values) = &self.sections()[section];
-        place(keys, name).map(|place| values[place].clone())
+            _ => {}
+        }
+        let (keys, values) = self.section(parameter.section()?);
+        let index = keys.iter().position(|key| key.name == parameter.key())?;
+        Some(values[index].clone())
     }
 
     /// The value of a parameter, if the job has it and it is a number.
@@ -364,10 +415,9 @@ impl Job {
             ("seed".to_owned(), Scalar::Integer(self.seed as i64)),
         ];
         for (section, keys, values) in self.sections() {
+            let name = |key: &'static Key| section.parameter(key.name).to_string();
             let named = keys.iter().zip(&values);
-            parameters.extend(
-                named.map(|(key, value)| (format!("{section}.{}", key.name), Scalar::from(value))),
-            );
+            parameters.extend(named.map(|(key, value)| (name(key), Scalar::from(value))));
         }
         parameters.sort_by(|(one, _), (other, _)| one.cmp(other));
         parameters
@@ -384,6 +434,12 @@ impl From<&Job> for CanonicalForm {
     fn from(job: &Job) -> CanonicalForm {
         job.form()
     }
+}
+
+/// The trial with these values of its keys, which a job without a trial does not have; the outer `None` if they are of
+/// other kinds.
+fn trial_of(values: &[Value]) -> Option<Option<Trial>> {
+    if values.is_empty() { Some(None) } else { Trial::from_values(values).map(Some) }
 }
 
 /// The environment written by [`environment_text`] and [`people_text`].

@@ -3,6 +3,7 @@
 use std::sync::Arc;
 
 use serde::{Deserialize, Serialize};
+use serde_json::Value as Json;
 
 use crate::key::choices;
 
@@ -16,7 +17,9 @@ pub const STEP: &str = "step";
 pub const CONSTANT: &str = "1";
 
 choices! {
-    /// How an effect is estimated.
+    /// How an effect is estimated: from which sums follows from the variant.
+    #[derive(Serialize, Deserialize)]
+    #[serde(rename_all = "snake_case")]
     pub enum Estimator {
         /// Weighted and centred least squares.
         Wcls = "wcls",
@@ -49,8 +52,8 @@ impl StandardErrors {
 pub struct EstimateDeclaration {
     /// The features of the model of the outcome without treatment, beside the constant 1.
     pub control: Vec<String>,
-    /// The word of the [`Estimator`].
-    pub estimator: String,
+    /// How the effect is estimated.
+    pub estimator: Estimator,
     /// Whether messages have a cost in any job of the manifest, which the outcome [`REWARD`] then counts.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     pub less_costs: bool,
@@ -82,29 +85,20 @@ pub enum Treatment {
     Action(u8),
 }
 
-/// How an estimate treats several messages.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-pub enum Messages {
-    /// As one treatment.
-    #[serde(rename = "any message")]
-    Any,
-    /// As a treatment of its own each.
-    #[serde(rename = "each message")]
-    Each,
+choices! {
+    /// How an estimate treats several messages.
+    #[derive(Serialize, Deserialize)]
+    pub enum Messages {
+        /// As one treatment.
+        #[serde(rename = "any message")]
+        Any = "any message",
+        /// As a treatment of its own each.
+        #[serde(rename = "each message")]
+        Each = "each message",
+    }
 }
 
 impl Treatment {
-    /// The words that a manifest can have instead of the number of an action.
-    pub const WORDS: [&str; 2] = ["any message", "each message"];
-
-    /// The treatment that a manifest writes with this word.
-    pub fn named(word: &str) -> Option<Treatment> {
-        match Treatment::WORDS.iter().position(|known| *known == word)? {
-            0 => Some(Treatment::Messages(Messages::Any)),
-            _ => Some(Treatment::Messages(Messages::Each)),
-        }
-    }
-
     /// The number of treatments in an environment with this number of actions.
     pub fn count(self, actions: usize) -> usize {
         match self {
@@ -121,8 +115,16 @@ impl EstimateDeclaration {
     }
 
     /// The declaration of a canonical text.
-    pub fn from_canonical(text: &str) -> Option<EstimateDeclaration> {
-        serde_json::from_str(text).ok()
+    ///
+    /// **Errors**: the text is of a newer release, or damaged; what is unknown in it.
+    pub fn from_canonical(text: &str) -> Result<EstimateDeclaration, String> {
+        serde_json::from_str(text).map_err(|error| {
+            let written: Json = serde_json::from_str(text).unwrap_or_default();
+            match written["estimator"].as_str().filter(|word| Estimator::named(word).is_none()) {
+                Some(word) => format!("the estimator \"{word}\" is unknown"),
+                None => error.to_string(),
+            }
+        })
     }
 
     /// Whether the outcome is a reward of the step.

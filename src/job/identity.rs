@@ -88,21 +88,6 @@ impl CanonicalForm {
     }
 }
 
-/// The canonical texts of the parts of a job; see [`text`].
-#[derive(Clone, Copy)]
-pub struct Parts<'t> {
-    /// Of `agent`.
-    pub agent: &'t str,
-    /// Of `environment`.
-    pub environment: &'t str,
-    /// Of `evaluation`.
-    pub evaluation: &'t str,
-    /// Of `population`.
-    pub population: &'t str,
-    /// Of `trial`; empty without a trial.
-    pub trial: &'t str,
-}
-
 /// The canonical text of a part of a job.
 pub fn text<T: Keyed>(part: &T) -> String {
     Json::Object(canonical_object(T::KEYS, &part.to_values())).to_string()

@@ -25,8 +25,8 @@ pub use estimate::{
 };
 pub use evaluation::{EvaluatedOn, Evaluation, RecordedDecisions, RecordedEpisodes, TestActions};
 pub use identity::{
-    CanonicalForm, JobKey, Parts, Versions, agent_text, environment_text, people_text, seed_of,
-    text, without_seed,
+    CanonicalForm, JobKey, Versions, agent_text, environment_text, people_text, seed_of, text,
+    without_seed,
 };
 pub use implied::{ImpliedParameter, implied_parameters};
 pub use metric::{Measure, MetricName, MetricPlace, MetricUnit};

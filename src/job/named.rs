@@ -5,7 +5,7 @@ use std::sync::Arc;
 use serde_json::{Value as Json, json};
 
 use super::{CanonicalForm, Described, Job, Scalar};
-use crate::key::{Parameter, Value};
+use crate::key::{Key, Parameter, Value};
 
 /// A job with the name of its agent in the manifest; the name is not part of the job.
 #[derive(Clone, Debug, PartialEq)]
@@ -53,7 +53,8 @@ fn key_of(job: &Job, name: &str) -> Option<Value> {
     let find = |is_meant: &dyn Fn(&str, &str) -> bool| {
         sections.iter().find_map(|(section, keys, values)| {
             let mut named = keys.iter().zip(values);
-            named.find(|(key, _)| is_meant(section, key.name)).map(|(_, value)| value.clone())
+            let is_meant = |key: &Key| is_meant(section.word(), key.name);
+            named.find(|(key, _)| is_meant(key)).map(|(_, value)| value.clone())
         })
     };
     let is_key = |section: &str, key: &str| {

@@ -187,7 +187,7 @@ macro_rules! whole_numbers {
     ($($number:ty),*) => {$(
         impl KeyType for $number {
             fn to_value(&self) -> Value {
-                Value::Integer((*self).into())
+                Value::Integer(*self as u64)
             }
 
             fn from_value(value: &Value) -> Option<Self> {
@@ -197,7 +197,7 @@ macro_rules! whole_numbers {
     )*};
 }
 
-whole_numbers!(u8, u32);
+whole_numbers!(u8, u32, u64, usize);
 
 /// Declares a struct whose fields are keys of a manifest.
 ///

@@ -28,7 +28,7 @@ pub(crate) use declare::{choices, keys};
 pub use distribution::{Distribution, DistributionError};
 pub use free::{WithFreeKeys, free_key, free_keys, free_values};
 pub use number_range::NumberRange;
-pub use parameter::Parameter;
+pub use parameter::{Parameter, PerSection, SectionName};
 pub use printable::{DIRECTION, hidden, printable, quoted};
 pub use rows::{Column, MOST_ROWS, Rows, RowsError, read_csv};
 pub use value::{Kind, Value};

@@ -5,7 +5,7 @@ use std::collections::HashSet;
 use toml::de::DeTable;
 
 use crate::job::Condition;
-use crate::key::{Key, Kind, Parameter, Value};
+use crate::key::{Key, Kind, Parameter, SectionName, Value};
 use crate::manifest::draft::Draft;
 use crate::manifest::parameter::{meant, named, parameter};
 use crate::manifest::read::MOST_ENTRIES;
@@ -16,8 +16,7 @@ use crate::manifest::value::free::PARAMETERS;
 use crate::manifest::value::sweep::{Node, Reader, Repeats};
 
 /// The keys of an exclusion in addition to the keys of the sections.
-const CONDITIONS: [&str; 7] =
-    ["scenario", "seed", "agent", "environment", "population", "evaluation", "trial"];
+const CONDITIONS: [&str; 2] = ["scenario", "seed"];
 
 impl Reader<'_> {
     /// Reads `zip`: a list of lists of dotted names.
@@ -98,14 +97,15 @@ impl Reader<'_> {
                     let value = Condition { parameter: Parameter::SEED, values };
                     conditions.push(Located { value, span });
                 }
-                section @ ("agent" | "environment" | "population" | "evaluation" | "trial") => {
-                    self.key_conditions((section, place), node, &mut conditions);
+                word if SectionName::named(word).is_some() => {
+                    self.key_conditions((word, place), node, &mut conditions);
                 }
                 found if self.short_condition(found, node, &mut conditions) => {}
                 found => {
                     let message = format!("unknown key `{}` in {place}", shortened(found));
                     let fault = Fault::at(key.span().into(), message);
-                    let tables = near(found, CONDITIONS).map(str::to_owned);
+                    let words = CONDITIONS.into_iter().chain(SectionName::WORDS.iter().copied());
+                    let tables = near(found, words).map(str::to_owned);
                     self.faults.add(match tables.or_else(|| meant(found, &["agent.name"])) {
                         // Quotes make the dot a part of the key.
                         Some(meant) if meant == found => {

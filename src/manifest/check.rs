@@ -6,7 +6,7 @@ use std::sync::Arc;
 
 use crate::agent::Algorithm;
 use crate::job::{Condition, EvaluatedOn, REWARD, TestActions, Trial};
-use crate::key::{Assignment, Constraint, Keyed, Parameter, Size, Value, Violation};
+use crate::key::{Assignment, Constraint, Keyed, Parameter, SectionName, Size, Value, Violation};
 use crate::manifest::declared::{DeclaredAgent, Exclusion, Manifest};
 use crate::manifest::draft::Draft;
 use crate::manifest::estimate::declared::DeclaredEstimate;
@@ -85,10 +85,15 @@ pub(super) fn check(
 
 /// Reports what does not suit a trial: what is evaluated, agents that cannot act in one, its files and its days.
 fn trials(draft: &Draft, manifest: &Manifest, grids: &[Grid], faults: &mut FaultList) {
-    let has =
-        |key, value: &Value| manifest.evaluation.get(key).is_some_and(|all| all.contains(value));
+    let has = |key, value: &Value| {
+        manifest.sections[SectionName::Evaluation].get(key).is_some_and(|all| all.contains(value))
+    };
     let on = |on: EvaluatedOn| has("on", &Value::Choice(on.word()));
-    let place = |key| draft.evaluation.span_of(key).or(draft.trial.span);
+    let place = |key| {
+        draft.sections[SectionName::Evaluation]
+            .span_of(key)
+            .or(draft.sections[SectionName::Trial].span)
+    };
     let place = |key| place(key).unwrap_or(Span { start: 0, end: 0 });
     let mut fault = |span, says: &str, help: &str| faults.add(Fault::at(span, says).help(help));
     let has_trial = manifest.has_trial();
@@ -106,8 +111,7 @@ fn trials(draft: &Draft, manifest: &Manifest, grids: &[Grid], faults: &mut Fault
         fault(place("test_episodes"), says, "write at least 1");
     } else if has_trial
         && on(EvaluatedOn::Trial)
-        && manifest
-            .evaluation
+        && manifest.sections[SectionName::Evaluation]
             .get("test_episodes")
             .is_some_and(|all| all.iter().any(|n| *n != none))
     {
@@ -149,7 +153,9 @@ fn trials(draft: &Draft, manifest: &Manifest, grids: &[Grid], faults: &mut Fault
     }
     let is_known = Trial::KEYS.iter().all(|key| !draft.is_invalid(Parameter::Trial(key.name)));
     if let Some((key, says)) = grids.iter().filter(|_| is_known).find_map(Grid::trial_fault) {
-        let span = draft.trial.span_of(key.key()).or(draft.trial.span);
+        let span = draft.sections[SectionName::Trial]
+            .span_of(key.key())
+            .or(draft.sections[SectionName::Trial].span);
         faults.add(Fault::at(span.unwrap_or(Span { start: 0, end: 0 }), says));
     }
 }

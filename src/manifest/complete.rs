@@ -2,7 +2,7 @@
 
 use crate::env::Family;
 use crate::job::EvaluatedOn;
-use crate::key::{Content, Distribution, Key, Kind, Parameter, Rows, Value};
+use crate::key::{Content, Distribution, Key, Kind, Parameter, Rows, SectionName, Value};
 use crate::manifest::declared::{DeclaredAgent, Exclusion, Manifest, Zip};
 use crate::manifest::draft::{Draft, Settings};
 use crate::manifest::parameter::Parameters;
@@ -59,8 +59,6 @@ pub(super) fn complete(
         time_limit_seconds: draft.time_limit_seconds,
         scenarios: given_or(scenarios, || examples(family)[0].clone()),
         seeds: given_or(seeds, || Value::Integer(1)),
-        environment: parameters(&draft.environment),
-        population: parameters(&draft.population),
         agents: draft
             .agents
             .iter()
@@ -73,8 +71,10 @@ pub(super) fn complete(
                 draws: draws(&agent.settings),
             })
             .collect(),
-        evaluation: evaluation(&draft.evaluation),
-        trial: parameters(&draft.trial),
+        sections: draft.sections.map(|name, settings| match name {
+            SectionName::Evaluation => evaluation(settings),
+            _ => parameters(settings),
+        }),
         search: draft.search.as_ref().map(|search| search.value.clone()),
         zips: zips.map(|zip| Zip { parameters: zip.value.clone() }).collect(),
         exclusions: exclusions.filter(|exclusion| !exclusion.conditions.is_empty()).collect(),
@@ -101,16 +101,7 @@ fn require(settings: &mut Settings, faults: &mut FaultList) {
             continue;
         }
         let span = settings.span.unwrap_or(Span { start: 0, end: 0 });
-        let table = match section {
-            Section::Environment(_)
-            | Section::Population(_)
-            | Section::Evaluation
-            | Section::Trial(_) => {
-                format!("[{}]", section.name())
-            }
-            Section::Agent(_) => "[[agent]]".to_owned(),
-        };
-        let message = format!("missing key `{}` in {table}", key.name);
+        let message = format!("missing key `{}` in {}", key.name, section.header());
         let help = format!("it is {}: {}", key.kind.expectation(), key.doc());
         faults.add(Fault::at(span, message).help(help));
         settings.mark_invalid(place, span);

@@ -6,13 +6,13 @@ use std::sync::Arc;
 use crate::agent::Algorithm;
 use crate::env::{Family, Scenario};
 use crate::job::{Condition, EstimateDeclaration};
-use crate::key::{Parameter, Value};
+use crate::key::{Parameter, SectionName, Value};
 use crate::manifest::analysis::declared::Analysis;
 use crate::manifest::estimate::declared::DeclaredEstimate;
 use crate::manifest::parameter::{Parameters, scenario_of, seed_of};
 use crate::manifest::search::declared::Search;
 use crate::manifest::search::draw::Draw;
-use crate::manifest::section::Section;
+use crate::manifest::section::SharedSections;
 
 /// A validated manifest: every default filled in, every cell of its grids a possible job.
 ///
@@ -37,16 +37,10 @@ pub struct Manifest {
     pub(super) scenarios: Vec<Value>,
     /// The distinct seeds; at least one.
     pub(super) seeds: Vec<Value>,
-    /// The environment's parameters.
-    pub environment: Parameters,
-    /// How the parameters of participants are distributed.
-    pub population: Parameters,
+    /// The parameters of the sections that agents share; none of a trial that the manifest does not declare.
+    pub sections: SharedSections<Parameters>,
     /// The agents, with distinct names; at least one.
     pub agents: Vec<DeclaredAgent>,
-    /// The parameters of testing and recording.
-    pub evaluation: Parameters,
-    /// The calendar of the trial; of a section without keys if the manifest declares no trial.
-    pub trial: Parameters,
     /// The search for the best of drawn settings; `None` if no key is drawn.
     pub search: Option<Search>,
     /// Swept parameters that advance together.
@@ -108,18 +102,25 @@ impl Manifest {
 
     /// The family of its environment.
     pub fn family(&self) -> &'static Family {
-        match self.environment.section() {
-            Section::Environment(family) => family,
-            Section::Population(_)
-            | Section::Agent(_)
-            | Section::Evaluation
-            | Section::Trial(_) => Family::first(),
-        }
+        let environment = &self.sections[SectionName::Environment];
+        environment.section().family().unwrap_or(Family::first())
     }
 
     /// Whether the manifest declares a trial.
     pub fn has_trial(&self) -> bool {
-        self.trial.section() == Section::Trial(true)
+        self.sections[SectionName::Trial].section().is_declared()
+    }
+
+    /// The parameters of a section of an agent's jobs.
+    pub fn parameters<'m>(
+        &'m self,
+        agent: &'m DeclaredAgent,
+        section: SectionName,
+    ) -> &'m Parameters {
+        match section {
+            SectionName::Agent => &agent.parameters,
+            shared => &self.sections[shared],
+        }
     }
 
     /// The scenarios, in the order of the manifest.
@@ -155,24 +156,17 @@ impl Manifest {
             Parameter::SCENARIO => Some(&self.scenarios),
             Parameter::SEED => Some(&self.seeds),
             Parameter::AGENT_NAME => Some(&agent.names),
-            Parameter::Job(_) => None,
-            Parameter::Environment(key) => self.environment.get(key),
-            Parameter::Population(key) => self.population.get(key),
-            Parameter::Agent(key) => agent.parameters.get(key),
-            Parameter::Evaluation(key) => self.evaluation.get(key),
-            Parameter::Trial(key) => self.trial.get(key),
+            of_section => self.parameters(agent, of_section.section()?).get(of_section.key()),
         }
     }
 
     /// The keys of `agent`'s jobs that are swept, in the order of the tables.
     pub(super) fn swept_keys(&self, agent: &DeclaredAgent) -> Vec<Parameter> {
-        let sections =
-            [&self.environment, &self.population, &agent.parameters, &self.evaluation, &self.trial];
         let swept = |parameters: &Parameters| -> Vec<Parameter> {
             let keys = parameters.iter().filter(|(_, values)| values.len() > 1);
             keys.map(|(key, _)| parameters.section().parameter(key.name)).collect()
         };
-        sections.into_iter().flat_map(swept).collect()
+        SectionName::ALL.into_iter().flat_map(|one| swept(self.parameters(agent, one))).collect()
     }
 }
 

@@ -8,12 +8,12 @@ use std::collections::BTreeMap;
 use crate::agent::Algorithm;
 use crate::env::Family;
 use crate::job::Condition;
-use crate::key::{Parameter, Value};
+use crate::key::{Parameter, SectionName, Value};
 use crate::manifest::analysis::declared::AnalysisDraft;
 use crate::manifest::estimate::declared::EstimateDraft;
 use crate::manifest::search::declared::Search;
 use crate::manifest::search::draw::Draw;
-use crate::manifest::section::Section;
+use crate::manifest::section::{Section, SharedSections};
 use crate::manifest::text::source::{Located, Span};
 
 /// The content of a manifest or a preset.
@@ -26,10 +26,8 @@ pub(super) struct Draft {
     pub time_limit_seconds: Option<u64>,
     pub scenarios: Option<Located<Vec<Value>>>,
     pub seeds: Option<Located<Vec<Value>>>,
-    pub environment: Settings,
-    pub population: Settings,
-    pub evaluation: Settings,
-    pub trial: Settings,
+    /// The sections that agents share.
+    pub sections: SharedSections<Settings>,
     pub search: Option<Located<Search>>,
     pub agents: Vec<AgentDraft>,
     pub zips: Option<Vec<Located<Vec<Parameter>>>>,
@@ -124,10 +122,7 @@ impl Draft {
             time_limit_seconds: None,
             scenarios: None,
             seeds: None,
-            environment: Settings::new(Section::Environment(family)),
-            population: Settings::new(Section::Population(family)),
-            evaluation: Settings::new(Section::Evaluation),
-            trial: Settings::new(Section::Trial(false)),
+            sections: SharedSections::of(family, Settings::new),
             search: None,
             agents: Vec::new(),
             zips: None,
@@ -143,22 +138,15 @@ impl Draft {
 
     /// The family of the environment.
     pub fn family(&self) -> &'static Family {
-        match self.environment.section {
-            Section::Environment(family) => family,
-            Section::Population(_)
-            | Section::Agent(_)
-            | Section::Evaluation
-            | Section::Trial(_) => Family::first(),
-        }
+        self.sections[SectionName::Environment].section.family().unwrap_or(Family::first())
     }
 
     /// This draft with the keys of `other` laid over it.
     pub fn overridden_by(mut self, other: Draft) -> Draft {
-        self.environment.override_with(other.environment);
-        self.population.override_with(other.population);
-        self.evaluation.override_with(other.evaluation);
-        if other.trial.span.is_some() {
-            self.trial.override_with(other.trial);
+        for (name, settings) in other.sections.into_iter() {
+            if settings.section.is_declared() {
+                self.sections[name].override_with(settings);
+            }
         }
         for agent in other.agents {
             let name = &agent.name.value;
@@ -198,9 +186,7 @@ impl Draft {
         self.name.iter_mut().for_each(|name| name.span = span);
         self.scenarios.iter_mut().for_each(|scenarios| scenarios.span = span);
         self.seeds.iter_mut().for_each(|seeds| seeds.span = span);
-        self.environment.move_to(span);
-        self.evaluation.move_to(span);
-        self.trial.move_to(span);
+        self.sections.values_mut().for_each(|settings| settings.move_to(span));
         for agent in &mut self.agents {
             agent.name.span = span;
             agent.settings.move_to(span);
@@ -215,9 +201,8 @@ impl Draft {
 
     /// The settings of every section.
     pub fn all_settings(&mut self) -> impl Iterator<Item = &mut Settings> {
-        let sections =
-            [&mut self.environment, &mut self.population, &mut self.evaluation, &mut self.trial];
-        sections.into_iter().chain(self.agents.iter_mut().map(|agent| &mut agent.settings))
+        let of_agents = self.agents.iter_mut().map(|agent| &mut agent.settings);
+        self.sections.values_mut().chain(of_agents)
     }
 
     /// Whether some agents could not be read.
@@ -230,17 +215,15 @@ impl Draft {
         match parameter {
             Parameter::SCENARIO => self.scenarios.as_ref().is_none_or(|list| list.value.is_empty()),
             Parameter::SEED => self.seeds.as_ref().is_none_or(|list| list.value.is_empty()),
-            Parameter::Job(_) => false,
             // An agent that could not be read has its name all the same, unless the name is unknown.
             Parameter::AGENT_NAME => self.unread_agents.contains(&None),
-            Parameter::Environment(key) => self.environment.is_invalid(key),
-            Parameter::Population(key) => self.population.is_invalid(key),
-            Parameter::Evaluation(key) => self.evaluation.is_invalid(key),
-            Parameter::Trial(key) => self.trial.is_invalid(key),
             Parameter::Agent(key) => {
                 self.invalid_agents()
                     || self.agents.iter().any(|agent| agent.settings.is_invalid(key))
             }
+            shared => shared
+                .section()
+                .is_some_and(|section| self.sections[section].is_invalid(shared.key())),
         }
     }
 
@@ -248,11 +231,7 @@ impl Draft {
     pub fn is_invalid_for(&self, agent: usize, parameter: Parameter) -> bool {
         match parameter {
             Parameter::Agent(key) => self.agents[agent].settings.is_invalid(key),
-            Parameter::Job(_)
-            | Parameter::Environment(_)
-            | Parameter::Population(_)
-            | Parameter::Evaluation(_)
-            | Parameter::Trial(_) => self.is_invalid(parameter),
+            shared => self.is_invalid(shared),
         }
     }
 
@@ -273,8 +252,9 @@ impl Draft {
             "zip" | "exclude" => self.invalid_cells = true,
             "search" => self.invalid_search = true,
             "environment" => {
-                for place in 0..self.environment.section.keys().len() {
-                    self.environment.mark_invalid(place, span);
+                let environment = &mut self.sections[SectionName::Environment];
+                for place in 0..environment.section.keys().len() {
+                    environment.mark_invalid(place, span);
                 }
             }
             _ => {}
@@ -286,12 +266,8 @@ impl Draft {
         match parameter {
             Parameter::SCENARIO => self.scenarios.as_ref().map(|list| list.span),
             Parameter::SEED => self.seeds.as_ref().map(|list| list.span),
-            Parameter::Job(_) => None,
-            Parameter::Environment(key) => self.environment.span_of(key),
-            Parameter::Population(key) => self.population.span_of(key),
-            Parameter::Evaluation(key) => self.evaluation.span_of(key),
-            Parameter::Trial(key) => self.trial.span_of(key),
             Parameter::Agent(key) => self.agents.get(agent)?.settings.span_of(key),
+            shared => self.sections[shared.section()?].span_of(shared.key()),
         }
     }
 }

@@ -8,14 +8,15 @@ use std::borrow::Cow;
 use std::collections::HashSet;
 use std::sync::Arc;
 
-use crate::agent::{Agent, Algorithm, HORIZON};
+use crate::agent::HORIZON;
 use crate::env::{Environment, Scenario};
-use crate::job::{Evaluation, Job, Trial};
-use crate::key::{Assignment, Constraint, Key, Keyed, Parameter, Value, Violation};
+use crate::job::{Job, Trial};
+use crate::key::{
+    Assignment, Constraint, Key, Keyed, Parameter, PerSection, SectionName, Value, Violation,
+};
 use crate::manifest::declared::{DeclaredAgent, Exclusion, Manifest};
 use crate::manifest::parameter::{Parameters, scenario_of, seed_of};
 use crate::manifest::search::stage::{RaceCells, Stage};
-use crate::manifest::section::Section;
 
 /// The number of observations that an agent sees at a time.
 const HISTORY: Parameter = Parameter::Agent("history");
@@ -27,11 +28,8 @@ pub struct Grid<'m> {
     agent: &'m DeclaredAgent,
     axes: Vec<Axis>,
     exclusions: Vec<Vec<Mask>>,
-    environment: Vec<Option<usize>>,
-    population: Vec<Option<usize>>,
-    hyper_parameters: Vec<Option<usize>>,
-    evaluation: Vec<Option<usize>>,
-    trial: Vec<Option<usize>>,
+    /// The axis of each key of a section; `None` for a key with one value.
+    axes_of: PerSection<Vec<Option<usize>>>,
     /// `None` unless the manifest is a search.
     race: Option<RaceCells>,
 }
@@ -74,11 +72,7 @@ impl<'m> Grid<'m> {
         };
         let masks = |exclusion| masks(manifest, agent, &axes, exclusion);
         Grid {
-            environment: places(&manifest.environment),
-            population: places(&manifest.population),
-            hyper_parameters: places(&agent.parameters),
-            evaluation: places(&manifest.evaluation),
-            trial: places(&manifest.trial),
+            axes_of: PerSection::of(|section| places(manifest.parameters(agent, section))),
             exclusions: manifest.exclusions.iter().filter_map(masks).collect(),
             race: race_cells(manifest, agent, (&axes, stage)),
             manifest,
@@ -210,7 +204,9 @@ impl<'m> Grid<'m> {
 
     /// The environments of the cells that are not excluded, each once.
     pub(super) fn environments(&self) -> impl Iterator<Item = Environment> + use<'_, 'm> {
-        let axes: Vec<_> = self.environment.iter().chain(&self.population).copied().collect();
+        let of_section = |section| self.axes_of[section].iter().copied();
+        let of_people = of_section(SectionName::Population);
+        let axes: Vec<_> = of_section(SectionName::Environment).chain(of_people).collect();
         let cells = self.projected(&self.concerned(&axes));
         cells.map(|cell| self.environment(&cell))
     }
@@ -269,20 +265,8 @@ impl<'m> Grid<'m> {
     }
 
     /// Whether two cells have equal values for every key of this section.
-    pub fn agree(&self, section: Section, one: &Cell, other: &Cell) -> bool {
-        let axes = match section {
-            Section::Environment(_) => &self.environment,
-            Section::Population(_) => &self.population,
-            Section::Agent(_) => &self.hyper_parameters,
-            Section::Evaluation => &self.evaluation,
-            Section::Trial(_) => &self.trial,
-        };
-        axes.iter().flatten().all(|axis| one.0[*axis] == other.0[*axis])
-    }
-
-    /// The agent's algorithm.
-    pub fn algorithm(&self) -> &'static Algorithm {
-        self.agent.algorithm
+    pub fn agree(&self, section: SectionName, one: &Cell, other: &Cell) -> bool {
+        self.axes_of[section].iter().flatten().all(|axis| one.0[*axis] == other.0[*axis])
     }
 
     /// The cell's arm in the race of its agent, and its place among the seeds of the manifest; `None` unless the
@@ -308,26 +292,22 @@ impl<'m> Grid<'m> {
 
     /// The cell's environment, with its participants.
     pub fn environment(&self, cell: &Cell) -> Environment {
-        let chosen = |parameters: &Parameters, axes: &[Option<usize>]| {
-            parameters.chosen(|key| axes[key].map_or(0, |axis| cell.0[axis]))
-        };
-        let values = chosen(&self.manifest.environment, &self.environment);
-        let people = chosen(&self.manifest.population, &self.population);
+        let values = self.chosen(SectionName::Environment, cell);
+        let people = self.chosen(SectionName::Population, cell);
         let family = self.manifest.family();
         (family.read)(family, &values, &people).expect(TYPED)
     }
 
-    /// The cell's agent.
-    pub fn agent(&self, cell: &Cell) -> Agent {
-        let choose = |key: usize| self.hyper_parameters[key].map_or(0, |axis| cell.0[axis]);
-        Agent::with_values(self.agent.algorithm, self.agent.parameters.chosen(choose)).expect(TYPED)
+    /// The cell's values of the keys of a section.
+    fn chosen(&self, section: SectionName, cell: &Cell) -> Vec<Value> {
+        let axes = &self.axes_of[section];
+        let parameters = self.manifest.parameters(self.agent, section);
+        parameters.chosen(|key| axes[key].map_or(0, |axis| cell.0[axis]))
     }
 
-    /// The cell's trial; `None` if the manifest declares none.
-    pub fn trial(&self, cell: &Cell) -> Option<Trial> {
-        let choose = |key: usize| self.trial[key].map_or(0, |axis| cell.0[axis]);
-        let values = self.manifest.trial.chosen(choose);
-        self.manifest.has_trial().then(|| Trial::from_values(&values).expect(TYPED))
+    /// Sets a section of a job to the cell's values.
+    pub fn set_section(&self, job: &mut Job, section: SectionName, cell: &Cell) {
+        job.set_section(section, &|section| self.chosen(section, cell)).expect(TYPED);
     }
 
     /// The agent's name.
@@ -336,21 +316,10 @@ impl<'m> Grid<'m> {
     }
 
     /// The cell's job.
-    pub(super) fn job(&self, cell: &Cell) -> Job {
-        Job {
-            environment: self.environment(cell),
-            scenario: self.scenario(cell),
-            agent: self.agent(cell),
-            evaluation: self.evaluation(cell),
-            trial: self.trial(cell),
-            seed: self.seed(cell),
-        }
-    }
-
-    /// The cell's evaluation.
-    pub fn evaluation(&self, cell: &Cell) -> Evaluation {
-        let choose = |key: usize| self.evaluation[key].map_or(0, |axis| cell.0[axis]);
-        Evaluation::from_values(&self.manifest.evaluation.chosen(choose)).expect(TYPED)
+    pub fn job(&self, cell: &Cell) -> Job {
+        let of = (self.manifest.family(), self.agent.algorithm);
+        let alone = (self.scenario(cell), self.seed(cell));
+        Job::of_values(of, alone, &|section| self.chosen(section, cell)).expect(TYPED)
     }
 }
 

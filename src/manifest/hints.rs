@@ -7,7 +7,7 @@ use std::{env, fs};
 use crate::agent::{UNAVAILABLE, longest_episode};
 use crate::job::{Condition, MetricUnit};
 use crate::key::printable;
-use crate::key::{Constraint, Key, Parameter, Value, Violation};
+use crate::key::{Constraint, Key, Parameter, SectionName, Value, Violation};
 use crate::manifest::analysis::declared::Analysis;
 use crate::manifest::analysis::kind::{AnalysisKind, DidItLearn, LearningCurve, SelectionRule};
 use crate::manifest::commas::decimal_commas;
@@ -35,7 +35,11 @@ pub fn hints(manifest: &Manifest) -> Vec<String> {
         let of = format!("agent {}", printable(&agent.name));
         hints.extend(missing_programs(manifest, &of, &agent.parameters));
     }
-    hints.extend(missing_programs(manifest, "the environment", &manifest.environment));
+    hints.extend(missing_programs(
+        manifest,
+        "the environment",
+        &manifest.sections[SectionName::Environment],
+    ));
     hints.extend(manifest.analyses.iter().flat_map(|one| long_windows(manifest, one)));
     hints.extend(manifest.analyses.iter().filter_map(highest_rate));
     hints.extend(manifest.analyses.iter().filter_map(|one| few_references(manifest, one)));
@@ -51,7 +55,7 @@ pub fn hints(manifest: &Manifest) -> Vec<String> {
 
 /// A hint for a feature noise that is probably a percentage.
 fn large_sigma(manifest: &Manifest) -> Option<String> {
-    let values = manifest.environment.get("sigma")?;
+    let values = manifest.sections[SectionName::Environment].get("sigma")?;
     let large = values.iter().find_map(|value| match value {
         Value::Real(sigma) if *sigma >= LARGE_SIGMA => Some(*sigma),
         _ => None,
@@ -133,7 +137,8 @@ fn long_windows(manifest: &Manifest, analysis: &Analysis) -> Vec<String> {
     let AnalysisKind::LearningCurve(LearningCurve { window }) = analysis.kind else {
         return Vec::new();
     };
-    let strides = manifest.evaluation.get("curve_stride").unwrap_or_default();
+    let strides =
+        manifest.sections[SectionName::Evaluation].get("curve_stride").unwrap_or_default();
     if let Some(Value::Integer(stride)) = strides.iter().max_by(by_size)
         && *stride > u64::from(window)
     {
@@ -290,7 +295,8 @@ const CONDITIONAL: &[Conditional] = &[
     Conditional {
         key: "sequence",
         has_effect: |manifest, agent| {
-            let values = |key| manifest.environment.get(key).unwrap_or_default();
+            let values =
+                |key| manifest.sections[SectionName::Environment].get(key).unwrap_or_default();
             let longest = values("horizon").iter().max_by(by_size);
             let has_more = values("unpaid_last_step").contains(&Value::Flag(true));
             let is_shorter = |value: &Value| {

@@ -33,6 +33,7 @@ mod schema;
 mod search;
 mod section;
 mod set;
+mod table;
 mod text;
 mod value;
 mod varying;
@@ -40,11 +41,7 @@ mod varying;
 pub use analysis::axis::{CurveAxis, ERROR_AXIS};
 pub use analysis::declared::Analysis;
 pub use analysis::figure_keys::{FigureKeys, PanelKey, Theme, XScale};
-pub use analysis::kind::{
-    ActionChoice, AnalysisKind, Bins, Contrast, Curve, DidItLearn, EstimateNames, FamilyName, Find,
-    HeatMap, InferenceError, LearningCurve, OperatingCharacteristics, Pairing, Recovery, Selection,
-    SelectionRule,
-};
+pub use analysis::kind::{self, AnalysisKind};
 pub use analysis::published::{Published, PublishedRow};
 pub use analysis::sides::Sides;
 pub use companions::{companions, self_contained};
@@ -56,10 +53,11 @@ pub use limits::MOST_JOBS;
 pub use load::{load, parse};
 pub use parameter::{Parameters, free_parameters, parameter, parameters};
 pub use schema::schema;
-pub use search::declared::{Leaving, Search};
+pub use search::declared::Search;
 pub use search::draw::Draw;
+pub use search::keys::{Fresh, Leaving};
 pub use search::stage::Stage;
-pub use section::Section;
+pub use section::{Section, SharedSections};
 pub use set::{Overridden, Override, OverrideForm, load_with, parse_with};
 pub(crate) use text::document::{Document, document};
 pub(crate) use text::fault::FaultList;

@@ -37,21 +37,14 @@ pub fn parameter(dotted: &str) -> Option<Parameter> {
 }
 
 /// Whether a job can have a parameter in an environment of this family.
-pub(super) fn is_in(family: &Family, parameter: Parameter) -> bool {
-    let has = |keys: &[Key], name| keys.iter().any(|key| key.name == name);
-    match parameter {
-        Parameter::Environment(name) => has(family.keys, name),
-        Parameter::Population(name) => has(family.people, name),
-        Parameter::Job(_)
-        | Parameter::Agent(_)
-        | Parameter::Evaluation(_)
-        | Parameter::Trial(_) => true,
-    }
+pub(super) fn is_in(family: &'static Family, parameter: Parameter) -> bool {
+    let section = parameter.section().and_then(|name| Section::opened(name, family));
+    section.is_none_or(|section| section.find(parameter.key()).is_some())
 }
 
 /// The parameter with this dotted name, or the only parameter of jobs in environments of this family whose last
 /// part is this name.
-pub(super) fn named(family: &Family, name: &str) -> Option<Parameter> {
+pub(super) fn named(family: &'static Family, name: &str) -> Option<Parameter> {
     let is_meant = |parameter: &Parameter| {
         short_name(&parameter.to_string()) == name && is_in(family, *parameter)
     };

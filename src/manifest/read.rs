@@ -1,12 +1,13 @@
 //! Reads the tree of a TOML document as a [`Draft`], and reports every fault.
 
+use std::sync::LazyLock;
+
 use toml::Spanned;
 use toml::de::{DeTable, DeValue};
 
 use crate::agent::Algorithm;
 use crate::env::{Family, Scenario, ScenarioError};
-use crate::key::{DIRECTION, hidden};
-use crate::key::{Kind, Value};
+use crate::key::{DIRECTION, Kind, SectionName, Value, hidden};
 use crate::manifest::draft::{AgentDraft, Draft, Settings};
 use crate::manifest::limits::MOST_JOBS;
 use crate::manifest::preset;
@@ -19,7 +20,11 @@ use crate::manifest::value::respelt::respelt;
 use crate::manifest::value::sweep::{Node, Reader, Repeats, whole, zipped};
 
 /// The top-level keys of a manifest: first the keys above all tables, then the tables.
-pub(super) const TOP_KEYS: [&str; 19] = [
+pub(super) static TOP_KEYS: LazyLock<Vec<&'static str>> =
+    LazyLock::new(|| [&ABOVE_TABLES[..], SectionName::WORDS, &OTHER_TABLES].concat());
+
+/// The top-level keys above all tables.
+const ABOVE_TABLES: [&str; 10] = [
     "format",
     "name",
     "extends",
@@ -30,18 +35,10 @@ pub(super) const TOP_KEYS: [&str; 19] = [
     "scenarios",
     "seeds",
     "zip",
-    "environment",
-    "population",
-    "agent",
-    "evaluation",
-    "trial",
-    "search",
-    "exclude",
-    "estimate",
-    "analysis",
 ];
-/// The number of [`TOP_KEYS`] above all tables.
-const ABOVE_TABLES: usize = 10;
+
+/// The tables that are no sections.
+const OTHER_TABLES: [&str; 4] = ["search", "exclude", "estimate", "analysis"];
 
 /// The keys of [`TOP_KEYS`] that are arrays of tables, with double brackets.
 pub(super) const TABLES: [&str; 4] = ["agent", "exclude", "estimate", "analysis"];
@@ -84,10 +81,10 @@ impl Reader<'_> {
             self.top_key(&mut draft, &inherited, key.get_ref(), node);
         }
         for (key, node) in free {
-            self.setting(&mut draft.environment, key, node);
+            self.setting(&mut draft.sections[SectionName::Environment], key, node);
         }
         // Keys above all tables that stand in a table have been reported, and are read all the same.
-        for key in TOP_KEYS[..ABOVE_TABLES].iter().filter(|key| **key != "name") {
+        for key in ABOVE_TABLES.iter().filter(|key| **key != "name") {
             let stray = tables_of(root).find_map(|table| table.get(*key));
             if let Some(node) = stray.filter(|_| !root.contains_key(*key)) {
                 self.top_key(&mut draft, &inherited, key, node);
@@ -95,7 +92,7 @@ impl Reader<'_> {
         }
         for (name, span) in std::mem::take(&mut self.misplaced) {
             if let Some((place, _)) = Section::Environment(family).find(name) {
-                draft.environment.mark_invalid(place, span);
+                draft.sections[SectionName::Environment].mark_invalid(place, span);
             }
         }
         let seeds = draft.seeds.as_ref().map(|seeds| seeds.span);
@@ -124,30 +121,6 @@ impl Reader<'_> {
                 let value = self.seeds("seeds", node);
                 draft.seeds = Some(Located { value, span: node.span().into() });
             }
-            "environment" => {
-                let others = match self.family.is_external() {
-                    true => &[FAMILY, PARAMETERS][..],
-                    false => &[FAMILY],
-                };
-                let read = self.section(Section::Environment(self.family), others, node);
-                draft.environment.override_with(read);
-            }
-            "population" if self.family.people.is_empty() => {
-                let people = match self.family.is_external() {
-                    true => "a program may draw its own people",
-                    false => "the people come from the file that [environment] names",
-                };
-                let says = format!(
-                    "`population` does not apply to the family {}: {people}",
-                    self.family.name
-                );
-                self.faults.add(Fault::at(node.span().into(), says).help("remove the table"));
-            }
-            "population" => {
-                draft.population = self.section(Section::Population(self.family), &[], node);
-            }
-            "evaluation" => draft.evaluation = self.section(Section::Evaluation, &[], node),
-            "trial" => draft.trial = self.trial(node),
             "search" => {
                 let span = node.span().into();
                 draft.search = self.search(node).map(|value| Located { value, span });
@@ -158,13 +131,41 @@ impl Reader<'_> {
             "exclude" => self.exclusions(draft, node),
             "estimate" => self.estimates(draft, node),
             "analysis" => self.analyses(draft, node),
-            _ => {}
+            other => {
+                let name = SectionName::named(other);
+                if let Some(section) = name.and_then(|name| Section::opened(name, self.family)) {
+                    self.shared_section(draft, section, node);
+                }
+            }
         }
     }
 
+    /// Reads a section that agents share.
+    fn shared_section(&mut self, draft: &mut Draft, section: Section, node: &Node) {
+        let read = match section {
+            Section::Environment(family) => {
+                let others =
+                    if family.is_external() { &[FAMILY, PARAMETERS][..] } else { &[FAMILY] };
+                self.section(section, others, node)
+            }
+            Section::Population(family) if family.people.is_empty() => {
+                let people = match family.is_external() {
+                    true => "a program may draw its own people",
+                    false => "the people come from the file that [environment] names",
+                };
+                let says =
+                    format!("`population` does not apply to the family {}: {people}", family.name);
+                self.faults.add(Fault::at(node.span().into(), says).help("remove the table"));
+                return;
+            }
+            Section::Trial(_) => self.trial(section, node),
+            _ => self.section(section, &[], node),
+        };
+        draft.sections[section.which()].override_with(read);
+    }
+
     /// The keys of `[trial]`. Its tables `entry` and `update` are keys that begin with their names.
-    fn trial(&mut self, node: &Node) -> Settings {
-        let section = Section::Trial(true);
+    fn trial(&mut self, section: Section, node: &Node) -> Settings {
         let Some(table) = node.get_ref().as_table() else {
             return self.section(section, &[], node);
         };
@@ -201,8 +202,11 @@ impl Reader<'_> {
         let fault = Fault::at(span, format!("unknown key `{}`", shortened(found)));
         self.faults.add(belonging(fault, None, found, &TOP_KEYS));
         match Section::Environment(self.family).find(found) {
-            Some((place, _)) => draft.environment.mark_invalid(place, span),
-            None => draft.mark_invalid(nearest(found, TOP_KEYS).unwrap_or_default(), span),
+            Some((place, _)) => {
+                draft.sections[SectionName::Environment].mark_invalid(place, span);
+            }
+            None => draft
+                .mark_invalid(nearest(found, TOP_KEYS.iter().copied()).unwrap_or_default(), span),
         }
     }
 
@@ -464,7 +468,7 @@ impl Reader<'_> {
         let Some((place, known)) = section.find(key) else { return };
         let span = node.span().into();
         settings.mark_invalid(place, span);
-        if algorithm_of(section).is_none() {
+        if section.algorithm().is_none() {
             let says = format!("`{key}`: only keys of an [[agent]] are drawn");
             let help =
                 "a race compares settings of an agent in one environment; write a list or a range";
@@ -477,9 +481,9 @@ impl Reader<'_> {
     }
 
     fn unknown_key(&mut self, section: Section, span: Span, found: &str, others: &[&str]) {
-        let place = match algorithm_of(section) {
+        let place = match section.algorithm() {
             Some(algorithm) => format!("an [[agent]] with algorithm = \"{}\"", algorithm.name()),
-            None => format!("[{}]", section.name()),
+            None => section.header(),
         };
         let message = format!("unknown key `{}` in {place}", shortened(found));
         let names: Vec<&str> = section.keys().iter().map(|key| key.name).collect();
@@ -547,7 +551,7 @@ impl Reader<'_> {
         written: &DeTable,
     ) -> Result<AgentDraft, Option<Located<String>>> {
         let mut others = vec!["name", "label", "algorithm"];
-        let of_agents = Section::all().into_iter().filter(|one| algorithm_of(*one).is_some());
+        let of_agents = Section::all().into_iter().filter(|one| one.algorithm().is_some());
         let mut known: Vec<&str> =
             of_agents.flat_map(|section| section.keys()).map(|key| key.name).collect();
         known.extend(others.iter().chain([&PARAMETERS]));
@@ -671,20 +675,9 @@ fn tables_of<'r, 'n>(root: &'r DeTable<'n>) -> impl Iterator<Item = &'r DeTable<
     })
 }
 
-/// The algorithm that a section belongs to; `None` for other sections.
-fn algorithm_of(section: Section) -> Option<&'static Algorithm> {
-    match section {
-        Section::Agent(algorithm) => Some(algorithm),
-        Section::Environment(_)
-        | Section::Population(_)
-        | Section::Evaluation
-        | Section::Trial(_) => None,
-    }
-}
-
 /// Adds a hint to a fault: where a key belongs, or which key was probably meant.
 fn belonging(fault: Fault, here: Option<Section>, found: &str, names: &[&str]) -> Fault {
-    if here.is_some() && TOP_KEYS[..ABOVE_TABLES].contains(&found) {
+    if here.is_some() && ABOVE_TABLES.contains(&found) {
         return fault.help(format!("`{found}` belongs above the first table"));
     }
     let mut elsewhere: Vec<Section> = Section::all()
@@ -694,10 +687,10 @@ fn belonging(fault: Fault, here: Option<Section>, found: &str, names: &[&str]) -
     // A key of another family stands in the right table.
     let of_family = |section: &Section| matches!(section, Section::Environment(_));
     elsewhere.sort_by_key(|section| !(here.as_ref().is_some_and(of_family) && of_family(section)));
-    let agent_here = here.and_then(algorithm_of);
-    match elsewhere.first().map(|section| (*section, algorithm_of(*section), here)) {
+    let agent_here = here.and_then(Section::algorithm);
+    match elsewhere.first().map(|section| (*section, section.algorithm(), here)) {
         Some((_, Some(_), Some(Section::Agent(_)))) => {
-            let others = elsewhere.iter().filter_map(|section| algorithm_of(*section));
+            let others = elsewhere.iter().filter_map(|section| section.algorithm());
             let others: Vec<String> = others.map(|other| format!("{:?}", other.name())).collect();
             fault.help(format!("`{found}` is a key of {}", others.join(", ")))
         }
@@ -706,7 +699,7 @@ fn belonging(fault: Fault, here: Option<Section>, found: &str, names: &[&str]) -
             fault.help(format!("`{found}` is a key of the family {}", family.name))
         }
         Some((section, None, _)) => {
-            fault.help(format!("`{found}` belongs in [{}]", section.name()))
+            fault.help(format!("`{found}` belongs in {}", section.header()))
         }
         None if here.is_none() && nearest(found, TABLES).is_some() => {
             let table = nearest(found, TABLES).unwrap_or_default();
@@ -716,14 +709,14 @@ fn belonging(fault: Fault, here: Option<Section>, found: &str, names: &[&str]) -
             fault.help("did you mean `episodes`, the budget of training?")
         }
         None if nearest(found, names.iter().copied()).is_none() => {
-            let keys = Section::all().into_iter().flat_map(|section| {
-                section.keys().iter().map(move |key| (section.name(), key.name))
-            });
-            let keys: Vec<(&str, &str)> = keys.collect();
+            let keys = Section::all()
+                .into_iter()
+                .flat_map(|section| section.keys().iter().map(move |key| (section, key.name)));
+            let keys: Vec<(Section, &str)> = keys.collect();
             let meant = nearest(found, keys.iter().map(|(_, key)| *key));
             match keys.iter().find(|(_, key)| Some(*key) == meant) {
                 Some((section, key)) => {
-                    fault.help(format!("did you mean `{key}` of {}?", brackets(section)))
+                    fault.help(format!("did you mean `{key}` of {}?", section.header()))
                 }
                 None => fault.one_of(
                     if here.is_some() { "its" } else { "the manifest's" },
@@ -734,9 +727,4 @@ fn belonging(fault: Fault, here: Option<Section>, found: &str, names: &[&str]) -
         }
         None => fault.one_of(if here.is_some() { "its" } else { "the manifest's" }, names, found),
     }
-}
-
-/// The header of a section.
-fn brackets(section: &str) -> String {
-    if TABLES.contains(&section) { format!("[[{section}]]") } else { format!("[{section}]") }
 }

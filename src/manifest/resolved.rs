@@ -3,15 +3,15 @@
 use std::fmt::{self, Write};
 
 use crate::env::Family;
-use crate::job::{Condition, Messages, StandardErrors, Treatment};
-use crate::key::{Key, Parameter, Value};
+use crate::job::Condition;
+use crate::key::{Key, Parameter, SectionName, Value};
 use crate::manifest::analysis::declared::Analysis;
-use crate::manifest::analysis::field::Fields;
 use crate::manifest::analysis::participants;
 use crate::manifest::declared::{DeclaredAgent, Manifest};
+use crate::manifest::estimate;
 use crate::manifest::estimate::declared::DeclaredEstimate;
-use crate::manifest::parameter::Parameters;
 use crate::manifest::read::FORMAT;
+use crate::manifest::table::Fields;
 use crate::manifest::text::written::{self, list, quoted};
 use crate::manifest::value::free::FAMILY;
 
@@ -48,32 +48,17 @@ impl Manifest {
         if !zips.is_empty() {
             writeln!(out, "zip = {}", list(&zips))?;
         }
-        writeln!(out, "\n[environment]")?;
-        if self.family() != Family::first() {
-            writeln!(out, "{FAMILY} = \"{}\"", self.family().name)?;
-        }
-        write_parameters(out, &self.environment)?;
-        // Skipped if all keys have their defaults: the list is long, and participants rarely differ.
-        let is_given = |(key, values): (&Key, &[Value])| {
-            key.default().as_ref().is_none_or(|it| values != [it.clone()])
-        };
-        if self.population.iter().any(is_given) {
-            writeln!(out, "\n[population]")?;
-            write_parameters(out, &self.population)?;
-        }
-        for agent in &self.agents {
-            writeln!(out)?;
-            write_head(out, agent)?;
-            write_agent_parameters(out, agent)?;
-        }
-        writeln!(out, "\n[evaluation]")?;
-        write_parameters(out, &self.evaluation)?;
-        if self.has_trial() {
-            writeln!(out, "\n[trial]")?;
-            write_parameters(out, &self.trial)?;
+        for section in SectionName::ALL {
+            match section {
+                SectionName::Agent => {
+                    self.agents.iter().try_for_each(|agent| write_agent(out, agent))?;
+                }
+                shared => self.write_section(out, shared)?,
+            }
         }
         if let Some(search) = &self.search {
-            write!(out, "\n[search]\n{search}")?;
+            writeln!(out, "\n[search]")?;
+            write_table(out, Fields::written(search))?;
         }
         for exclusion in &self.exclusions {
             writeln!(out, "\n[[exclude]]")?;
@@ -84,6 +69,26 @@ impl Manifest {
         }
         self.estimates.iter().try_for_each(|estimate| write_estimate(out, estimate))?;
         self.analyses.iter().try_for_each(|analysis| write_analysis(out, analysis))
+    }
+
+    fn write_section(&self, out: &mut String, name: SectionName) -> fmt::Result {
+        let parameters = &self.sections[name];
+        let is_given = |(key, values): (&Key, &[Value])| {
+            key.default().as_ref().is_none_or(|it| values != [it.clone()])
+        };
+        let is_written = match name {
+            // The list is long, and participants rarely differ.
+            SectionName::Population => parameters.iter().any(is_given),
+            _ => parameters.section().is_declared(),
+        };
+        if !is_written {
+            return Ok(());
+        }
+        writeln!(out, "\n{}", parameters.section().header())?;
+        if name == SectionName::Environment && self.family() != Family::first() {
+            writeln!(out, "{FAMILY} = \"{}\"", self.family().name)?;
+        }
+        parameters.iter().try_for_each(|(key, values)| write_key(out, key, values))
     }
 }
 
@@ -120,12 +125,10 @@ fn text_of(value: &Value) -> String {
     }
 }
 
-fn write_parameters(out: &mut String, parameters: &Parameters) -> fmt::Result {
-    parameters.iter().try_for_each(|(key, values)| write_key(out, key, values))
-}
-
-/// The keys of an agent, with the draws of a search in place of the drawn values.
-fn write_agent_parameters(out: &mut String, agent: &DeclaredAgent) -> fmt::Result {
+/// An agent, with the draws of a search in place of the drawn values.
+fn write_agent(out: &mut String, agent: &DeclaredAgent) -> fmt::Result {
+    writeln!(out)?;
+    write_head(out, agent)?;
     let section = agent.parameters.section();
     agent.parameters.iter().try_for_each(|(key, values)| {
         let parameter = section.parameter(key.name);
@@ -147,30 +150,13 @@ fn write_key(out: &mut String, key: &Key, values: &[Value]) -> fmt::Result {
 }
 
 fn write_estimate(out: &mut String, estimate: &DeclaredEstimate) -> fmt::Result {
-    let of = &estimate.declaration;
-    let texts = |list: &[String]| written::list(&list.iter().map(quoted).collect::<Vec<_>>());
-    let treatment = match of.treatment {
-        Treatment::Action(action) => action.to_string(),
-        Treatment::Messages(Messages::Any) => quoted(Treatment::WORDS[0]),
-        Treatment::Messages(Messages::Each) => quoted(Treatment::WORDS[1]),
-    };
-    writeln!(
-        out,
-        "\n[[estimate]]\nname = {}\nestimator = {}",
-        quoted(&of.name),
-        quoted(&of.estimator)
-    )?;
-    writeln!(out, "outcome = {}\ntreatment = {treatment}", quoted(&of.outcome))?;
-    writeln!(out, "control = {}\nmoderators = {}", texts(&of.control), texts(&of.moderators))?;
-    writeln!(out, "numerator = {:?}", of.numerator)?;
-    if of.standard_errors != StandardErrors::default() {
-        writeln!(out, "standard_errors = {}", quoted(of.standard_errors.word()))?;
-    }
-    if of.truth {
-        writeln!(out, "truth = true")?;
-    }
-    let agents = estimate.agents.as_ref();
-    agents.iter().try_for_each(|agents| writeln!(out, "agents = {}", texts(agents)))
+    writeln!(out, "\n[[estimate]]\nname = {}", quoted(&estimate.declaration.name))?;
+    write_table(out, estimate::keys::written(estimate))
+}
+
+/// The keys of a table with their values.
+fn write_table(out: &mut String, written: Vec<(&str, String)>) -> fmt::Result {
+    written.into_iter().try_for_each(|(key, value)| writeln!(out, "{key} = {value}"))
 }
 
 fn write_analysis(out: &mut String, analysis: &Analysis) -> fmt::Result {
@@ -184,10 +170,7 @@ fn write_analysis(out: &mut String, analysis: &Analysis) -> fmt::Result {
     range
         .iter()
         .try_for_each(|range| writeln!(out, "participants = {}", participants::written(range)))?;
-    for (key, value) in analysis.kind.written().into_iter().chain(Fields::written(&analysis.figure))
-    {
-        writeln!(out, "{key} = {value}")?;
-    }
+    write_table(out, [analysis.kind.written(), Fields::written(&analysis.figure)].concat())?;
     // Written last, because keys below its header belong to it.
     if !analysis.conditions.is_empty() {
         writeln!(out, "[analysis.where]")?;
@@ -232,7 +215,7 @@ mod tests {
         assert_eq!(resolved.question.as_deref(), Some("two\nlines\t\u{7f} \\ "));
         assert_eq!(resolved.hypothesis.as_deref(), Some(""));
         assert!(resolved.seeds().eq([5, 1]));
-        assert_eq!(resolved.environment, written.environment);
+        assert_eq!(resolved.sections, written.sections);
         assert_eq!(resolved.agents, written.agents);
     }
 }

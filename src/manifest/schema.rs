@@ -4,7 +4,7 @@ use serde_json::{Map, Value as Json, json};
 
 use crate::agent::Algorithm;
 use crate::env::{Family, Feature};
-use crate::key::{Key, Kind};
+use crate::key::{Key, Kind, SectionName};
 use crate::manifest::analysis::kind::KINDS;
 use crate::manifest::limits::MOST_JOBS;
 use crate::manifest::parameter::{named, parameters};
@@ -12,6 +12,7 @@ use crate::manifest::preset;
 use crate::manifest::read::{FORMAT, LONGEST_NAME, LONGEST_TIME_LIMIT, MOST_ENTRIES};
 use crate::manifest::search::draw::DrawForm;
 use crate::manifest::section::Section;
+use crate::manifest::table::table_schema;
 use crate::manifest::value::free::{FAMILY, PARAMETERS};
 use crate::manifest::value::range::MOST_VALUES;
 use crate::manifest::value::schema::{list, value, values};
@@ -62,22 +63,34 @@ pub fn schema() -> Json {
                 "uniqueItems": true,
                 "items": { "$ref": "#/$defs/parameter" },
             },
-            "population": section(Section::Population(Family::first()), Map::new()),
-            "evaluation": section(Section::Evaluation, Map::new()),
-            "trial": trial(),
-            "search": search::read::schema(),
+            "search": search::declared::schema(),
             "exclude": exclude(),
-            "estimate": estimate::read::schema(),
+            "estimate": table_schema(&estimate::keys::keys()),
             "analysis": analysis(),
         },
     });
     for algorithm in Algorithm::all() {
         schema["$defs"][algorithm.name()] = agent(algorithm);
     }
+    for section_of in others() {
+        let own = match section_of {
+            Section::Trial(_) => trial(section_of),
+            _ => section(section_of, Map::new()),
+        };
+        schema["$defs"][section_of.name()] = own;
+        let reference = format!("#/$defs/{}", section_of.name());
+        schema["properties"][section_of.name()] = json!({ "$ref": reference });
+    }
     for family in Family::all() {
         schema["$defs"][Section::Environment(family).title()] = environment(family);
     }
     schema
+}
+
+/// The sections that agents share besides the environment.
+fn others() -> impl Iterator<Item = Section> {
+    let names = SectionName::ALL.into_iter().filter(|name| *name != SectionName::Environment);
+    names.filter_map(|name| Section::opened(name, Family::first()))
 }
 
 /// Environments of a family.
@@ -96,8 +109,7 @@ fn environment(family: &'static Family) -> Json {
 }
 
 /// A trial. Keys that begin with `entry_` or `update_` may stand in a table.
-fn trial() -> Json {
-    let section_of = Section::Trial(true);
+fn trial(section_of: Section) -> Json {
     let of = |prefix: &str| {
         let keys = section_of.keys().iter().filter_map(|key| {
             Some((key.name.strip_prefix(prefix)?.strip_prefix('_')?.to_owned(), swept(key)))
@@ -170,9 +182,6 @@ fn top() -> Json {
                     .collect::<Vec<_>>(),
             },
         },
-        "population": { "$ref": "#/$defs/population" },
-        "evaluation": { "$ref": "#/$defs/evaluation" },
-        "trial": { "$ref": "#/$defs/trial" },
         "search": described(
             "a search for the best of drawn settings, by a race over seeds",
             json!({ "$ref": "#/$defs/search" }),
@@ -348,9 +357,7 @@ fn exclude() -> Json {
     let environments = || Family::all().iter().map(|family| Section::Environment(family));
     let mut of_environments: Map<String, Json> = environments().flat_map(keys).collect();
     of_environments.insert(PARAMETERS.to_owned(), free_parameters());
-    let people = Section::Population(Family::first());
-    let short = environments().chain([people, Section::Evaluation, Section::Trial(true)]);
-    let short = short.flat_map(keys).chain(of_agents.clone());
+    let short = environments().chain(others()).flat_map(keys).chain(of_agents.clone());
     let short: Map<String, Json> = short
         .filter(|(key, _)| Family::all().iter().any(|family| named(family, key).is_some()))
         .collect();
@@ -360,10 +367,8 @@ fn exclude() -> Json {
         ("seed".to_owned(), one_or_more("#/$defs/seed")),
         ("environment".to_owned(), table(of_environments)),
         ("agent".to_owned(), table(of_agents)),
-        ("population".to_owned(), table(keys(people))),
-        ("evaluation".to_owned(), table(keys(Section::Evaluation))),
-        ("trial".to_owned(), table(keys(Section::Trial(true)))),
     ]);
+    properties.extend(others().map(|section| (section.name().to_owned(), table(keys(section)))));
     let mut schema = table(properties);
     schema["minProperties"] = json!(1);
     schema
@@ -371,17 +376,12 @@ fn exclude() -> Json {
 
 fn analysis() -> Json {
     let kinds = KINDS.iter().map(|kind| {
-        let properties = kind.keys().into_iter();
-        let properties =
-            properties.map(|key| (key.name.to_owned(), described(key.doc.trim(), (key.schema)())));
-        let mut properties: Map<String, Json> = properties.collect();
-        properties.insert("kind".to_owned(), json!({ "const": kind.word }));
-        json!({
-            "type": "object",
-            "additionalProperties": false,
-            "required": ["name", "kind"],
-            "properties": properties,
-        })
+        let mut schema = table_schema(&kind.keys());
+        schema["properties"]["kind"] = json!({ "const": kind.word });
+        if let Some(required) = schema["required"].as_array_mut() {
+            required.insert(1, json!("kind"));
+        }
+        schema
     });
     json!({ "anyOf": kinds.collect::<Vec<_>>() })
 }

@@ -1,9 +1,11 @@
 //! The sections of a manifest, and their keys.
 
+use std::ops::{Index, IndexMut};
+
 use crate::agent::Algorithm;
 use crate::env::Family;
 use crate::job::{Evaluation, Trial};
-use crate::key::{Key, Keyed, Parameter};
+use crate::key::{Key, Keyed, Parameter, SectionName};
 
 /// The part of a manifest that a key belongs to, and the first part of its dotted name.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -37,15 +39,63 @@ impl Section {
             .collect()
     }
 
+    /// The section of this name that agents of an environment of this family share; `None` for agents, of which
+    /// each has its own. A manifest need not declare a trial.
+    fn shared(name: SectionName, family: &'static Family, has_trial: bool) -> Option<Section> {
+        Some(match name {
+            SectionName::Environment => Section::Environment(family),
+            SectionName::Population => Section::Population(family),
+            SectionName::Agent => return None,
+            SectionName::Evaluation => Section::Evaluation,
+            SectionName::Trial => Section::Trial(has_trial),
+        })
+    }
+
+    /// The section of this name that a manifest about this family opens; `None` for agents.
+    pub fn opened(name: SectionName, family: &'static Family) -> Option<Section> {
+        Section::shared(name, family, true)
+    }
+
+    /// Which section it is.
+    pub fn which(self) -> SectionName {
+        match self {
+            Section::Environment(_) => SectionName::Environment,
+            Section::Population(_) => SectionName::Population,
+            Section::Agent(_) => SectionName::Agent,
+            Section::Evaluation => SectionName::Evaluation,
+            Section::Trial(_) => SectionName::Trial,
+        }
+    }
+
     /// The section's name in a manifest and in dotted names.
     pub fn name(self) -> &'static str {
-        match self {
-            Section::Environment(_) => "environment",
-            Section::Population(_) => "population",
-            Section::Agent(_) => "agent",
-            Section::Evaluation => "evaluation",
-            Section::Trial(_) => "trial",
+        self.which().word()
+    }
+
+    /// The header of the section.
+    pub fn header(self) -> String {
+        match self.algorithm() {
+            Some(_) => format!("[[{}]]", self.name()),
+            None => format!("[{}]", self.name()),
         }
+    }
+
+    /// The family of an environment and its population.
+    pub fn family(self) -> Option<&'static Family> {
+        match self {
+            Section::Environment(family) | Section::Population(family) => Some(family),
+            Section::Agent(_) | Section::Evaluation | Section::Trial(_) => None,
+        }
+    }
+
+    /// The algorithm of an agent.
+    pub fn algorithm(self) -> Option<&'static Algorithm> {
+        if let Section::Agent(algorithm) = self { Some(algorithm) } else { None }
+    }
+
+    /// Whether jobs have the section: all but a trial that the manifest does not declare.
+    pub fn is_declared(self) -> bool {
+        self != Section::Trial(false)
     }
 
     /// The unique title of the section: its name, or the name of its algorithm.
@@ -83,13 +133,59 @@ impl Section {
 
     /// The key called `name` of this section, as a parameter.
     pub fn parameter(self, name: &'static str) -> Parameter {
-        match self {
-            Section::Environment(_) => Parameter::Environment(name),
-            Section::Population(_) => Parameter::Population(name),
-            Section::Agent(_) => Parameter::Agent(name),
-            Section::Evaluation => Parameter::Evaluation(name),
-            Section::Trial(_) => Parameter::Trial(name),
-        }
+        self.which().parameter(name)
+    }
+}
+
+/// One value for each section that agents share.
+#[derive(Clone, Debug, PartialEq)]
+pub struct SharedSections<T>(Vec<(SectionName, T)>);
+
+impl<T> SharedSections<T> {
+    /// The values that `value_of` returns for the sections of a manifest about this family that declares no trial.
+    pub(super) fn of(family: &'static Family, value_of: fn(Section) -> T) -> SharedSections<T> {
+        let shared = |name| Some((name, value_of(Section::shared(name, family, false)?)));
+        SharedSections(SectionName::ALL.into_iter().filter_map(shared).collect())
+    }
+
+    /// The results of `change` for all sections.
+    pub(super) fn map<U>(&self, change: impl Fn(SectionName, &T) -> U) -> SharedSections<U> {
+        SharedSections(self.0.iter().map(|(name, value)| (*name, change(*name, value))).collect())
+    }
+
+    /// The sections with their values, in the order of grids.
+    pub fn iter(&self) -> impl Iterator<Item = (SectionName, &T)> {
+        self.0.iter().map(|(name, value)| (*name, value))
+    }
+
+    /// All values.
+    pub(super) fn values_mut(&mut self) -> impl Iterator<Item = &mut T> {
+        self.0.iter_mut().map(|(_, value)| value)
+    }
+
+    /// The sections with their values.
+    pub(super) fn into_iter(self) -> impl Iterator<Item = (SectionName, T)> {
+        self.0.into_iter()
+    }
+}
+
+/// # Panics
+/// For agents, of which each has its own section.
+impl<T> Index<SectionName> for SharedSections<T> {
+    type Output = T;
+
+    fn index(&self, section: SectionName) -> &T {
+        let found = self.0.iter().find(|(name, _)| *name == section);
+        &found.expect("agents share the section").1
+    }
+}
+
+/// # Panics
+/// For agents, of which each has its own section.
+impl<T> IndexMut<SectionName> for SharedSections<T> {
+    fn index_mut(&mut self, section: SectionName) -> &mut T {
+        let found = self.0.iter_mut().find(|(name, _)| *name == section);
+        &mut found.expect("agents share the section").1
     }
 }
 

@@ -12,12 +12,14 @@ use toml_edit::{Array, ArrayOfTables, DocumentMut, Item, Table, TableLike, Value
 
 use crate::job::short_name;
 use crate::key::printable;
-use crate::key::{Parameter, free_key};
+use crate::key::{Parameter, SectionName, free_key};
 use crate::manifest::commas::decimal_comma;
 use crate::manifest::declared::Manifest;
 use crate::manifest::load::{load_from, parse_from, read_text};
 use crate::manifest::parameter::{is_in, parameters};
 use crate::manifest::search;
+use crate::manifest::search::declared::Search;
+use crate::manifest::table::{Fields, names};
 use crate::manifest::text::edits::Edits;
 use crate::manifest::text::fault::{Fault, Faults, nearest};
 use crate::manifest::text::source::Source;
@@ -216,7 +218,7 @@ fn with<'s>(manifest: &Manifest, overrides: &'s [Override]) -> Result<Edited<'s>
                 }
                 put(table, key, set.value_of(key));
                 // An option that says when arms leave replaces the manifest's way.
-                if let Some(other) = search::read::other_way(section, key)
+                if let Some(other) = search::declared::other_way(section, key)
                     && !overrides.iter().any(|set| set.key == format!("search.{other}"))
                 {
                     table.remove(other);
@@ -350,8 +352,9 @@ fn place<'m>(manifest: &'m Manifest, set: &Override) -> Result<Place<'m>, Fault>
     }
     let fault = |message: String| Fault::whole(format!("--set {set}: {message}"));
     if let (Some(short), Some(_)) = (key.strip_prefix("search."), &manifest.search) {
-        let known = search::read::KEYS.into_iter().find(|known| *known == short);
-        let unknown = || fault(format!("no key `{key}`")).nearest(short, search::read::KEYS);
+        let keys = names(&Search::keys());
+        let known = keys.iter().copied().find(|known| *known == short);
+        let unknown = || fault(format!("no key `{key}`")).nearest(short, keys);
         return Ok(Place::Section("search", known.ok_or_else(unknown)?));
     }
     let ambiguous = |names: &[String]| {
@@ -410,10 +413,6 @@ fn place<'m>(manifest: &'m Manifest, set: &Override) -> Result<Place<'m>, Fault>
         })
         .collect();
     match meant.as_slice() {
-        [Parameter::Environment(key)] => Ok(Place::Section("environment", key)),
-        [Parameter::Population(key)] => Ok(Place::Section("population", key)),
-        [Parameter::Evaluation(key)] => Ok(Place::Section("evaluation", key)),
-        [Parameter::Trial(key)] => Ok(Place::Section("trial", key)),
         [Parameter::Agent(key)] => agents(manifest, key, |_| true)
             .ok_or_else(|| fault(format!("no agent has a key `{key}`"))),
         [Parameter::Job(_)] | [] => {
@@ -431,6 +430,10 @@ fn place<'m>(manifest: &'m Manifest, set: &Override) -> Result<Place<'m>, Fault>
                 Some(meant) => unknown.help(format!("did you mean `{meant}`?")),
                 None => unknown,
             })
+        }
+        [shared] => {
+            let section = shared.section().map_or("", SectionName::word);
+            Ok(Place::Section(section, shared.key()))
         }
         several => Err(ambiguous(&several.iter().map(Parameter::to_string).collect::<Vec<_>>())),
     }

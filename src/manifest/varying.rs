@@ -4,6 +4,7 @@ use std::collections::{BTreeMap, HashMap};
 use std::hash::Hash;
 
 use crate::job::distinct;
+use crate::key::SectionName;
 use crate::manifest::declared::Manifest;
 
 /// The parameters in which the jobs of each agent differ, except scenario and seed.
@@ -36,14 +37,8 @@ impl Varying {
     pub fn of(manifests: &[Manifest]) -> Varying {
         let agents = manifests.iter().flat_map(|one| one.agents.iter().map(move |a| (one, a)));
         Varying::among(agents.flat_map(|(manifest, agent)| {
-            let sections = [
-                &manifest.environment,
-                &manifest.population,
-                &agent.parameters,
-                &manifest.evaluation,
-            ];
-            let trial = manifest.has_trial().then_some(&manifest.trial);
-            let keys = sections.into_iter().chain(trial).flat_map(|parameters| {
+            let sections = SectionName::ALL.map(|section| manifest.parameters(agent, section));
+            let keys = sections.into_iter().flat_map(|parameters| {
                 let name = |key: &str| format!("{}.{key}", parameters.section().name());
                 parameters.iter().map(move |(key, values)| (name(key.name), values))
             });

@@ -3,12 +3,9 @@
 use std::sync::Arc;
 
 use super::staged::Staged;
-use crate::agent::Agent;
-use crate::env::Environment;
-use crate::job::{
-    Evaluation, Job, Parts, PlannedJob, Trial, agent_text, environment_text, people_text, text,
-};
-use crate::manifest::{Cell, Grid, Manifest, Section, Stage};
+use crate::job::{Job, PlannedJob};
+use crate::key::{PerSection, SectionName};
+use crate::manifest::{Cell, Grid, Manifest, Stage};
 
 /// The number of jobs that [`jobs`] yields, without expanding them.
 pub fn count(manifest: &Manifest) -> u64 {
@@ -50,62 +47,29 @@ struct AgentJobs<'m> {
     typed: Option<Typed>,
 }
 
-/// The typed parameters of a cell, kept because neighbouring cells share most of them.
+/// The job of a cell with the texts of its sections, kept because neighbouring cells share most of them.
 struct Typed {
     cell: Cell,
-    environment: Part<Environment>,
-    people: String,
-    agent: Part<Agent>,
-    evaluation: Part<Evaluation>,
-    /// `None` without a trial.
-    trial: Option<Part<Trial>>,
-}
-
-/// A part of a job with its canonical text.
-struct Part<T> {
-    value: T,
-    text: String,
-}
-
-impl<T> Part<T> {
-    fn of(value: T, written: fn(&T) -> String) -> Part<T> {
-        Part { text: written(&value), value }
-    }
+    job: Job,
+    texts: PerSection<String>,
 }
 
 impl Typed {
     fn of(grid: &Grid, cell: &Cell) -> Typed {
-        let environment = Part::of(grid.environment(cell), environment_text);
-        Typed {
-            people: people_text(&environment.value),
-            environment,
-            agent: Part::of(grid.agent(cell), agent_text),
-            evaluation: Part::of(grid.evaluation(cell), text),
-            trial: grid.trial(cell).map(|trial| Part::of(trial, text)),
-            cell: cell.clone(),
-        }
+        let job = grid.job(cell);
+        Typed { texts: PerSection::of(|section| job.text_of(section)), job, cell: cell.clone() }
     }
 
-    /// Moves to another cell, and keeps the values that both cells share.
+    /// Moves to another cell, and keeps the sections that both cells share.
     fn move_to(&mut self, grid: &Grid, cell: &Cell) {
-        let agree = |section| grid.agree(section, &self.cell, cell);
-        let family = self.environment.value.family();
-        let are_people_equal = agree(Section::Population(family));
-        if !(agree(Section::Environment(family)) && are_people_equal) {
-            self.environment = Part::of(grid.environment(cell), environment_text);
+        for section in SectionName::ALL {
+            if !grid.agree(section, &self.cell, cell) {
+                grid.set_section(&mut self.job, section, cell);
+                self.texts[section] = self.job.text_of(section);
+            }
         }
-        if !are_people_equal {
-            self.people = people_text(&self.environment.value);
-        }
-        if !grid.agree(Section::Agent(grid.algorithm()), &self.cell, cell) {
-            self.agent = Part::of(grid.agent(cell), agent_text);
-        }
-        if !grid.agree(Section::Evaluation, &self.cell, cell) {
-            self.evaluation = Part::of(grid.evaluation(cell), text);
-        }
-        if !grid.agree(Section::Trial(true), &self.cell, cell) {
-            self.trial = grid.trial(cell).map(|trial| Part::of(trial, text));
-        }
+        self.job.scenario = grid.scenario(cell);
+        self.job.seed = grid.seed(cell);
         self.cell.clone_from(cell);
     }
 }
@@ -118,23 +82,7 @@ impl Iterator for AgentJobs<'_> {
         self.next = self.grid.after(&cell);
         let typed = self.typed.get_or_insert_with(|| Typed::of(&self.grid, &cell));
         typed.move_to(&self.grid, &cell);
-        let Typed { environment, people, agent, evaluation, trial, .. } = typed;
-        let job = Job {
-            environment: environment.value.clone(),
-            scenario: self.grid.scenario(&cell).clone(),
-            agent: agent.value.clone(),
-            evaluation: evaluation.value.clone(),
-            trial: trial.as_ref().map(|trial| trial.value.clone()),
-            seed: self.grid.seed(&cell),
-        };
-        let parts = Parts {
-            agent: &agent.text,
-            environment: &environment.text,
-            evaluation: &evaluation.text,
-            population: people,
-            trial: trial.as_ref().map_or("", |trial| &trial.text),
-        };
-        let form = job.form_of(parts);
+        let (job, form) = (typed.job.clone(), typed.job.form_of(&typed.texts));
         Some(PlannedJob { agent: self.name.clone(), job, form })
     }
 }
@@ -142,7 +90,7 @@ impl Iterator for AgentJobs<'_> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::agent::{DuelingDqn, Reinforce, Trunk};
+    use crate::agent::{Agent, DuelingDqn, Reinforce, Trunk};
     use crate::env::StepCount;
     use crate::job::JobKey;
     use crate::key::Keyed;

@@ -192,7 +192,7 @@ impl Filter {
             let sections = planned.job.sections();
             let named = sections.iter().flat_map(|(section, keys, _)| {
                 let free = keys.iter().filter(|key| free_key(key.name).is_some());
-                free.map(move |key| format!("{section}.{}", key.name))
+                free.map(move |key| section.parameter(key.name).to_string())
             });
             let new: Vec<String> = named.filter(|name| !known.contains(name)).collect();
             known.extend(new);

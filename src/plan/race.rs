@@ -156,11 +156,11 @@ pub fn race_jobs(manifest: &Manifest) -> Option<RaceJobs> {
             jobs = RaceJobs { least: jobs.least + count, most: jobs.most + count };
             continue;
         }
-        let seeds = search.race_seeds() + search.fresh.len();
+        let seeds = search.race_seeds() + search.fresh_count();
         // The scenarios and environments of an arm.
         let each = count / (seeds * search.samples) as u64;
         let [least, most] = seeds_of_arms(search);
-        let fresh = search.fresh.len() as u64;
+        let fresh = search.fresh_count() as u64;
         jobs.least += each * (least + fresh);
         jobs.most += each * (most + fresh);
     }
@@ -188,7 +188,7 @@ pub fn race_line(manifest: &Manifest) -> Option<String> {
     Some(format!(
         "a race of {samples} settings of {} over up to {last}, and {}: {jobs}",
         names.join(" and of "),
-        counted(search.fresh.len(), "fresh seed"),
+        counted(search.fresh_count(), "fresh seed"),
     ))
 }
 
@@ -268,7 +268,7 @@ impl<E, S: FnMut(&[JobKey], MetricName) -> Result<Vec<Score>, E>> Course<'_, S> 
     fn fresh(&mut self, arm: usize, stage: Option<Arc<Stage>>) -> Result<Vec<Score>, E> {
         let table = self.scores(stage)?;
         let first = self.search.race_seeds();
-        let seeds = first..first + self.search.fresh.len();
+        let seeds = first..first + self.search.fresh_count();
         Ok(seeds.map(|seed| table.get(&(arm, seed)).copied().unwrap_or(Score::Open)).collect())
     }
 
@@ -386,7 +386,7 @@ impl Race {
                 format!("the best {} go on to {seeds}", kept(keep, self.arms_left()))
             }
             (Some(_), Leaving::Share(_)) | (None, _) => {
-                format!("the best gets {}", counted(search.fresh.len(), "fresh seed"))
+                format!("the best gets {}", counted(search.fresh_count(), "fresh seed"))
             }
         }
     }

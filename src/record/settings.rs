@@ -120,22 +120,14 @@ impl SharedSettings {
 impl Base {
     fn of(planned: &PlannedJob) -> Base {
         let job = &planned.job;
-        let named = |(section, keys, values): (&str, &'static [Key], Vec<Value>)| {
-            let named = keys.iter().zip(values);
-            let named =
-                named.map(|(key, value)| (format!("{section}.{}", key.name), Scalar::from(&value)));
-            named.collect::<Vec<_>>()
-        };
-        let algorithm = Scalar::Text(job.algorithm().to_owned());
-        let mut all = vec![("agent.algorithm".to_owned(), algorithm)];
-        all.extend(job.sections().into_iter().flat_map(named));
-        all.sort_by(|(one, _), (other, _)| one.cmp(other));
+        let mut all = job.parameters();
+        all.retain(|(name, _)| name != "scenario" && name != "seed");
         let place = |name: String| {
             let found = all.binary_search_by(|(known, _)| known.cmp(&name));
             found.expect("every key of every section is among them")
         };
         let sections = job.sections().into_iter().map(|(section, keys, values)| Section {
-            places: keys.iter().map(|key| place(format!("{section}.{}", key.name))).collect(),
+            places: keys.iter().map(|key| place(section.parameter(key.name).to_string())).collect(),
             keys,
             values,
         });

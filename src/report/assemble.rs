@@ -10,7 +10,7 @@ use super::winner::winners;
 use crate::analyse::declared::{carry_out, condense, reproduce, summarise_arms, varying};
 use crate::job::metric::LOWER_QUARTILE_RETURN;
 use crate::job::{Condition, DataPart, RecordedEpisodes, distinct};
-use crate::key::{DIRECTION, Parameter, Value, hidden};
+use crate::key::{DIRECTION, Parameter, SectionName, Value, hidden};
 use crate::manifest::{Analysis, Faults, Manifest, Parameters, Published};
 use crate::plan::{self, Staged};
 use crate::record::{DataSet, JobRecord, JobStatus};
@@ -173,9 +173,8 @@ fn query(manifest: &Manifest, data: &DataSet, analysis: &Analysis) -> DataQuery 
         Condition::texts(Parameter::SCENARIO, manifest.scenarios()),
     ];
     let swept = |parameters: &Parameters| parameters.conditions().collect::<Vec<_>>();
-    declared.extend(swept(&manifest.environment));
-    declared.extend(swept(&manifest.population));
-    declared.extend(swept(&manifest.evaluation));
+    let shared = manifest.sections.iter().filter(|(name, _)| *name != SectionName::Trial);
+    declared.extend(shared.flat_map(|(_, parameters)| swept(parameters)));
     conditions.extend(declared.into_iter().filter(|one| !asked.contains(&one.name())));
     // Agents and scenarios first, then keys by name.
     let place = |condition: &Condition| match condition.parameter {
@@ -189,7 +188,8 @@ fn query(manifest: &Manifest, data: &DataSet, analysis: &Analysis) -> DataQuery 
     let keys = conditions.iter().filter(|one| place(one).0 == 3).map(Condition::name);
     let columns = distinct(varying.into_iter().chain(keys));
     let none = Value::Choice(RecordedEpisodes::None.word());
-    let kept = manifest.evaluation.get("record_episodes").unwrap_or_default();
+    let kept =
+        manifest.sections[SectionName::Evaluation].get("record_episodes").unwrap_or_default();
     let part = match analysis.part() {
         // Where episodes are not recorded, what is computed from them is.
         DataPart::Returns if kept == [none] => DataPart::Metric(analysis.metric),

@@ -155,7 +155,7 @@ impl RaceContext<'_> {
 
     /// What the winner reached on fresh seeds, its shrinkage, and its difference to agents without draws.
     fn on_fresh_seeds(&self, raced: &[f64], fresh: &[(usize, f64)]) -> Vec<String> {
-        let of = self.search.fresh.len();
+        let of = self.search.fresh_count();
         if fresh.is_empty() {
             return vec![format!("On fresh seeds: none of {of} completed")];
         }

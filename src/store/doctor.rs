@@ -34,7 +34,7 @@ pub struct Diagnosis {
 /// A fault of the store.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Discovery {
-    /// The faulty part: `file`, `schema`, `reference`, `job` or `run`.
+    /// The faulty part, such as `schema`, `estimate`, `job` or `run`.
     pub part: &'static str,
     /// The job concerned, if there is one.
     pub job_key: Option<String>,
@@ -209,6 +209,7 @@ pub fn examine(path: &Path, check_weights: CheckWeights<'_>) -> Result<Diagnosis
     examination.invariants();
     examination.implied_parameters();
     examination.earlier_manifests();
+    examination.estimates();
     examination.jobs();
     examination.runs(check_weights);
     Ok(examination.found)
@@ -336,6 +337,13 @@ impl Examination<'_> {
                 let what = "is unknown: damaged, or added by a newer release";
                 self.find("parameter", None, format!("{} {what}", parameter.trim_end()));
             }
+        }
+    }
+
+    fn estimates(&mut self) {
+        match estimate::unread_declarations(self.connection) {
+            Ok(unread) => unread.into_iter().for_each(|what| self.find("estimate", None, what)),
+            Err(error) => self.find("estimate", None, format!("declarations: {error}")),
         }
     }
 

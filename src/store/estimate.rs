@@ -228,19 +228,33 @@ pub(super) fn of_run(
         }
         let declaration = match known.get(&canonical) {
             Some(declaration) => declaration.clone(),
-            // A declaration of a later version, which no manifest of this one can ask for.
+            // No manifest of this version can ask for a declaration of a later one, which `doctor` reports.
             None => match EstimateDeclaration::from_canonical(&canonical) {
-                Some(declaration) => {
+                Ok(declaration) => {
                     let declaration = Arc::new(declaration);
                     known.insert(canonical.clone(), declaration.clone());
                     declaration
                 }
-                None => continue,
+                Err(_) => continue,
             },
         };
         all.push((canonical, Estimates { declaration, terms: vec![estimate] }));
     }
     Ok(all.into_iter().map(|(_, estimates)| estimates).collect())
+}
+
+/// The declarations that cannot be read, each with the reason.
+pub(super) fn unread_declarations(connection: &Connection) -> rusqlite::Result<Vec<String>> {
+    if !are_known(connection)? {
+        return Ok(Vec::new());
+    }
+    let mut statement = connection.prepare("SELECT canonical FROM estimate_declaration")?;
+    let texts = statement.query_map([], |row| row.get::<_, String>(0))?;
+    let unread = |text: String| {
+        let why = EstimateDeclaration::from_canonical(&text).err()?;
+        Some(format!("{text} is damaged, or of a newer release of jitai: {why}"))
+    };
+    texts.filter_map(|text| text.map(unread).transpose()).collect()
 }
 
 /// Estimates of an experiment that could not be computed.

@@ -204,7 +204,7 @@ pub(super) fn read<'j>(
     let worked = Duration::try_from_secs_f64(header.seconds).unwrap_or_default();
     let mut training = Training::new(job).map_err(unstartable)?.after(worked);
     let written = header.estimates.iter();
-    let written = written.map(|text| EstimateDeclaration::from_canonical(text).map(Arc::new));
+    let written = written.map(|text| EstimateDeclaration::from_canonical(text).ok().map(Arc::new));
     training.estimate(&written.collect::<Option<Vec<_>>>().ok_or(CheckpointError::OtherFormat)?);
     training.restore(&mut StateReader::new(&mut from))?;
     if !from.fill_buf()?.is_empty() {

@@ -239,8 +239,8 @@ mod tests {
         StepNoise, VectorEnvironment,
     };
     use crate::job::{
-        EvaluatedOn, Evaluation, Pooling, REWARD, RecordedEpisodes, STEP, StandardErrors, Trial,
-        UpdateData,
+        Estimator, EvaluatedOn, Evaluation, Pooling, REWARD, RecordedEpisodes, STEP,
+        StandardErrors, Trial, UpdateData,
     };
     use crate::key::{Keyed, Value};
 
@@ -276,7 +276,7 @@ mod tests {
         EstimateDeclaration {
             control: Vec::new(),
             less_costs: false,
-            estimator: "wcls".to_owned(),
+            estimator: Estimator::Wcls,
             moderators: moderators.iter().map(|name| (*name).to_owned()).collect(),
             name: "effect".to_owned(),
             numerator: 0.5,

@@ -330,6 +330,24 @@ fn the_view_has_the_declarations_of_the_manifest_as_it_is() {
 }
 
 #[test]
+fn an_estimator_of_a_newer_release_is_named_and_the_others_are_read() {
+    let folder = Folder::completed(&recorded());
+    let before = estimates(&folder);
+    let newer = r#"{"control":[],"estimator":"emee","moderators":[],"name":"odds","numerator":0.5,
+        "outcome":"reward","treatment":"any message"}"#;
+    let store = folder.store();
+    store.execute("INSERT INTO estimate_declaration (canonical) VALUES (?1)", [newer]).unwrap();
+    drop(store);
+    folder
+        .jitai(["doctor"])
+        .ended(3)
+        .prints("or of a newer release of jitai")
+        .prints("the estimator \"emee\" is unknown");
+    assert_eq!(estimates(&folder), before);
+    folder.jitai(["report", "sweep.toml", "--out", "report"]).succeeded();
+}
+
+#[test]
 fn estimates_that_fail_are_counted_with_their_reason() {
     // One person is too few.
     let one = recorded().replace("test_episodes = 40", "test_episodes = 1");

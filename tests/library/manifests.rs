@@ -8,7 +8,7 @@ use std::time::Duration;
 use std::{fs, panic, thread};
 
 use jitai::job::{PlannedJob, Versions};
-use jitai::key::Value;
+use jitai::key::{SectionName, Value};
 use jitai::manifest::{self, Manifest, Section};
 use jitai::plan::{self};
 
@@ -579,5 +579,8 @@ fn integers_stand_for_numbers_without_making_other_jobs() {
         )
     };
     assert_eq!(jobs_of(&text("50")), jobs_of(&text("50.0")));
-    assert_eq!(parsed(&text("50")).environment.get("rho_1"), Some(&[Value::Real(50.0)][..]));
+    assert_eq!(
+        parsed(&text("50")).sections[SectionName::Environment].get("rho_1"),
+        Some(&[Value::Real(50.0)][..])
+    );
 }

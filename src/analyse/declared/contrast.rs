@@ -10,7 +10,8 @@ use crate::analyse::{
     self, Corrected, Detectable, Sample, SeedPairing, Undefined, correct, detectable,
 };
 use crate::job::{MetricName, Scalar, short_name};
-use crate::manifest::{Contrast, Pairing, Published, PublishedRow, Sides};
+use crate::manifest::kind::{Contrast, Pairing};
+use crate::manifest::{Published, PublishedRow, Sides};
 use crate::record::JobRecord;
 
 /// The differences between two sides.

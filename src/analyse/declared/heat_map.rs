@@ -8,7 +8,8 @@ use super::published;
 use super::{Arm, ArmId};
 use crate::analyse::{Contrast, Interval, Sample, SeedPairing, Undefined};
 use crate::job::{Condition, MetricName, short_beside};
-use crate::manifest::{HeatMap, Published, PublishedRow, Sides};
+use crate::manifest::kind::HeatMap;
+use crate::manifest::{Published, PublishedRow, Sides};
 use crate::record::JobRecord;
 
 /// A map of one arm.

@@ -6,7 +6,7 @@ use super::arm::{ArmId, arms, decided_by};
 use crate::analyse::{BeyondChance, Undefined, beyond_chance, quantile};
 use crate::job::{Condition, Scalar};
 use crate::key::{Parameter, Value};
-use crate::manifest::DidItLearn;
+use crate::manifest::kind::DidItLearn;
 use crate::record::JobRecord;
 
 /// The key that removes the effect of messages in a state.

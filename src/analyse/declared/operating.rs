@@ -8,7 +8,7 @@ use crate::analyse::{
 };
 use crate::job::{CONSTANT, Effect, distinct};
 use crate::key::Parameter;
-use crate::manifest::OperatingCharacteristics;
+use crate::manifest::kind::OperatingCharacteristics;
 use crate::record::JobRecord;
 
 /// The number of people of a trial.

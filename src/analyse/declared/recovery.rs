@@ -6,7 +6,7 @@ use std::collections::HashMap;
 use super::arm::{Arm, ArmId, Token, arms};
 use crate::analyse::{self, Recovered, Sample, SeedPairing, Undefined};
 use crate::job::{Condition, Scalar};
-use crate::manifest::Recovery;
+use crate::manifest::kind::Recovery;
 use crate::record::JobRecord;
 
 /// A recovered share of a loss, in one environment.

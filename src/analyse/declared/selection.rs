@@ -7,7 +7,8 @@ use super::arm::{ArmId, Token, arms};
 use crate::analyse::{Interval, Sample, Undefined};
 use crate::job::{MetricName, Scalar};
 use crate::key::Kind;
-use crate::manifest::{Section, SelectionRule};
+use crate::manifest::Section;
+use crate::manifest::kind::SelectionRule;
 use crate::record::JobRecord;
 
 /// The settings of one agent in one scenario and environment, best first. Rankings do not mix

@@ -3,11 +3,10 @@
 use serde_json::{Value as Json, json};
 
 use crate::key::{Kind, Parameter, free_key};
-use crate::manifest::analysis::field::{AnalysisTable, Field};
 use crate::manifest::parameter::{meant, named};
 use crate::manifest::section::Section;
+use crate::manifest::table::{Field, Need, Table};
 use crate::manifest::text::fault::Fault;
-use crate::manifest::text::source::Located;
 use crate::manifest::text::written::quoted;
 use crate::manifest::value::sweep::{Node, Reader};
 
@@ -24,40 +23,39 @@ pub enum CurveAxis {
 pub const ERROR_AXIS: &str = "context_inference_error";
 
 impl Field for CurveAxis {
+    type Value = CurveAxis;
+
     fn schema(_: Option<Kind>) -> Json {
         json!({ "anyOf": [{ "const": ERROR_AXIS }, { "$ref": "#/$defs/parameter" }] })
     }
 
-    fn read(table: &mut AnalysisTable<'_, '_>, key: &str, kind: Option<Kind>) -> Option<CurveAxis> {
+    fn read(table: &mut Table<'_, '_>, key: &str, kind: Option<Kind>) -> Option<CurveAxis> {
         let node = table.node(key);
         if node.is_none_or(|node| node.get_ref().as_str() == Some(ERROR_AXIS)) {
-            let value = Parameter::Environment("sigma");
-            let span = node.map_or(table.span, |node| node.span().into());
-            table.axes.push(Located { value, span });
+            table.need(table.span_of(key), Need::Numbers(Parameter::Environment("sigma")));
             return Some(CurveAxis::ContextInferenceError);
         }
         Parameter::read(table, key, kind).map(CurveAxis::Swept)
     }
 
-    fn written(&self, key: &'static str) -> Vec<(&'static str, String)> {
-        match self {
+    fn written(value: &CurveAxis, key: &'static str) -> Vec<(&'static str, String)> {
+        match value {
             CurveAxis::ContextInferenceError => vec![(key, quoted(&ERROR_AXIS))],
-            CurveAxis::Swept(parameter) => parameter.written(key),
+            CurveAxis::Swept(parameter) => Parameter::written(parameter, key),
         }
     }
 }
 
 /// A parameter with numeric values.
 impl Field for Parameter {
+    type Value = Parameter;
+
     fn schema(_: Option<Kind>) -> Json {
         json!({ "$ref": "#/$defs/parameter" })
     }
 
-    fn read(table: &mut AnalysisTable<'_, '_>, key: &str, _: Option<Kind>) -> Option<Parameter> {
-        let Some(node) = table.node(key) else {
-            table.missing(key, "write the dotted name of a swept parameter");
-            return None;
-        };
+    fn read(table: &mut Table<'_, '_>, key: &str, _: Option<Kind>) -> Option<Parameter> {
+        let node = table.node(key)?;
         let named = node.get_ref().as_str().and_then(|name| named(table.reader.family, name));
         let numeric = named.filter(|parameter| {
             matches!(
@@ -71,14 +69,14 @@ impl Field for Parameter {
             )
         });
         match numeric {
-            Some(value) => table.axes.push(Located { value, span: node.span().into() }),
+            Some(axis) => table.need(node.span().into(), Need::Numbers(axis)),
             None => table.reader.unknown_parameter(key, node, &[ERROR_AXIS]),
         }
         numeric
     }
 
-    fn written(&self, key: &'static str) -> Vec<(&'static str, String)> {
-        vec![(key, quoted(self))]
+    fn written(value: &Parameter, key: &'static str) -> Vec<(&'static str, String)> {
+        vec![(key, quoted(value))]
     }
 }
 

@@ -58,7 +58,7 @@ impl Analysis {
     pub fn part(&self) -> DataPart {
         match self.participants {
             Some(range) => DataPart::Participants(range),
-            None => self.kind.part(self.metric),
+            None => self.kind.rules().part(self.metric),
         }
     }
 }

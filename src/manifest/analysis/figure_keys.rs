@@ -3,10 +3,9 @@
 use serde_json::{Value as Json, json};
 
 use crate::key::{FixedKind, Kind, Parameter, choices};
-use crate::manifest::analysis::field::{AnalysisTable, Field, fields};
 use crate::manifest::parameter::{meant, named};
+use crate::manifest::table::{Field, Need, Table, fields};
 use crate::manifest::text::fault::Fault;
-use crate::manifest::text::source::Located;
 use crate::manifest::text::written::quoted;
 
 fields! {
@@ -69,6 +68,8 @@ choices! {
 }
 
 impl Field for PanelKey {
+    type Value = PanelKey;
+
     fn schema(_: Option<Kind>) -> Json {
         json!({ "anyOf": [
             { "enum": ["agent", "agent.name"] },
@@ -76,7 +77,7 @@ impl Field for PanelKey {
         ] })
     }
 
-    fn read(table: &mut AnalysisTable<'_, '_>, key: &str, _: Option<Kind>) -> Option<PanelKey> {
+    fn read(table: &mut Table<'_, '_>, key: &str, _: Option<Kind>) -> Option<PanelKey> {
         let node = table.node(key)?;
         let found = node.get_ref().as_str().unwrap_or_default();
         if matches!(found, "agent" | "agent.name") {
@@ -84,16 +85,6 @@ impl Field for PanelKey {
         }
         match named(table.reader.family, found) {
             Some(Parameter::SCENARIO) => Some(PanelKey::Scenario),
-            Some(
-                swept @ (Parameter::Environment(_)
-                | Parameter::Population(_)
-                | Parameter::Agent(_)
-                | Parameter::Evaluation(_)
-                | Parameter::Trial(_)),
-            ) => {
-                table.panels.push(Located { value: swept, span: node.span().into() });
-                Some(PanelKey::Key(swept))
-            }
             Some(Parameter::Job(_)) | None => {
                 let expected = "\"agent\", \"scenario\" or the dotted name of a swept key";
                 let found_words = table.reader.found(node);
@@ -106,11 +97,15 @@ impl Field for PanelKey {
                 });
                 None
             }
+            Some(swept) => {
+                table.need(node.span().into(), Need::Values(swept));
+                Some(PanelKey::Key(swept))
+            }
         }
     }
 
-    fn written(&self, key: &'static str) -> Vec<(&'static str, String)> {
-        let word = match self {
+    fn written(value: &PanelKey, key: &'static str) -> Vec<(&'static str, String)> {
+        let word = match value {
             PanelKey::Agent => quoted(&"agent"),
             PanelKey::Scenario => quoted(&"scenario"),
             PanelKey::Key(parameter) => quoted(parameter),

@@ -6,7 +6,6 @@ use crate::env::Scenario;
 use crate::job::Condition;
 use crate::key::{Parameter, Value};
 use crate::manifest::analysis::declared::AnalysisDraft;
-use crate::manifest::analysis::kind::Recovery;
 use crate::manifest::declared::{DeclaredAgent, Manifest};
 use crate::manifest::draft::Draft;
 use crate::manifest::parameter::scenario_of;
@@ -14,11 +13,11 @@ use crate::manifest::presence::absent;
 use crate::manifest::text::fault::{Fault, FaultList};
 use crate::manifest::text::source::Located;
 
-/// Reports a recovery without an optimum, or with a side that no job can be on.
-pub(in crate::manifest) fn of_recovery(
+/// Reports a recovery without an optimum, or with a group of conditions that no job meets.
+pub(in crate::manifest) fn of_groups(
     draft: &Draft,
     manifest: &Manifest,
-    (analysis, recovery): (&AnalysisDraft, &Recovery),
+    (analysis, groups): (&AnalysisDraft, [(&str, &[Condition]); 2]),
     faults: &mut FaultList,
 ) {
     let is_absent = |one: &Located<Condition>| absent(draft, manifest, &one.value).is_some();
@@ -38,7 +37,7 @@ pub(in crate::manifest) fn of_recovery(
         };
         faults.add(Fault::at(analysis.span, message.to_owned()).help(help));
     }
-    for (side, conditions) in [("with", &recovery.with), ("without", &recovery.without)] {
+    for (side, conditions) in groups {
         let all: Vec<&Condition> = of_all.iter().chain(conditions).collect();
         if agent_meeting(draft, manifest, &all).is_some() {
             continue;

@@ -1,21 +1,19 @@
-//! The kinds of analyses: the keys of each, and the results from which each is computed.
+//! The kinds of analyses: the keys of each, its checks, and the results from which each is computed.
 
-use serde_json::{Value as Json, json};
+use serde_json::json;
 
+use crate::env::{Family, Scenario};
 use crate::job::metric::{LOWER_QUARTILE_RETURN, MEAN_RETURN, metrics_of};
 use crate::job::{Condition, DataPart, MetricName, MetricPlace};
 use crate::key::{FixedKind, Kind, Parameter, Value, choices};
 use crate::manifest::analysis::axis::CurveAxis;
-use crate::manifest::analysis::field::{AnalysisKey, AnalysisTable, Field, Fields, fields};
 use crate::manifest::analysis::figure_keys::FigureKeys;
+use crate::manifest::analysis::forms::{Bins, EstimateNames, FamilyName, Find, States};
 use crate::manifest::analysis::participants;
 use crate::manifest::analysis::sides::Sides;
-use crate::manifest::limits::MOST_JOBS;
-use crate::manifest::parameter::seed_of;
-use crate::manifest::text::fault::Fault;
-use crate::manifest::text::source::Located;
-use crate::manifest::text::written::{condition, list, quoted};
-use crate::manifest::value::sweep::{Node, number, whole};
+use crate::manifest::table::{Fields, Table, TableKey, fields, name_key, names};
+use crate::manifest::text::fault::{Fault, FaultList};
+use crate::manifest::text::source::Span;
 
 /// Declares the kinds: the word of each in manifests, the shared keys that it has, the keys of figures that it
 /// follows, and its own keys.
@@ -56,6 +54,13 @@ macro_rules! kinds {
                 }
             }
 
+            /// What the kind needs beside its keys.
+            pub(in crate::manifest) fn rules(&self) -> &dyn Rules {
+                match self {
+                    $(AnalysisKind::$Kind(kind) => kind,)+
+                }
+            }
+
             /// The keys of the kind with their values, as a manifest writes them.
             pub(in crate::manifest) fn written(&self) -> Vec<(&'static str, String)> {
                 match self {
@@ -71,6 +76,11 @@ const FRAME: [&str; 5] = ["panel", "width", "height", "font_size", "theme"];
 /// Keys of figures with lines along an axis.
 const LINES: [&str; 8] =
     ["x_scale", "panel", "width", "height", "font_size", "y_min", "y_max", "theme"];
+
+/// What to write for missing conditions.
+const CONDITIONS: &str = "write conditions: { agent.name = \"ppo\", scenario = \"P-T\" }";
+/// What to write for a missing axis.
+const SWEPT: &str = "write the dotted name of a swept parameter";
 
 kinds! {
     /// Differences of means between two sides, at every setting of the other parameters.
@@ -98,9 +108,9 @@ kinds! {
     /// A mean, or a difference of means, over two parameters; one map per agent.
     HeatMap = "heat_map", [METRIC, PARTICIPANTS], FRAME, {
         /// the horizontal axis
-        x: Parameter;
+        x: Parameter, missing SWEPT;
         /// the vertical axis
-        y: Parameter;
+        y: Parameter, missing SWEPT;
         /// the sides of a difference; without them, the mean itself is shown
         sides: Option<Sides>;
     }
@@ -116,15 +126,16 @@ kinds! {
         /// how settings are ranked
         rule: SelectionRule = SelectionRule::HighestMean, in SelectionRule::KIND;
         /// seeds for reporting the chosen settings; none may be a seed of this manifest
-        reporting_seeds: Vec<u64>;
+        reporting_seeds: Vec<u64>, missing "list the seeds of the manifests that report the chosen settings; results on the \
+            seeds of the search are biased upwards";
     }
 
     /// The share of the distance to the optimum that some arms recover relative to others.
     Recovery = "recovery", [], [], {
         /// the arms that recover part of the loss
-        with: Vec<Condition>;
+        with: Vec<Condition>, missing CONDITIONS;
         /// the arms whose distance to the optimum is the loss
-        without: Vec<Condition>;
+        without: Vec<Condition>, missing CONDITIONS;
     }
 
     /// How estimates behave over trials: bias, standard errors, coverage and power.
@@ -155,16 +166,16 @@ kinds! {
 pub(in crate::manifest) struct KindDeclaration {
     /// The word of the kind in manifests.
     pub word: &'static str,
-    shared: &'static [AnalysisKey],
-    own: fn() -> Vec<AnalysisKey>,
+    shared: &'static [TableKey],
+    own: fn() -> Vec<TableKey>,
     figure: &'static [&'static str],
     /// Reads the keys of the kind; `None` if one is faulty, which is reported.
-    pub read: fn(&mut AnalysisTable<'_, '_>) -> Option<AnalysisKind>,
+    pub read: fn(&mut Table<'_, '_>) -> Option<AnalysisKind>,
 }
 
 impl KindDeclaration {
     /// All keys of the kind except `kind`.
-    pub fn keys(&self) -> Vec<AnalysisKey> {
+    pub fn keys(&self) -> Vec<TableKey> {
         let of_figure = FigureKeys::keys().into_iter();
         let of_figure = of_figure.filter(|key| self.figure.contains(&key.name));
         self.shared.iter().copied().chain((self.own)()).chain(of_figure).collect()
@@ -172,7 +183,7 @@ impl KindDeclaration {
 
     /// The names of all keys of the kind; `kind` comes second, after the name.
     pub fn key_names(&self) -> Vec<&'static str> {
-        let mut names: Vec<&str> = self.keys().iter().map(|key| key.name).collect();
+        let mut names = names(&self.keys());
         names.insert(1, "kind");
         names
     }
@@ -181,25 +192,23 @@ impl KindDeclaration {
 /// The names of the keys that every kind has.
 pub(in crate::manifest) const SHARED: [&str; 4] = [NAME.name, "kind", TITLE.name, WHERE.name];
 
-const NAME: AnalysisKey = AnalysisKey {
-    name: "name",
-    doc: "the name in files and links",
-    schema: || json!({ "$ref": "#/$defs/name" }),
-};
+const NAME: TableKey = name_key("the name in files and links");
 
-const TITLE: AnalysisKey = AnalysisKey {
+const TITLE: TableKey = TableKey {
     name: "title",
     doc: "the heading in the report",
     schema: || json!({ "type": "string" }),
+    is_required: false,
 };
 
-const WHERE: AnalysisKey = AnalysisKey {
+const WHERE: TableKey = TableKey {
     name: "where",
     doc: "the jobs to analyse; all by default",
     schema: || json!({ "$ref": "#/$defs/exclude" }),
+    is_required: false,
 };
 
-const METRIC: AnalysisKey = AnalysisKey {
+const METRIC: TableKey = TableKey {
     name: "metric",
     doc: "the metric to analyse",
     schema: || {
@@ -212,12 +221,14 @@ const METRIC: AnalysisKey = AnalysisKey {
             "default": MEAN_RETURN.text(),
         })
     },
+    is_required: false,
 };
 
-const PARTICIPANTS: AnalysisKey = AnalysisKey {
+const PARTICIPANTS: TableKey = TableKey {
     name: "participants",
     doc: "the test episodes of participants between two quantiles of a parameter",
     schema: participants::schema,
+    is_required: false,
 };
 
 choices! {
@@ -244,211 +255,6 @@ choices! {
     }
 }
 
-/// A family of contrasts whose p values are corrected together.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub struct FamilyName(pub String);
-
-impl Field for FamilyName {
-    fn schema(_: Option<Kind>) -> Json {
-        json!({ "$ref": "#/$defs/name" })
-    }
-
-    fn read(table: &mut AnalysisTable<'_, '_>, key: &str, _: Option<Kind>) -> Option<FamilyName> {
-        Some(FamilyName(match table.node(key) {
-            Some(node) => table.reader.name(key, node).value,
-            None => table.name.to_owned(),
-        }))
-    }
-
-    fn written(&self, key: &'static str) -> Vec<(&'static str, String)> {
-        vec![(key, quoted(&self.0))]
-    }
-}
-
-/// A number of bins into which the ten bins of the store can be merged.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Bins(pub u8);
-
-impl Bins {
-    const ALL: [u8; 4] = [1, 2, 5, 10];
-}
-
-impl Field for Bins {
-    fn schema(_: Option<Kind>) -> Json {
-        json!({ "enum": Bins::ALL })
-    }
-
-    fn read(table: &mut AnalysisTable<'_, '_>, key: &str, _: Option<Kind>) -> Option<Bins> {
-        let node = table.node(key)?;
-        let bins = whole(node).and_then(|bins| u8::try_from(bins).ok());
-        let bins = bins.filter(|bins| Bins::ALL.contains(bins));
-        if bins.is_none() {
-            table.reader.expected(key, "1, 2, 5 or 10", node);
-        }
-        bins.map(Bins)
-    }
-
-    fn written(&self, key: &'static str) -> Vec<(&'static str, String)> {
-        vec![(key, self.0.to_string())]
-    }
-}
-
-/// Seeds on which selected settings are evaluated.
-impl Field for Vec<u64> {
-    fn schema(_: Option<Kind>) -> Json {
-        json!({ "anyOf": [
-            { "type": "integer", "minimum": 1, "maximum": MOST_JOBS },
-            {
-                "type": "array",
-                "minItems": 1,
-                "uniqueItems": true,
-                "items": { "$ref": "#/$defs/seed" },
-            },
-        ] })
-    }
-
-    fn read(table: &mut AnalysisTable<'_, '_>, key: &str, _: Option<Kind>) -> Option<Vec<u64>> {
-        let Some(node) = table.node(key) else {
-            let message = format!("missing key `{key}` in an [[analysis]] of kind \"selection\"");
-            let help = "list the seeds of the manifests that report the chosen settings; results on \
-                        the seeds of the search are biased upwards";
-            table.reader.faults.add(Fault::at(table.span, message).help(help));
-            return None;
-        };
-        // A few characters can request millions of seeds, and a manifest can have a thousand analyses.
-        let count = whole(node).map(|count| usize::try_from(count).unwrap_or(usize::MAX));
-        let fits = count.is_none_or(|count| table.reader.count_in(key, count, node));
-        let seeds = if fits { table.reader.seeds(key, node) } else { Vec::new() };
-        Some(seeds.iter().map(seed_of).collect())
-    }
-
-    fn written(&self, key: &'static str) -> Vec<(&'static str, String)> {
-        vec![(key, list(self))]
-    }
-}
-
-/// Conditions on the arms of a recovery.
-impl Field for Vec<Condition> {
-    fn schema(_: Option<Kind>) -> Json {
-        json!({ "$ref": "#/$defs/exclude" })
-    }
-
-    fn read(table: &mut AnalysisTable<'_, '_>, key: &str, _: Option<Kind>) -> Option<Self> {
-        let Some(node) = table.node(key) else {
-            table.missing(key, "write conditions: { agent.name = \"ppo\", scenario = \"P-T\" }");
-            return None;
-        };
-        let keys = table.reader.table(key, node)?;
-        if keys.is_empty() {
-            let expected = "at least one condition, as in { agent.name = \"ppo\" }";
-            table.reader.expected(key, expected, node);
-        }
-        let conditions = table.reader.conditions(keys, &format!("`{key}`"));
-        let conditions: Vec<Condition> = conditions.into_iter().map(|one| one.value).collect();
-        table.locate(node.span().into(), &conditions);
-        (!conditions.is_empty()).then_some(conditions)
-    }
-
-    fn written(&self, key: &'static str) -> Vec<(&'static str, String)> {
-        let written: Vec<String> = self.iter().map(condition).collect();
-        vec![(key, format!("{{ {} }}", written.join(", ")))]
-    }
-}
-
-/// The names of declared estimates; none for all of them.
-#[derive(Clone, Debug, Default, PartialEq, Eq)]
-pub struct EstimateNames(pub Vec<String>);
-
-impl Field for EstimateNames {
-    fn schema(_: Option<Kind>) -> Json {
-        json!({ "type": "array", "minItems": 1, "uniqueItems": true, "items": { "$ref": "#/$defs/name" } })
-    }
-
-    fn read(table: &mut AnalysisTable<'_, '_>, key: &str, _: Option<Kind>) -> Option<Self> {
-        let Some(node) = table.node(key) else { return Some(EstimateNames::default()) };
-        let items = table.reader.items(key, node);
-        let names = items.into_iter().map(|item| table.reader.name(key, item).value);
-        Some(EstimateNames(names.collect()))
-    }
-
-    fn written(&self, key: &'static str) -> Vec<(&'static str, String)> {
-        let names: Vec<String> = self.0.iter().map(quoted).collect();
-        if names.is_empty() { Vec::new() } else { vec![(key, format!("[{}]", names.join(", ")))] }
-    }
-}
-
-/// States of which each is a list of the values of the features that an agent sees.
-#[derive(Clone, Debug, PartialEq)]
-pub struct States(pub Vec<Vec<f64>>);
-
-impl Field for States {
-    fn schema(_: Option<Kind>) -> Json {
-        let state = json!({ "type": "array", "minItems": 1, "items": { "type": "number" } });
-        json!({ "type": "array", "minItems": 1, "uniqueItems": true, "items": state })
-    }
-
-    fn read(table: &mut AnalysisTable<'_, '_>, key: &str, _: Option<Kind>) -> Option<States> {
-        let Some(node) = table.node(key) else {
-            table.missing(key, "list states: [[1, -0.7, -0.1, 0], [0, -0.7, -0.1, 0]]");
-            return None;
-        };
-        let state = |node: &Node| {
-            let items = node.get_ref().as_array().filter(|items| !items.is_empty())?;
-            let numbers: Option<Vec<f64>> = items.iter().map(number).collect();
-            numbers.filter(|numbers| numbers.iter().all(|number| number.is_finite()))
-        };
-        let items = node.get_ref().as_array().filter(|items| !items.is_empty());
-        let states: Option<Vec<Vec<f64>>> = items.and_then(|all| all.iter().map(state).collect());
-        if states.is_none() {
-            let expected = "a list of states, each a list of numbers, as in [[1, -0.7, -0.1, 0]]";
-            table.reader.expected(key, expected, node);
-        }
-        states.map(States)
-    }
-
-    fn written(&self, key: &'static str) -> Vec<(&'static str, String)> {
-        let states: Vec<String> =
-            self.0.iter().map(|state| Value::Reals(state.clone()).to_string()).collect();
-        vec![(key, format!("[{}]", states.join(", ")))]
-    }
-}
-
-/// What is sought along the number of people.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Find {
-    /// The power, between 0 and 1.
-    pub power: f64,
-}
-
-impl Field for Find {
-    fn schema(_: Option<Kind>) -> Json {
-        let power = json!({ "type": "number", "exclusiveMinimum": 0, "exclusiveMaximum": 1 });
-        json!({
-            "type": "object",
-            "properties": { "power": power },
-            "required": ["power"],
-            "additionalProperties": false,
-        })
-    }
-
-    fn read(table: &mut AnalysisTable<'_, '_>, key: &str, _: Option<Kind>) -> Option<Find> {
-        let node = table.node(key)?;
-        let power = node.get_ref().as_table().filter(|keys| keys.len() == 1);
-        let power = power.and_then(|keys| keys.get("power")).and_then(number);
-        let power = power.filter(|power| *power > 0.0 && *power < 1.0);
-        if power.is_none() {
-            table.reader.expected(key, "{ power = 0.8 } or another number between 0 and 1", node);
-        }
-        let value = Parameter::Trial("people");
-        table.axes.push(Located { value, span: node.span().into() });
-        power.map(|power| Find { power })
-    }
-
-    fn written(&self, key: &'static str) -> Vec<(&'static str, String)> {
-        vec![(key, format!("{{ power = {} }}", Value::Real(self.power)))]
-    }
-}
-
 impl AnalysisKind {
     /// The declaration of the kind.
     pub(in crate::manifest) fn declaration(&self) -> &'static KindDeclaration {
@@ -456,57 +262,200 @@ impl AnalysisKind {
         declared.expect("every kind is declared")
     }
 
-    /// Whether the analysis shows the rate at which the most likely context is wrong.
-    pub(in crate::manifest) fn shows_inference_error(&self) -> bool {
-        matches!(
-            self,
-            AnalysisKind::InferenceError(_)
-                | AnalysisKind::Curve(Curve { x: CurveAxis::ContextInferenceError })
-        )
+    /// The sides of the difference; `None` if the analysis shows no difference.
+    pub fn sides(&self) -> Option<&Sides> {
+        self.rules().sides()
     }
+}
 
-    /// The part of the results that an analysis of this kind is computed from.
-    pub(in crate::manifest) fn part(&self, metric: MetricName) -> DataPart {
-        match self {
-            AnalysisKind::LearningCurve(_) => DataPart::LearningCurve,
-            AnalysisKind::ActionChoice(_) | AnalysisKind::InferenceError(_) => {
-                DataPart::ActionChoice
-            }
-            AnalysisKind::OperatingCharacteristics(_) => DataPart::Estimates,
-            AnalysisKind::DidItLearn(_) => DataPart::Posteriors,
-            AnalysisKind::Contrast(_)
-            | AnalysisKind::Curve(_)
-            | AnalysisKind::HeatMap(_)
-            | AnalysisKind::Recovery(_)
-            | AnalysisKind::Selection(_) => match metric == LOWER_QUARTILE_RETURN {
-                true => DataPart::Returns,
-                false => DataPart::Metric(metric),
-            },
+/// What an analysis of a kind needs of the results and of the rest of the manifest.
+pub(in crate::manifest) trait Rules {
+    /// The part of the results that it is computed from: by default the metric.
+    fn part(&self, metric: MetricName) -> DataPart {
+        match metric == LOWER_QUARTILE_RETURN {
+            true => DataPart::Returns,
+            false => DataPart::Metric(metric),
         }
     }
 
-    /// Seeds that the analysis needs in addition to the seeds of the manifest.
-    pub(in crate::manifest) fn reporting_seeds(&self) -> &[u64] {
-        if let AnalysisKind::Selection(selection) = self { &selection.reporting_seeds } else { &[] }
+    /// What it needs that this family of environments lacks.
+    fn lacking(&self, _: &Family) -> Option<&'static str> {
+        None
     }
 
-    /// The sides of the difference; `None` if the analysis shows no difference.
-    pub fn sides(&self) -> Option<&Sides> {
-        match self {
-            AnalysisKind::Contrast(contrast) => Some(&contrast.sides),
-            AnalysisKind::HeatMap(map) => map.sides.as_ref(),
-            AnalysisKind::Curve(_)
-            | AnalysisKind::LearningCurve(_)
-            | AnalysisKind::ActionChoice(_)
-            | AnalysisKind::Selection(_)
-            | AnalysisKind::Recovery(_)
-            | AnalysisKind::OperatingCharacteristics(_)
-            | AnalysisKind::DidItLearn(_)
-            | AnalysisKind::InferenceError(_) => None,
+    /// Reports what the rest of the manifest does not declare.
+    fn check(&self, _: &dyn Declares, _: Span, _: &mut FaultList) {}
+
+    /// The conditions on the two groups of jobs of which each needs one, beside its own jobs.
+    fn groups(&self) -> Option<[(&'static str, &[Condition]); 2]> {
+        None
+    }
+
+    /// The sides of the difference; `None` if it shows no difference.
+    fn sides(&self) -> Option<&Sides> {
+        None
+    }
+
+    /// Seeds that it needs in addition to the seeds of the manifest.
+    fn reporting_seeds(&self) -> &[u64] {
+        &[]
+    }
+
+    /// Whether it shows the rate at which the most likely context is wrong.
+    fn shows_inference_error(&self) -> bool {
+        false
+    }
+}
+
+/// The rest of a manifest, as the checks of analyses see it.
+pub(in crate::manifest) trait Declares {
+    /// The values of a key of a section that agents share; `None` if the section lacks the key.
+    fn values(&self, parameter: Parameter) -> Option<&[Value]>;
+
+    /// The scenarios; empty if some are faulty.
+    fn scenarios(&self) -> Vec<Scenario>;
+
+    /// The names of the estimates that hold; `None` if the manifest has no table of one.
+    fn estimates(&self) -> Option<Vec<&str>>;
+}
+
+/// What kinds lack that show contexts.
+fn contexts_of(family: &Family) -> Option<&'static str> {
+    (!family.has_contexts).then_some("inferred contexts")
+}
+
+impl Rules for Contrast {
+    fn sides(&self) -> Option<&Sides> {
+        Some(&self.sides)
+    }
+}
+
+impl Rules for Curve {
+    fn lacking(&self, family: &Family) -> Option<&'static str> {
+        let needs = self.shows_inference_error() && !family.has_contexts;
+        needs.then_some("inferred contexts; give `x`, a swept parameter")
+    }
+
+    fn shows_inference_error(&self) -> bool {
+        self.x == CurveAxis::ContextInferenceError
+    }
+}
+
+impl Rules for LearningCurve {
+    fn part(&self, _: MetricName) -> DataPart {
+        DataPart::LearningCurve
+    }
+}
+
+impl Rules for HeatMap {
+    fn sides(&self) -> Option<&Sides> {
+        self.sides.as_ref()
+    }
+}
+
+impl Rules for ActionChoice {
+    fn part(&self, _: MetricName) -> DataPart {
+        DataPart::ActionChoice
+    }
+
+    fn lacking(&self, family: &Family) -> Option<&'static str> {
+        contexts_of(family)
+    }
+}
+
+impl Rules for Selection {
+    fn reporting_seeds(&self) -> &[u64] {
+        &self.reporting_seeds
+    }
+}
+
+impl Rules for Recovery {
+    fn lacking(&self, family: &Family) -> Option<&'static str> {
+        (!family.has_optimum).then_some("an optimum")
+    }
+
+    fn groups(&self) -> Option<[(&'static str, &[Condition]); 2]> {
+        Some([("with", &self.with), ("without", &self.without)])
+    }
+}
+
+impl Rules for OperatingCharacteristics {
+    fn part(&self, _: MetricName) -> DataPart {
+        DataPart::Estimates
+    }
+
+    /// Reports estimates that are not declared, and people along another axis.
+    fn check(&self, rest: &dyn Declares, span: Span, faults: &mut FaultList) {
+        let Some(declared) = rest.estimates() else {
+            let message = "kind \"operating_characteristics\" needs an [[estimate]]";
+            faults.add(Fault::at(span, message).help("write [[estimate]] with name = \"effect\""));
+            return;
+        };
+        for name in self.estimates.0.iter().filter(|name| !declared.contains(&name.as_str())) {
+            let fault = Fault::at(span, format!("no [[estimate]] is called `{name}`"));
+            let fault = fault.help(format!("the estimates are {}", declared.join(", ")));
+            faults.add(fault.nearest(name, declared.iter().copied()));
+        }
+        let other = self.x.filter(|x| *x != Parameter::Trial("people"));
+        if let (Some(_), Some(x)) = (self.find, other) {
+            let message = format!("`find` is sought along `trial.people`, and `x` is `{x}`");
+            let help = "leave out `x`, or seek the number of people in another analysis";
+            faults.add(Fault::at(span, message).help(help));
         }
     }
 }
+
 impl DidItLearn {
     /// The fewest other trials without the effect that can give a p-value of 0.05: 2 / (1 + 39).
     pub const FEWEST: usize = 39;
+}
+
+impl Rules for DidItLearn {
+    fn part(&self, _: MetricName) -> DataPart {
+        DataPart::Posteriors
+    }
+
+    /// Reports states of which no trial without an effect is declared or that agents do not see, and posteriors that
+    /// are not recorded.
+    fn check(&self, rest: &dyn Declares, span: Span, faults: &mut FaultList) {
+        let mut fault = |says: String, help: &str| faults.add(Fault::at(span, says).help(help));
+        let is_recorded = rest.values(Parameter::Evaluation("record_posteriors"));
+        if !is_recorded.is_some_and(|all| all.contains(&Value::Flag(true))) {
+            let says = "kind \"did_it_learn\" needs the posteriors at the updates of a trial";
+            fault(says.to_owned(), "write record_posteriors = true in [evaluation]");
+        }
+        let removed = rest.values(Parameter::Environment("no_effect_at"));
+        if self.without.is_none() && removed.is_none() {
+            let says = "kind \"did_it_learn\" needs trials without an effect";
+            let help = "declare them, and name them: without = { environment.rho_1 = 0 }";
+            return fault(says.to_owned(), help);
+        }
+        for state in &self.states.0 {
+            let shown = Value::Reals(state.clone());
+            let is_seen = |scenario: &Scenario| {
+                scenario.names().is_none_or(|names| names.count() == state.len())
+            };
+            if !rest.scenarios().iter().all(is_seen) {
+                let says = format!("the state {shown} does not have a value for each feature");
+                fault(says, "a state has the values of the features of the scenario, in order");
+            } else if self.without.is_none() && !removed.is_some_and(|all| all.contains(&shown)) {
+                let says = format!("no trial has environment.no_effect_at = {shown}");
+                fault(says, "list the state there, too: no_effect_at = [[], [1, -0.7, -0.1, 0]]");
+            }
+        }
+    }
+}
+
+impl Rules for InferenceError {
+    fn part(&self, _: MetricName) -> DataPart {
+        DataPart::ActionChoice
+    }
+
+    fn lacking(&self, family: &Family) -> Option<&'static str> {
+        contexts_of(family)
+    }
+
+    fn shows_inference_error(&self) -> bool {
+        true
+    }
 }

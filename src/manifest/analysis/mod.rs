@@ -3,10 +3,10 @@
 
 pub(super) mod axis;
 pub(super) mod declared;
-pub(super) mod field;
 pub(super) mod figure_keys;
+pub(super) mod forms;
 pub(super) mod jobs;
-pub(super) mod kind;
+pub mod kind;
 pub(super) mod participants;
 pub(super) mod published;
 pub(super) mod read;

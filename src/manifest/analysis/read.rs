@@ -8,19 +8,18 @@ use toml::de::DeTable;
 use crate::env::Scenario;
 use crate::job::metric::{MEAN_RETURN, metrics_with};
 use crate::job::{Condition, MetricName, MetricPlace, RecordedEpisodes};
-use crate::key::{Distribution, Parameter, Value};
-use crate::manifest::analysis::axis::CurveAxis;
+use crate::key::{Distribution, Parameter, SectionName, Value};
 use crate::manifest::analysis::declared::{Analysis, AnalysisDraft};
-use crate::manifest::analysis::field::{AnalysisTable, Fields};
 use crate::manifest::analysis::figure_keys::FigureKeys;
 use crate::manifest::analysis::jobs;
 use crate::manifest::analysis::kind::{
-    AnalysisKind, Curve, KINDS, KindDeclaration, LearningCurve, SHARED,
+    AnalysisKind, Declares, KINDS, KindDeclaration, LearningCurve, SHARED,
 };
 use crate::manifest::declared::{DeclaredAgent, Manifest};
 use crate::manifest::draft::Draft;
 use crate::manifest::limits::MOST_COMPARISONS;
 use crate::manifest::presence::absent;
+use crate::manifest::table::{Fields, Need, Table};
 use crate::manifest::text::fault::{Fault, FaultList, near};
 use crate::manifest::text::source::{Located, Span};
 use crate::manifest::value::respelt::respelt;
@@ -35,26 +34,23 @@ impl Reader<'_> {
         let mut names = HashSet::new();
         for (place, (span, written)) in self.tables("analysis", node).into_iter().enumerate() {
             let kind = self.kind(span, &respelt(written, &SHARED));
-            let known = kind.map_or_else(|| SHARED.to_vec(), KindDeclaration::key_names);
-            if let Some(kind) = kind {
-                let place = format!("an [[analysis]] of kind \"{}\"", kind.word);
-                self.only_keys(&place, &known, written);
-            }
-            let table = &*respelt(written, &known);
-            let name = match table.get("name") {
-                Some(node) => self.name("name", node),
-                None => {
-                    let help = "files and links use it: write name = \"figure-1\"";
-                    let fault = Fault::at(span, "missing key `name` in an [[analysis]]");
-                    self.faults.add(fault.help(help));
-                    Located { value: String::new(), span }
-                }
+            let word = kind.map(|kind| format!(" of kind \"{}\"", kind.word)).unwrap_or_default();
+            let title = format!("an [[analysis]]{word}");
+            let table = match kind {
+                Some(kind) => self.known_keys(&title, &kind.key_names(), written),
+                None => respelt(written, &SHARED),
             };
-            if !name.value.is_empty() && !names.insert(name.value.clone()) {
-                let message = format!("another [[analysis]] is called `{}`", name.value);
-                self.faults.add(Fault::at(name.span, message));
-            }
-            draft.analyses.push(self.analysis((place, kind), &name.value, span, table));
+            let says = ("[[analysis]]", "files and links use it: write name = \"figure-1\"", None);
+            let name = self.name_among(says, span, &table, &mut names).value;
+            let table = Table {
+                reader: self,
+                title: &title,
+                name: &name,
+                span,
+                table: &table,
+                needs: Vec::new(),
+            };
+            draft.analyses.push(analysis(place, kind, table));
         }
     }
 
@@ -69,50 +65,6 @@ impl Reader<'_> {
         let word = self.word("kind", &words, node);
         let word = word.or_else(|| near(node.get_ref().as_str()?, words))?;
         KINDS.iter().find(|kind| kind.word == word)
-    }
-
-    /// The analysis in a table. A faulty part has been reported, and is replaced by one that always holds.
-    fn analysis(
-        &mut self,
-        (place, kind): (usize, Option<&KindDeclaration>),
-        name: &str,
-        span: Span,
-        table: &DeTable,
-    ) -> AnalysisDraft {
-        let title = table.get("title").and_then(|node| self.prose("title", node));
-        let metric = table.get("metric").map(|node| self.metric(node));
-        let jobs = table.get("where").and_then(|node| self.table("where", node));
-        let located = jobs.map(|jobs| self.conditions(jobs, "`where`")).unwrap_or_default();
-        let participants = self.participants(metric.unwrap_or(Some(MEAN_RETURN)), table);
-        let mut parts = AnalysisTable {
-            reader: self,
-            name,
-            span,
-            table,
-            conditions: located.clone(),
-            panels: Vec::new(),
-            axes: Vec::new(),
-        };
-        let kind = kind.and_then(|kind| (kind.read)(&mut parts));
-        let figure = FigureKeys::read(&mut parts);
-        let AnalysisTable { conditions, panels, axes, .. } = parts;
-        let figure = figure.unwrap_or_default();
-        if let (Some(low), Some(high), Some(node)) =
-            (figure.y_min, figure.y_max, table.get("y_max"))
-            && low >= high
-        {
-            self.expected("y_max", "a number above `y_min`", node);
-        }
-        let analysis = Analysis {
-            name: name.to_owned(),
-            title,
-            metric: metric.flatten().unwrap_or(MEAN_RETURN),
-            participants: participants.as_ref().map(|range| range.value),
-            conditions: located.into_iter().map(|condition| condition.value).collect(),
-            figure,
-            kind: kind.unwrap_or(AnalysisKind::LearningCurve(LearningCurve { window: 1 })),
-        };
-        AnalysisDraft { place, analysis, conditions, participants, panels, axes, span }
     }
 
     /// A metric that an analysis can have.
@@ -155,6 +107,57 @@ impl Reader<'_> {
     }
 }
 
+/// The analysis in a table. A faulty part has been reported, and is replaced by one that always holds.
+fn analysis(
+    place: usize,
+    kind: Option<&KindDeclaration>,
+    mut table: Table<'_, '_>,
+) -> AnalysisDraft {
+    let Table { reader, name, span, table: keys, .. } = &mut table;
+    let (name, span, keys) = (*name, *span, *keys);
+    let title = keys.get("title").and_then(|node| reader.prose("title", node));
+    let metric = keys.get("metric").map(|node| reader.metric(node));
+    let jobs = keys.get("where").and_then(|node| reader.table("where", node));
+    let located = jobs.map(|jobs| reader.conditions(jobs, "`where`")).unwrap_or_default();
+    let participants = reader.participants(metric.unwrap_or(Some(MEAN_RETURN)), keys);
+    for condition in &located {
+        table.need(condition.span, Need::Jobs(condition.value.clone()));
+    }
+    let kind = kind.and_then(|kind| (kind.read)(&mut table));
+    let figure = FigureKeys::read(&mut table).unwrap_or_default();
+    if let (Some(low), Some(high), Some(node)) = (figure.y_min, figure.y_max, table.node("y_max"))
+        && low >= high
+    {
+        table.reader.expected("y_max", "a number above `y_min`", node);
+    }
+    let analysis = Analysis {
+        name: name.to_owned(),
+        title,
+        metric: metric.flatten().unwrap_or(MEAN_RETURN),
+        participants: participants.as_ref().map(|range| range.value),
+        conditions: located.into_iter().map(|condition| condition.value).collect(),
+        figure,
+        kind: kind.unwrap_or(AnalysisKind::LearningCurve(LearningCurve { window: 1 })),
+    };
+    let mut draft = AnalysisDraft {
+        place,
+        analysis,
+        conditions: Vec::new(),
+        participants,
+        panels: Vec::new(),
+        axes: Vec::new(),
+        span,
+    };
+    for Located { value, span } in table.needs {
+        match value {
+            Need::Jobs(value) => draft.conditions.push(Located { value, span }),
+            Need::Values(value) => draft.panels.push(Located { value, span }),
+            Need::Numbers(value) => draft.axes.push(Located { value, span }),
+        }
+    }
+    draft
+}
+
 /// The faults of each analysis that refers to something that the manifest does not declare, by its index;
 /// reports analyses that are too many to be checked.
 pub(in crate::manifest) fn lost(
@@ -170,15 +173,15 @@ pub(in crate::manifest) fn lost(
     for analysis in &draft.analyses {
         let mut faults = FaultList::default();
         let checked = Checked { draft, manifest, analysis };
+        let rules = analysis.analysis.kind.rules();
         checked.family(&mut faults);
-        checked.estimates(&mut faults);
-        checked.learned(&mut faults);
+        rules.check(&checked, analysis.span, &mut faults);
         checked.conditions(&mut faults);
         checked.metric(&mut faults);
         checked.sides(&mut faults);
         checked.inference_error(&mut faults);
-        if let AnalysisKind::Recovery(recovery) = &analysis.analysis.kind {
-            jobs::of_recovery(draft, manifest, (analysis, recovery), &mut faults);
+        if let Some(groups) = rules.groups() {
+            jobs::of_groups(draft, manifest, (analysis, groups), &mut faults);
         } else if faults.is_empty() {
             jobs::of(draft, manifest, analysis, &mut faults);
         }
@@ -198,6 +201,23 @@ struct Checked<'m> {
     analysis: &'m AnalysisDraft,
 }
 
+impl Declares for Checked<'_> {
+    fn values(&self, parameter: Parameter) -> Option<&[Value]> {
+        self.manifest.sections[parameter.section()?].get(parameter.key())
+    }
+
+    fn scenarios(&self) -> Vec<Scenario> {
+        let is_invalid = self.draft.is_invalid(Parameter::SCENARIO);
+        if is_invalid { Vec::new() } else { self.manifest.scenarios().collect() }
+    }
+
+    fn estimates(&self) -> Option<Vec<&str>> {
+        let has_some = !(self.manifest.estimates.is_empty() && self.draft.estimates.is_empty());
+        let names = self.manifest.estimates.iter().map(|one| one.declaration.name.as_str());
+        has_some.then(|| names.collect())
+    }
+}
+
 impl Checked<'_> {
     fn conditions(&self, faults: &mut FaultList) {
         for condition in &self.analysis.conditions {
@@ -212,20 +232,7 @@ impl Checked<'_> {
         let Checked { manifest, analysis, .. } = self;
         let family = manifest.family();
         let kind = &analysis.analysis.kind;
-        let needed = match kind {
-            AnalysisKind::Recovery(_) if !family.has_optimum => "an optimum",
-            AnalysisKind::ActionChoice(_) | AnalysisKind::InferenceError(_)
-                if !family.has_contexts =>
-            {
-                "inferred contexts"
-            }
-            AnalysisKind::Curve(Curve { x: CurveAxis::ContextInferenceError })
-                if !family.has_contexts =>
-            {
-                "inferred contexts; give `x`, a swept parameter"
-            }
-            _ => return,
-        };
+        let Some(needed) = kind.rules().lacking(family) else { return };
         let message = format!(
             "kind \"{}\" is not possible with environment.family = \"{}\", which lacks {needed}",
             kind.word(),
@@ -234,73 +241,12 @@ impl Checked<'_> {
         faults.add(Fault::at(analysis.span, message));
     }
 
-    /// Reports operating characteristics of estimates that are not declared, or of people along another axis.
-    fn estimates(&self, faults: &mut FaultList) {
-        let Checked { draft, manifest, analysis } = self;
-        let AnalysisKind::OperatingCharacteristics(kind) = &analysis.analysis.kind else { return };
-        let declared = manifest.estimates.iter().map(|one| one.declaration.name.as_str());
-        let declared: Vec<&str> = declared.collect();
-        let word = analysis.analysis.kind.word();
-        if declared.is_empty() && draft.estimates.is_empty() {
-            let message = format!("kind \"{word}\" needs an [[estimate]]");
-            let help = "write [[estimate]] with name = \"effect\"";
-            faults.add(Fault::at(analysis.span, message).help(help));
-            return;
-        }
-        for name in kind.estimates.0.iter().filter(|name| !declared.contains(&name.as_str())) {
-            let message = format!("no [[estimate]] is called `{name}`");
-            let fault = Fault::at(analysis.span, message);
-            let fault = fault.help(format!("the estimates are {}", declared.join(", ")));
-            faults.add(fault.nearest(name, declared.iter().copied()));
-        }
-        if let (Some(_), Some(x)) = (kind.find, kind.x.filter(|x| *x != Parameter::Trial("people")))
-        {
-            let message = format!("`find` is sought along `trial.people`, and `x` is `{x}`");
-            let help = "leave out `x`, or seek the number of people in another analysis";
-            faults.add(Fault::at(analysis.span, message).help(help));
-        }
-    }
-
-    /// Reports states of which no trial without an effect is declared or that agents do not see, and posteriors that are
-    /// not recorded.
-    fn learned(&self, faults: &mut FaultList) {
-        let Checked { draft, manifest, analysis } = self;
-        let AnalysisKind::DidItLearn(kind) = &analysis.analysis.kind else { return };
-        let word = analysis.analysis.kind.word();
-        let mut fault =
-            |says: String, help: &str| faults.add(Fault::at(analysis.span, says).help(help));
-        let is_recorded = manifest.evaluation.get("record_posteriors");
-        if !is_recorded.is_some_and(|all| all.contains(&Value::Flag(true))) {
-            let says = format!("kind \"{word}\" needs the posteriors at the updates of a trial");
-            fault(says, "write record_posteriors = true in [evaluation]");
-        }
-        let removed = manifest.environment.get("no_effect_at");
-        if kind.without.is_none() && removed.is_none() {
-            let says = format!("kind \"{word}\" needs trials without an effect");
-            let help = "declare them, and name them: without = { environment.rho_1 = 0 }";
-            return fault(says, help);
-        }
-        for state in &kind.states.0 {
-            let shown = Value::Reals(state.clone());
-            let is_seen = |scenario: Scenario| {
-                scenario.names().is_none_or(|names| names.count() == state.len())
-            };
-            if !draft.is_invalid(Parameter::SCENARIO) && !manifest.scenarios().all(is_seen) {
-                let says = format!("the state {shown} does not have a value for each feature");
-                fault(says, "a state has the values of the features of the scenario, in order");
-            } else if kind.without.is_none() && !removed.is_some_and(|all| all.contains(&shown)) {
-                let says = format!("no trial has environment.no_effect_at = {shown}");
-                fault(says, "list the state there, too: no_effect_at = [[], [1, -0.7, -0.1, 0]]");
-            }
-        }
-    }
-
     /// Reports a metric or participants that no job records.
     fn metric(&self, faults: &mut FaultList) {
         let Checked { draft, manifest, analysis } = self;
         if let Some(episodes) = analysis.analysis.metric.first_episodes() {
             const LISTS: &str = "first_episodes";
-            let lists = manifest.evaluation.get(LISTS).unwrap_or_default();
+            let lists = manifest.sections[SectionName::Evaluation].get(LISTS).unwrap_or_default();
             let has =
                 |list: &Value| matches!(list, Value::Wholes(list) if list.contains(&episodes));
             if !lists.iter().all(has) && !draft.is_invalid(Parameter::Evaluation(LISTS)) {
@@ -310,7 +256,8 @@ impl Checked<'_> {
                 faults.add(Fault::at(analysis.span, message).help(help));
             }
         }
-        let kept = manifest.evaluation.get("record_episodes").unwrap_or_default();
+        let kept =
+            manifest.sections[SectionName::Evaluation].get("record_episodes").unwrap_or_default();
         if let Some(range) = &analysis.participants
             && kept.contains(&Value::Choice(RecordedEpisodes::None.word()))
         {
@@ -356,10 +303,12 @@ impl Checked<'_> {
     /// Reports an inference error that depends on more than sigma.
     fn inference_error(&self, faults: &mut FaultList) {
         let Checked { manifest, analysis, .. } = self;
-        if !analysis.analysis.kind.shows_inference_error() {
+        if !analysis.analysis.kind.rules().shows_inference_error() {
             return;
         }
-        let odds = manifest.environment.get(CONTEXT_PROBABILITY.key()).unwrap_or_default();
+        let odds = manifest.sections[SectionName::Environment]
+            .get(CONTEXT_PROBABILITY.key())
+            .unwrap_or_default();
         let is_invalid = self.draft.is_invalid(CONTEXT_PROBABILITY);
         let unequal = odds.iter().find(|value| **value != Value::Real(0.5) && !is_invalid);
         if let Some(value) = unequal {
@@ -426,7 +375,7 @@ impl Checked<'_> {
         seeds: &LazyCell<HashSet<u64>, impl FnOnce() -> HashSet<u64>>,
         faults: &mut FaultList,
     ) {
-        let reported = self.analysis.analysis.kind.reporting_seeds();
+        let reported = self.analysis.analysis.kind.rules().reporting_seeds();
         let shared = reported.iter().find(|seed| seeds.contains(seed));
         if let (Some(seed), false) = (shared, self.draft.is_invalid(Parameter::SEED)) {
             let message = format!("seed {seed} is used both for the search and for the report");
@@ -438,7 +387,8 @@ impl Checked<'_> {
 
 /// Whether the population varies the parameter between participants in any job.
 fn differ_in(manifest: &Manifest, parameter: &str) -> bool {
-    let values = |key| manifest.population.get(key).unwrap_or_default().iter();
+    let values =
+        |key| manifest.sections[SectionName::Population].get(key).unwrap_or_default().iter();
     let has_column = |value: &Value| match value {
         Value::Rows(rows) => rows.columns().contains(&parameter),
         _ => false,

@@ -5,8 +5,8 @@ use serde_json::{Value as Json, json};
 use crate::job::Condition;
 use crate::key::{Kind, Parameter};
 use crate::manifest::analysis::axis::kind_of;
-use crate::manifest::analysis::field::{AnalysisKey, AnalysisTable, Field};
 use crate::manifest::parameter::named;
+use crate::manifest::table::{Field, Table, TableKey};
 use crate::manifest::text::fault::Fault;
 use crate::manifest::text::written::quoted;
 use crate::manifest::value::sweep::{Node, Reader};
@@ -35,26 +35,30 @@ impl Sides {
     }
 }
 
-const BY: AnalysisKey = AnalysisKey {
+const BY: TableKey = TableKey {
     name: "by",
     doc: "the parameter in which the two sides of a difference differ",
     schema: || json!({ "anyOf": [{ "const": "agent.name" }, { "$ref": "#/$defs/parameter" }] }),
+    is_required: false,
 };
 
-const BETWEEN: AnalysisKey = AnalysisKey {
+const BETWEEN: TableKey = TableKey {
     name: "between",
     doc: "the two sides, first minus second",
     schema: || json!({ "type": "array", "minItems": 2, "maxItems": 2 }),
+    is_required: false,
 };
 
 impl Field for Sides {
-    const KEYS: Option<&'static [AnalysisKey]> = Some(&[BY, BETWEEN]);
+    type Value = Sides;
+
+    const KEYS: Option<&'static [TableKey]> = Some(&[BY, BETWEEN]);
 
     fn schema(_: Option<Kind>) -> Json {
         (BETWEEN.schema)()
     }
 
-    fn read(table: &mut AnalysisTable<'_, '_>, _: &str, _: Option<Kind>) -> Option<Sides> {
+    fn read(table: &mut Table<'_, '_>, _: &str, _: Option<Kind>) -> Option<Sides> {
         let (Some(by), Some(between)) = (table.node(BY.name), table.node(BETWEEN.name)) else {
             let fault = Fault::at(table.span, "a difference needs `by` and `between`");
             let help = "write by = \"scenario\" and between = [\"P-H-D\", \"L-H-D\"]";
@@ -62,14 +66,14 @@ impl Field for Sides {
             return None;
         };
         let sides = table.reader.sides(by, between)?;
-        table.locate(between.span().into(), sides.both());
+        table.need_jobs(between.span().into(), sides.both());
         Some(sides)
     }
 
-    fn written(&self, _: &'static str) -> Vec<(&'static str, String)> {
-        let value = |condition: &Condition| condition.values[0].to_string();
-        let between = format!("[{}, {}]", value(&self.first), value(&self.second));
-        vec![(BY.name, quoted(&self.first.name())), (BETWEEN.name, between)]
+    fn written(value: &Sides, _: &'static str) -> Vec<(&'static str, String)> {
+        let [first, second] = value.both().map(|side| side.values[0].to_string());
+        let between = format!("[{first}, {second}]");
+        vec![(BY.name, quoted(&value.first.name())), (BETWEEN.name, between)]
     }
 }
 
@@ -109,20 +113,14 @@ impl Reader<'_> {
                 let values = self.scenarios("between", node);
                 (!values.is_empty()).then_some(Condition { parameter, values })
             }
-            Some(
-                parameter @ (Parameter::Environment(_)
-                | Parameter::Population(_)
-                | Parameter::Agent(_)
-                | Parameter::Evaluation(_)
-                | Parameter::Trial(_)),
-            ) => {
-                let value = self.value("between", kind_of(parameter)?, node)?;
-                Some(Condition { parameter, values: vec![value] })
-            }
             // Seeds are replications: means are taken over them, so they are no side.
             Some(Parameter::Job(_)) | None => {
                 self.unknown_parameter("by", by, &["agent.name"]);
                 None
+            }
+            Some(parameter) => {
+                let value = self.value("between", kind_of(parameter)?, node)?;
+                Some(Condition { parameter, values: vec![value] })
             }
         }
     }

@@ -1,161 +1,43 @@
 //! Reads `[[estimate]]`, and checks each estimate against the rest of the manifest.
 
 use std::collections::HashSet;
-use std::sync::Arc;
 
-use serde_json::{Value as Json, json};
-use toml::de::DeTable;
-
-use crate::job::{
-    CONSTANT, EstimateDeclaration, Estimator, Job, Messages, REWARD, STEP, StandardErrors,
-    Treatment,
-};
-use crate::key::{Kind, Value};
+use crate::job::{EstimateDeclaration, Job, STEP, StandardErrors, Treatment};
 use crate::manifest::declared::Manifest;
 use crate::manifest::draft::Draft;
 use crate::manifest::estimate::declared::{DeclaredEstimate, EstimateDraft};
+use crate::manifest::estimate::keys::keys;
 use crate::manifest::grid::Grid;
+use crate::manifest::table::{Fields, Table, names};
 use crate::manifest::text::fault::{Fault, FaultList};
-use crate::manifest::text::source::Span;
-use crate::manifest::value::respelt::respelt;
-use crate::manifest::value::schema::{list, value};
-use crate::manifest::value::sweep::{Node, Reader, whole};
+use crate::manifest::value::sweep::{Node, Reader};
 
-/// The keys of `[[estimate]]`.
-const KEYS: [&str; 10] = [
-    "name",
-    "estimator",
-    "outcome",
-    "treatment",
-    "control",
-    "moderators",
-    "numerator",
-    "standard_errors",
-    "truth",
-    "agents",
-];
-/// The most features in a list.
-const MOST_FEATURES: usize = 100;
 /// The most numbers of all people that the estimates of a job may hold: 400 MB.
 const MOST_NUMBERS: u64 = 50_000_000;
-/// The probability of treatment in the numerator, by default.
-const NUMERATOR: f64 = 0.5;
-
-const OUTCOME: Kind = Kind::Text { most: 100 };
-const ACTION: Kind = Kind::Integer { min: 1, max: 255 };
 
 impl Reader<'_> {
     /// Reads `[[estimate]]`.
     pub fn estimates(&mut self, draft: &mut Draft, node: &Node) {
-        let mut names = HashSet::new();
+        let title = "an [[estimate]]";
+        let says = (
+            "[[estimate]]",
+            "the view `estimate` shows it: write name = \"effect\"",
+            Some("analyses and the view `estimate` name it"),
+        );
+        let (keys, mut known) = (names(&keys()), HashSet::new());
         for (span, written) in self.tables("estimate", node) {
-            self.only_keys("an [[estimate]]", &KEYS, written);
+            let table = self.known_keys(title, &keys, written);
             let before = self.faults.len();
-            let estimate = self.estimate(span, &respelt(written, &KEYS));
-            let name = &estimate.estimate.declaration.name;
-            if !name.is_empty() && !names.insert(name.clone()) {
-                let message = format!("another [[estimate]] is called `{name}`");
-                let fault = Fault::at(estimate.span_of("name"), message);
-                self.faults.add(fault.help("analyses and the view `estimate` name it"));
-            }
+            let name = self.name_among(says, span, &table, &mut known).value;
+            let mut table =
+                Table { reader: self, title, name: &name, span, table: &table, needs: Vec::new() };
+            let estimate = DeclaredEstimate::read(&mut table);
+            let spans = table.spans(&keys);
             // An estimate with a fault is not checked further.
-            if self.faults.len() == before {
-                draft.estimates.push(estimate);
+            if let Some(estimate) = estimate.filter(|_| self.faults.len() == before) {
+                draft.estimates.push(EstimateDraft { estimate, span, spans });
             }
         }
-    }
-
-    fn estimate(&mut self, span: Span, table: &DeTable) -> EstimateDraft {
-        let spans = KEYS.into_iter().filter_map(|key| Some((key, table.get(key)?.span().into())));
-        let name = match table.get("name") {
-            Some(node) => self.name("name", node).value,
-            None => {
-                let fault = Fault::at(span, "missing key `name` in an [[estimate]]");
-                self.faults
-                    .add(fault.help("the view `estimate` shows it: write name = \"effect\""));
-                String::new()
-            }
-        };
-        let words = Estimator::WORDS;
-        let estimator = table.get("estimator").and_then(|node| self.word("estimator", words, node));
-        let mut one = |key: &str, kind: Kind| self.value(key, kind, table.get(key)?);
-        let outcome = match one("outcome", OUTCOME) {
-            Some(Value::Text(text)) => text,
-            _ => REWARD.to_owned(),
-        };
-        let truth = one("truth", Kind::Flag) == Some(Value::Flag(true));
-        let numerator = match one("numerator", Kind::PositiveReal { max: 1.0 }) {
-            Some(Value::Real(share)) => share,
-            _ => NUMERATOR,
-        };
-        if let Some(node) = table.get("numerator").filter(|_| numerator == 1.0) {
-            self.expected("numerator", "a probability above 0 and below 1", node);
-        }
-        let words_of_errors = &StandardErrors::WORDS;
-        let standard_errors = table
-            .get("standard_errors")
-            .and_then(|node| self.word("standard_errors", words_of_errors, node));
-        let treatment = table.get("treatment").and_then(|node| self.treatment(node));
-        let [control, moderators] = ["control", "moderators"].map(|key| self.features(key, table));
-        let agents = table.get("agents").map(|node| {
-            let items = self.items("agents", node);
-            let read = |reader: &mut Self, item: &Node| {
-                Some(reader.name("agents", item).value).filter(|name| !name.is_empty())
-            };
-            self.distinct("agents", items.into_iter(), read)
-        });
-        let declaration = Arc::new(EstimateDeclaration {
-            control,
-            less_costs: false,
-            estimator: estimator.unwrap_or(words[0]).to_owned(),
-            moderators,
-            name,
-            numerator,
-            outcome,
-            standard_errors: standard_errors.and_then(StandardErrors::named).unwrap_or_default(),
-            treatment: treatment.unwrap_or(Treatment::Messages(Messages::Any)),
-            truth,
-        });
-        let estimate = DeclaredEstimate { declaration, agents };
-        EstimateDraft { estimate, span, spans: spans.collect() }
-    }
-
-    /// What is compared with action 0.
-    fn treatment(&mut self, node: &Node) -> Option<Treatment> {
-        let number = || whole(node).and_then(|number| u8::try_from(number).ok());
-        let treatment = match node.get_ref().as_str() {
-            Some(word) => Treatment::named(word),
-            None => number().filter(|number| *number > 0).map(Treatment::Action),
-        };
-        if treatment.is_none() {
-            let words = Treatment::WORDS.map(|word| format!("\"{word}\"")).join(" or ");
-            let expected = format!("{words} or the number of an action above 0");
-            self.expected("treatment", &expected, node);
-        }
-        treatment
-    }
-
-    /// A list of features, which may be empty.
-    fn features(&mut self, key: &str, table: &DeTable) -> Vec<String> {
-        let Some(node) = table.get(key) else { return Vec::new() };
-        let Some(items) = node.get_ref().as_array() else {
-            self.expected(key, "a list of features, as in [\"step\"]", node);
-            return Vec::new();
-        };
-        if items.len() > MOST_FEATURES {
-            let message =
-                format!("`{key}`: at most {MOST_FEATURES} features, found {}", items.len());
-            self.faults.add(Fault::at(node.span().into(), message));
-            return Vec::new();
-        }
-        self.distinct(key, items.iter(), |reader, item| {
-            let name = reader.name(key, item);
-            if name.value == CONSTANT {
-                let message = format!("`{key}`: the constant 1 is always included");
-                reader.faults.add(Fault::at(item.span().into(), message).help("remove it"));
-            }
-            Some(name.value).filter(|name| !name.is_empty())
-        })
     }
 }
 
@@ -341,69 +223,4 @@ impl Checked<'_> {
             false => format!("write agents = [{}] in the [[estimate]]", others.join(", ")),
         }));
     }
-}
-
-/// The JSON Schema of an estimate.
-pub(in crate::manifest) fn schema() -> Json {
-    let described = |mut schema: Json, text: &str| {
-        schema["description"] = text.into();
-        schema
-    };
-    let features = || {
-        let mut schema = list(json!({ "type": "string", "minLength": 1 }));
-        schema["minItems"] = json!(0);
-        schema["maxItems"] = json!(MOST_FEATURES);
-        schema["default"] = json!([]);
-        schema
-    };
-    json!({
-        "type": "object",
-        "additionalProperties": false,
-        "required": ["name"],
-        "properties": {
-            "name": { "$ref": "#/$defs/name" },
-            "estimator": {
-                "enum": Estimator::WORDS,
-                "default": Estimator::WORDS[0],
-                "description": "how the effect is estimated: weighted and centred least squares",
-            },
-            "outcome": described(
-                json!({ "type": "string", "minLength": 1, "default": REWARD }),
-                "\"reward\" of the step less the cost of the message, \"gross_reward\" before it, or a name of the recorded state: its value before the next decision",
-            ),
-            "treatment": described(
-                json!({ "anyOf": [{ "enum": Treatment::WORDS }, value(ACTION)], "default": Treatment::WORDS[0] }),
-                "what is compared with action 0: any message, each message, or the action of this number",
-            ),
-            "control": described(
-                features(),
-                "features of the model of the outcome without treatment, beside the constant 1",
-            ),
-            "moderators": described(
-                features(),
-                "features that the effect depends on, beside the constant 1",
-            ),
-            "numerator": {
-                "type": "number",
-                "exclusiveMinimum": 0,
-                "exclusiveMaximum": 1,
-                "default": NUMERATOR,
-                "description": "probability of treatment in the numerator of the weights; several treatments share it equally",
-            },
-            "standard_errors": {
-                "enum": StandardErrors::WORDS,
-                "default": StandardErrors::default().word(),
-                "description": "whether standard errors account for an agent that learned from everybody",
-            },
-            "truth": {
-                "type": "boolean",
-                "default": false,
-                "description": "whether the true effect in each trial is simulated, too",
-            },
-            "agents": described(
-                json!({ "anyOf": [{ "$ref": "#/$defs/name" }, list(json!({ "$ref": "#/$defs/name" }))] }),
-                "agents whose jobs have the estimate; all by default",
-            ),
-        },
-    })
 }

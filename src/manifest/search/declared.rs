@@ -1,36 +1,29 @@
 //! A search: what `[search]` declares.
 
-use std::fmt;
+use serde_json::{Value as Json, json};
 
 use crate::job::MetricName;
-use crate::key::Value;
-use crate::manifest::text::written;
+use crate::job::metric::MEAN_RETURN;
+use crate::key::{Kind, Value};
+use crate::manifest::search::keys::{Fresh, KEEP, LEVEL, Leaving, RacedMetric, Rungs};
+use crate::manifest::table::{Fields, fields, table_schema};
 
-/// A search: settings are drawn, and a race over seeds finds the best.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Search {
-    /// The number of settings that are drawn for each agent with draws; at least 2.
-    pub samples: usize,
-    /// The seed of the points at which settings are drawn.
-    pub seed: u64,
-    /// The seeds of an arm at the end of each rung, ascending; at least one rung.
-    pub rungs: Vec<usize>,
-    /// Which arms leave at the end of a rung.
-    pub leaving: Leaving,
-    /// The seeds on which winners and agents without draws are compared; no arm races with them.
-    pub fresh: Vec<u64>,
-    /// The metric that arms are compared in; the highest is the best.
-    pub metric: MetricName,
-}
-
-/// Which arms leave a race at the end of a rung.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Leaving {
-    /// All but this share of the arms, the best.
-    Share(f64),
-    /// Arms whose paired difference to the best is not 0 with certainty. The level, between 0 and 1, is divided by the
-    /// number of comparisons of the race.
-    Evidence(f64),
+fields! {
+    /// A search: settings are drawn, and a race over seeds finds the best.
+    pub struct Search {
+        /// number of settings that are drawn for each agent with draws
+        samples: usize, in Kind::Integer { min: 2, max: 10_000 }, missing "write samples = 32";
+        /// seed of the points at which settings are drawn; 1 by default
+        seed: u64 = 1, in Kind::Integer { min: 0, max: i64::MAX as u64 };
+        /// seeds per arm at the end of each rung, ascending
+        rungs: Vec<usize> as Rungs, missing "write rungs = [2, 4, 8]";
+        /// which arms leave at the end of a rung
+        leaving: Leaving;
+        /// seeds that the race does not use, on which winners are tested: a count (10 by default) or a list
+        fresh: Fresh = Fresh::Count(10);
+        /// the metric of the race; mean_return by default
+        metric: MetricName as RacedMetric = MEAN_RETURN;
+    }
 }
 
 impl Search {
@@ -50,33 +43,43 @@ impl Search {
 
     /// The rung in which arms get a seed, from 0; fresh seeds come after the last rung.
     pub fn rung_of(&self, seed: u64) -> usize {
-        let is_fresh = self.fresh.contains(&seed);
-        let rung = self.rungs.iter().position(|seeds| !is_fresh && seed <= *seeds as u64);
-        rung.unwrap_or(self.rungs.len())
+        let rung = self.rungs.iter().position(|seeds| seed <= *seeds as u64);
+        // A list of fresh seeds may have 0, which is before the seeds of the race.
+        rung.filter(|_| seed > 0).unwrap_or(self.rungs.len())
+    }
+
+    /// The number of fresh seeds.
+    pub fn fresh_count(&self) -> usize {
+        match &self.fresh {
+            Fresh::Count(count) => *count as usize,
+            Fresh::Seeds(seeds) => seeds.len(),
+        }
     }
 
     /// The seeds of the manifest: of the race, then fresh.
     pub(in crate::manifest) fn seeds(&self) -> Vec<Value> {
-        let race = 1..=self.race_seeds() as u64;
-        race.chain(self.fresh.iter().copied()).map(Value::Integer).collect()
+        let raced = self.race_seeds() as u64;
+        let fresh: Vec<u64> = match &self.fresh {
+            Fresh::Count(count) => (raced + 1..=raced + count).collect(),
+            Fresh::Seeds(seeds) => seeds.clone(),
+        };
+        (1..=raced).chain(fresh).map(Value::Integer).collect()
     }
 }
 
-/// Writes the table as a manifest does.
-impl fmt::Display for Search {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        writeln!(f, "samples = {}\nseed = {}", self.samples, self.seed)?;
-        writeln!(f, "rungs = {}", written::list(&self.rungs))?;
-        match self.leaving {
-            Leaving::Share(keep) => writeln!(f, "keep = {keep:?}")?,
-            Leaving::Evidence(level) => writeln!(f, "level = {level:?}")?,
-        }
-        let first = self.race_seeds() as u64 + 1;
-        let is_count = self.fresh.iter().copied().eq(first..first + self.fresh.len() as u64);
-        match is_count {
-            true => writeln!(f, "fresh = {}", self.fresh.len())?,
-            false => writeln!(f, "fresh = {}", written::list(&self.fresh))?,
-        }
-        writeln!(f, "metric = \"{}\"", self.metric)
+/// The JSON Schema of `[search]`.
+pub(in crate::manifest) fn schema() -> Json {
+    let mut schema = table_schema(&Search::keys());
+    schema["oneOf"] = json!([{ "required": [KEEP.name] }, { "required": [LEVEL.name] }]);
+    schema
+}
+
+/// The key that says when arms leave in another way than this key of `[search]`; the two exclude each other.
+pub(in crate::manifest) fn other_way(section: &str, key: &str) -> Option<&'static str> {
+    let [keep, level] = [KEEP.name, LEVEL.name];
+    match section {
+        "search" if key == keep => Some(level),
+        "search" if key == level => Some(keep),
+        _ => None,
     }
 }

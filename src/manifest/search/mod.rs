@@ -2,6 +2,7 @@
 
 pub(super) mod declared;
 pub(super) mod draw;
+pub(super) mod keys;
 pub(super) mod points;
 pub(super) mod read;
 pub(super) mod stage;

@@ -5,44 +5,15 @@
 
 use std::collections::HashSet;
 
-use serde_json::{Value as Json, json};
-use toml::de::DeTable;
-
-use crate::job::metric::{MEAN_RETURN, NET_RETURN};
-use crate::key::{Kind, Parameter, Value};
+use crate::key::{Parameter, Value};
 use crate::manifest::draft::{AgentDraft, Draft};
-use crate::manifest::search::declared::{Leaving, Search};
+use crate::manifest::search::declared::Search;
 use crate::manifest::search::draw::Draw;
 use crate::manifest::search::points::points;
+use crate::manifest::table::{Fields, Table, names};
 use crate::manifest::text::fault::Fault;
 use crate::manifest::text::source::{Located, Span};
-use crate::manifest::value::respelt::respelt;
-use crate::manifest::value::schema::{list, value};
 use crate::manifest::value::sweep::{Node, Reader};
-
-/// The keys of `[search]`.
-pub(in crate::manifest) const KEYS: [&str; 7] =
-    ["samples", "seed", "rungs", "keep", "level", "fresh", "metric"];
-
-/// The key that says when arms leave in another way than this key of `[search]`; the two exclude each other.
-pub(in crate::manifest) fn other_way(section: &str, key: &str) -> Option<&'static str> {
-    match (section, key) {
-        ("search", "keep") => Some("level"),
-        ("search", "level") => Some("keep"),
-        _ => None,
-    }
-}
-
-const SAMPLES: Kind = Kind::Integer { min: 2, max: 10_000 };
-const SEED: Kind = Kind::Integer { min: 0, max: i64::MAX as u64 };
-const RUNGS: Kind = Kind::Counts { most: 20, max: 10_000 };
-const KEEP: Kind = Kind::Real { min: 0.001, max: 0.999 };
-const LEVEL: Kind = Kind::Real { min: 1e-6, max: 0.5 };
-const METRIC: Kind = Kind::Choice(&["mean_return", "mean_net_return"]);
-const FRESH: Kind = Kind::Integer { min: 1, max: 10_000 };
-
-/// The number of fresh seeds where the manifest does not say.
-const FRESH_SEEDS: u64 = 10;
 
 /// The points that are tried per setting, until the draws count as exhausted: choices and whole numbers repeat.
 const TRIES: usize = 50;
@@ -51,100 +22,13 @@ impl Reader<'_> {
     /// Reads `[search]`; `None` if it is faulty.
     pub fn search(&mut self, node: &Node) -> Option<Search> {
         let written = self.table("search", node)?;
-        self.only_keys("[search]", &KEYS, written);
-        let table = &*respelt(written, &KEYS);
-        let span = node.span().into();
+        let (title, span) = ("[search]", node.span().into());
+        let table = self.known_keys(title, &names(&Search::keys()), written);
         let before = self.faults.len();
-        self.require(table, span);
-        let samples = self.whole_in(table, "samples", SAMPLES);
-        let seed = self.whole_in(table, "seed", SEED).unwrap_or(1);
-        let rungs = self.rungs(table).unwrap_or_default();
-        let leaving = self.leaving(table, &rungs);
-        let metric = match table.get("metric").map(|node| self.value("metric", METRIC, node)) {
-            Some(Some(Value::Choice("mean_net_return"))) => NET_RETURN,
-            _ => MEAN_RETURN,
-        };
-        let fresh = self.fresh(table, rungs.last().copied().unwrap_or(0) as u64);
-        if self.faults.len() > before {
-            return None;
-        }
-        let (samples, leaving) = (samples? as usize, leaving?);
-        Some(Search { samples, seed, rungs, leaving, fresh, metric })
-    }
-
-    /// Reports keys that are missing or exclude each other.
-    fn require(&mut self, table: &DeTable, span: Span) {
-        let examples = [("samples", "samples = 32"), ("rungs", "rungs = [2, 4, 8]")];
-        for (key, example) in examples.into_iter().filter(|(key, _)| !table.contains_key(*key)) {
-            let message = format!("missing key `{key}` in [search]");
-            self.faults.add(Fault::at(span, message).help(format!("write {example}")));
-        }
-        let message = match (table.contains_key("keep"), table.contains_key("level")) {
-            (true, true) => "[search] takes `keep` or `level`, not both",
-            (false, false) => "[search] needs `keep` or `level`, which say when an arm leaves",
-            (true, false) | (false, true) => return,
-        };
-        self.faults.add(Fault::at(span, message).help(
-            "write keep = 0.5 for the better half of a rung, or level = 0.05 for the arms that are not shown to be worse \
-             than the best",
-        ));
-    }
-
-    fn whole_in(&mut self, table: &DeTable, key: &str, kind: Kind) -> Option<u64> {
-        match self.value(key, kind, table.get(key)?) {
-            Some(Value::Integer(whole)) => Some(whole),
-            _ => None,
-        }
-    }
-
-    /// The seeds of an arm at the end of each rung.
-    fn rungs(&mut self, table: &DeTable) -> Option<Vec<usize>> {
-        let node = table.get("rungs")?;
-        let Some(Value::Wholes(rungs)) = self.value("rungs", RUNGS, node) else { return None };
-        if rungs.is_empty() {
-            self.expected("rungs", "at least one number of seeds per arm, as in [2, 4, 8]", node);
-            return None;
-        }
-        Some(rungs.into_iter().map(|seeds| seeds as usize).collect())
-    }
-
-    fn leaving(&mut self, table: &DeTable, rungs: &[usize]) -> Option<Leaving> {
-        if let Some(node) = table.get("keep") {
-            let Some(Value::Real(keep)) = self.value("keep", KEEP, node) else { return None };
-            return Some(Leaving::Share(keep));
-        }
-        let node = table.get("level")?;
-        let Some(Value::Real(level)) = self.value("level", LEVEL, node) else { return None };
-        if rungs.first() == Some(&1) {
-            let message = "`level`: one seed per arm gives no interval, and the first rung has one";
-            let fault = Fault::at(node.span().into(), message);
-            self.faults.add(fault.help("begin `rungs` with 2 or more, or write keep = 0.5"));
-        }
-        Some(Leaving::Evidence(level))
-    }
-
-    /// The fresh seeds: a count of the seeds behind those of the race, or a list.
-    fn fresh(&mut self, table: &DeTable, race: u64) -> Vec<u64> {
-        let after = |count: u64| (race + 1..=race + count).collect();
-        let Some(node) = table.get("fresh") else { return after(FRESH_SEEDS) };
-        if !node.get_ref().is_array() {
-            return match self.value("fresh", FRESH, node) {
-                Some(Value::Integer(count)) => after(count),
-                _ => Vec::new(),
-            };
-        }
-        let seeds = self.seed_list("fresh", node).into_iter();
-        let seeds: Vec<u64> = seeds
-            .filter_map(|seed| if let Value::Integer(seed) = seed { Some(seed) } else { None })
-            .collect();
-        if let Some(raced) = seeds.iter().find(|seed| (1..=race).contains(*seed)) {
-            let message = format!(
-                "`fresh`: the arms race with the seeds 1 to {race}, and {raced} is one of them"
-            );
-            let help = "on a seed that selected the winner, its return would be too high";
-            self.faults.add(Fault::at(node.span().into(), message).help(help));
-        }
-        seeds
+        let mut table =
+            Table { reader: self, title, name: "", span, table: &table, needs: Vec::new() };
+        let search = Search::read(&mut table);
+        search.filter(|_| self.faults.len() == before)
     }
 
     /// Gives the drawn keys of every agent their values and the manifest its seeds, and reports what a search cannot
@@ -297,44 +181,11 @@ fn drawn_parameters(agent: &AgentDraft) -> Vec<Parameter> {
     agent.settings.draws.keys().map(name).collect()
 }
 
-/// The JSON Schema of `[search]`.
-pub(in crate::manifest) fn schema() -> Json {
-    let seeds = list(json!({ "$ref": "#/$defs/seed" }));
-    let described = |text: &str, mut schema: Json| {
-        schema["description"] = text.into();
-        schema
-    };
-    let mut rungs = value(RUNGS);
-    rungs["minItems"] = json!(1);
-    json!({
-        "type": "object",
-        "additionalProperties": false,
-        "required": ["samples", "rungs"],
-        "oneOf": [{ "required": ["keep"] }, { "required": ["level"] }],
-        "properties": {
-            "samples": described("number of settings that are drawn for each agent with draws", value(SAMPLES)),
-            "seed": described("seed of the points at which settings are drawn; 1 by default", value(SEED)),
-            "rungs": described("seeds per arm at the end of each rung, ascending", rungs),
-            "keep": described("share of the arms of a rung that go on, the best", value(KEEP)),
-            "level": described(
-                "level of the race: an arm leaves when its paired difference to the best is not 0 at this level, divided \
-                 by the number of comparisons",
-                value(LEVEL),
-            ),
-            "fresh": described(
-                "seeds that the race does not use, on which winners are tested: a count (10 by default) or a list",
-                json!({ "anyOf": [value(FRESH), seeds] }),
-            ),
-            "metric": described("the metric of the race; mean_return by default", value(METRIC)),
-        },
-    })
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::manifest::Manifest;
     use crate::manifest::parse;
+    use crate::manifest::{Leaving, Manifest};
 
     fn text(samples: usize, search: &str, draws: &str) -> String {
         format!(

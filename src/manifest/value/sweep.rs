@@ -388,7 +388,7 @@ fn real_of(value: Value) -> Option<f64> {
 }
 
 /// The value of `node`, if it is of `kind`.
-fn read(kind: Kind, node: &Node) -> Option<Value> {
+pub(in crate::manifest) fn read(kind: Kind, node: &Node) -> Option<Value> {
     // Distributions, rows and files have readers of their own, with more precise messages.
     let has_own = matches!(kind, Kind::Distribution(_) | Kind::Rows(_) | Kind::Content(_));
     let value = kind.value(&json(node).filter(|_| !has_own)?)?;

@@ -88,7 +88,8 @@ fn conditions(manifest: &Manifest) -> Vec<Condition> {
     let names = agents.chain(["' OR 1"]);
     conditions.extend(names.map(|one| Condition::texts(Parameter::AGENT_NAME, [one])));
     let of_agents = manifest.agents.iter().map(|agent| &agent.parameters);
-    for parameters in [&manifest.environment, &manifest.evaluation].into_iter().chain(of_agents) {
+    let shared = manifest.sections.iter().map(|(_, parameters)| parameters);
+    for parameters in shared.chain(of_agents) {
         for (key, values) in parameters.iter() {
             let dotted = format!("{}.{}", parameters.section().name(), key.name);
             let parameter = manifest::parameter(&dotted).unwrap();

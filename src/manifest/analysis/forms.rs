@@ -1,0 +1,220 @@
+//! How the keys of analyses that are more than one value of a kind are read and written.
+
+use serde_json::{Value as Json, json};
+
+use crate::job::Condition;
+use crate::key::{Kind, Parameter, Value};
+use crate::manifest::limits::MOST_JOBS;
+use crate::manifest::parameter::seed_of;
+use crate::manifest::table::{Field, Need, Table};
+use crate::manifest::text::written::{condition, list, quoted};
+use crate::manifest::value::sweep::{Node, number, whole};
+
+/// A family of contrasts whose p values are corrected together.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct FamilyName(pub String);
+
+impl Field for FamilyName {
+    type Value = FamilyName;
+
+    fn schema(_: Option<Kind>) -> Json {
+        json!({ "$ref": "#/$defs/name" })
+    }
+
+    fn read(table: &mut Table<'_, '_>, key: &str, _: Option<Kind>) -> Option<FamilyName> {
+        Some(FamilyName(match table.node(key) {
+            Some(node) => table.reader.name(key, node).value,
+            None => table.name.to_owned(),
+        }))
+    }
+
+    fn written(value: &FamilyName, key: &'static str) -> Vec<(&'static str, String)> {
+        vec![(key, quoted(&value.0))]
+    }
+}
+
+/// A number of bins into which the ten bins of the store can be merged.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Bins(pub u8);
+
+impl Bins {
+    const ALL: [u8; 4] = [1, 2, 5, 10];
+}
+
+impl Field for Bins {
+    type Value = Bins;
+
+    fn schema(_: Option<Kind>) -> Json {
+        json!({ "enum": Bins::ALL })
+    }
+
+    fn read(table: &mut Table<'_, '_>, key: &str, _: Option<Kind>) -> Option<Bins> {
+        let node = table.node(key)?;
+        let bins = whole(node).and_then(|bins| u8::try_from(bins).ok());
+        let bins = bins.filter(|bins| Bins::ALL.contains(bins));
+        if bins.is_none() {
+            table.reader.expected(key, "1, 2, 5 or 10", node);
+        }
+        bins.map(Bins)
+    }
+
+    fn written(value: &Bins, key: &'static str) -> Vec<(&'static str, String)> {
+        vec![(key, value.0.to_string())]
+    }
+}
+
+/// Seeds on which selected settings are evaluated.
+impl Field for Vec<u64> {
+    type Value = Vec<u64>;
+
+    fn schema(_: Option<Kind>) -> Json {
+        json!({ "anyOf": [
+            { "type": "integer", "minimum": 1, "maximum": MOST_JOBS },
+            {
+                "type": "array",
+                "minItems": 1,
+                "uniqueItems": true,
+                "items": { "$ref": "#/$defs/seed" },
+            },
+        ] })
+    }
+
+    fn read(table: &mut Table<'_, '_>, key: &str, _: Option<Kind>) -> Option<Vec<u64>> {
+        let node = table.node(key)?;
+        // A few characters can request millions of seeds, and a manifest can have a thousand analyses.
+        let count = whole(node).map(|count| usize::try_from(count).unwrap_or(usize::MAX));
+        let fits = count.is_none_or(|count| table.reader.count_in(key, count, node));
+        let seeds = if fits { table.reader.seeds(key, node) } else { Vec::new() };
+        Some(seeds.iter().map(seed_of).collect())
+    }
+
+    fn written(value: &Vec<u64>, key: &'static str) -> Vec<(&'static str, String)> {
+        vec![(key, list(value))]
+    }
+}
+
+/// Conditions on the arms of a recovery.
+impl Field for Vec<Condition> {
+    type Value = Vec<Condition>;
+
+    fn schema(_: Option<Kind>) -> Json {
+        json!({ "$ref": "#/$defs/exclude" })
+    }
+
+    fn read(table: &mut Table<'_, '_>, key: &str, _: Option<Kind>) -> Option<Self> {
+        let node = table.node(key)?;
+        let keys = table.reader.table(key, node)?;
+        if keys.is_empty() {
+            let expected = "at least one condition, as in { agent.name = \"ppo\" }";
+            table.reader.expected(key, expected, node);
+        }
+        let conditions = table.reader.conditions(keys, &format!("`{key}`"));
+        let conditions: Vec<Condition> = conditions.into_iter().map(|one| one.value).collect();
+        table.need_jobs(node.span().into(), &conditions);
+        (!conditions.is_empty()).then_some(conditions)
+    }
+
+    fn written(value: &Vec<Condition>, key: &'static str) -> Vec<(&'static str, String)> {
+        let written: Vec<String> = value.iter().map(condition).collect();
+        vec![(key, format!("{{ {} }}", written.join(", ")))]
+    }
+}
+
+/// The names of declared estimates; none for all of them.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct EstimateNames(pub Vec<String>);
+
+impl Field for EstimateNames {
+    type Value = EstimateNames;
+
+    fn schema(_: Option<Kind>) -> Json {
+        json!({ "type": "array", "minItems": 1, "uniqueItems": true, "items": { "$ref": "#/$defs/name" } })
+    }
+
+    fn read(table: &mut Table<'_, '_>, key: &str, _: Option<Kind>) -> Option<Self> {
+        let Some(node) = table.node(key) else { return Some(EstimateNames::default()) };
+        let items = table.reader.items(key, node);
+        let names = items.into_iter().map(|item| table.reader.name(key, item).value);
+        Some(EstimateNames(names.collect()))
+    }
+
+    fn written(value: &EstimateNames, key: &'static str) -> Vec<(&'static str, String)> {
+        let names: Vec<String> = value.0.iter().map(quoted).collect();
+        if names.is_empty() { Vec::new() } else { vec![(key, format!("[{}]", names.join(", ")))] }
+    }
+}
+
+/// States of which each is a list of the values of the features that an agent sees.
+#[derive(Clone, Debug, PartialEq)]
+pub struct States(pub Vec<Vec<f64>>);
+
+impl Field for States {
+    type Value = States;
+
+    fn schema(_: Option<Kind>) -> Json {
+        let state = json!({ "type": "array", "minItems": 1, "items": { "type": "number" } });
+        json!({ "type": "array", "minItems": 1, "uniqueItems": true, "items": state })
+    }
+
+    fn read(table: &mut Table<'_, '_>, key: &str, _: Option<Kind>) -> Option<States> {
+        let Some(node) = table.node(key) else {
+            table.missing(key, "list states: [[1, -0.7, -0.1, 0], [0, -0.7, -0.1, 0]]");
+            return None;
+        };
+        let state = |node: &Node| {
+            let items = node.get_ref().as_array().filter(|items| !items.is_empty())?;
+            let numbers: Option<Vec<f64>> = items.iter().map(number).collect();
+            numbers.filter(|numbers| numbers.iter().all(|number| number.is_finite()))
+        };
+        let items = node.get_ref().as_array().filter(|items| !items.is_empty());
+        let states: Option<Vec<Vec<f64>>> = items.and_then(|all| all.iter().map(state).collect());
+        if states.is_none() {
+            let expected = "a list of states, each a list of numbers, as in [[1, -0.7, -0.1, 0]]";
+            table.reader.expected(key, expected, node);
+        }
+        states.map(States)
+    }
+
+    fn written(value: &States, key: &'static str) -> Vec<(&'static str, String)> {
+        let states: Vec<String> =
+            value.0.iter().map(|state| Value::Reals(state.clone()).to_string()).collect();
+        vec![(key, format!("[{}]", states.join(", ")))]
+    }
+}
+
+/// What is sought along the number of people.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Find {
+    /// The power, between 0 and 1.
+    pub power: f64,
+}
+
+impl Field for Find {
+    type Value = Find;
+
+    fn schema(_: Option<Kind>) -> Json {
+        let power = json!({ "type": "number", "exclusiveMinimum": 0, "exclusiveMaximum": 1 });
+        json!({
+            "type": "object",
+            "properties": { "power": power },
+            "required": ["power"],
+            "additionalProperties": false,
+        })
+    }
+
+    fn read(table: &mut Table<'_, '_>, key: &str, _: Option<Kind>) -> Option<Find> {
+        let node = table.node(key)?;
+        let power = node.get_ref().as_table().filter(|keys| keys.len() == 1);
+        let power = power.and_then(|keys| keys.get("power")).and_then(number);
+        let power = power.filter(|power| *power > 0.0 && *power < 1.0);
+        if power.is_none() {
+            table.reader.expected(key, "{ power = 0.8 } or another number between 0 and 1", node);
+        }
+        table.need(node.span().into(), Need::Numbers(Parameter::Trial("people")));
+        power.map(|power| Find { power })
+    }
+
+    fn written(value: &Find, key: &'static str) -> Vec<(&'static str, String)> {
+        vec![(key, format!("{{ power = {} }}", Value::Real(value.power)))]
+    }
+}
