@@ -335,9 +335,9 @@ fn an_estimator_of_a_newer_release_is_named_and_the_others_are_read() {
     let before = estimates(&folder);
     let newer = r#"{"control":[],"estimator":"emee","moderators":[],"name":"odds","numerator":0.5,
         "outcome":"reward","treatment":"any message"}"#;
-    let store = folder.store();
-    store.execute("INSERT INTO estimate_declaration (canonical) VALUES (?1)", [newer]).unwrap();
-    drop(store);
+    let raw = rusqlite::Connection::open(folder.path("jitai.sqlite")).unwrap();
+    raw.execute("INSERT INTO estimate_declaration (canonical) VALUES (?1)", [newer]).unwrap();
+    drop(raw);
     folder
         .jitai(["doctor"])
         .ended(3)
