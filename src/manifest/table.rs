@@ -43,7 +43,7 @@ pub(in crate::manifest) trait Field {
     fn schema(kind: Option<Kind>) -> Json;
 
     /// Reads the field; `None` if it is faulty, which is reported.
-    fn read(table: &mut Table<'_, '_>, key: &str, kind: Option<Kind>) -> Option<Self::Value>;
+    fn read(table: &mut TableReader<'_, '_>, key: &str, kind: Option<Kind>) -> Option<Self::Value>;
 
     /// Its keys with their values, as a manifest writes them.
     fn written(value: &Self::Value, key: &'static str) -> Vec<(&'static str, String)>;
@@ -57,7 +57,7 @@ impl<T: KeyType> Field for T {
         schema::value(kind.expect("a field of a plain type has a kind"))
     }
 
-    fn read(table: &mut Table<'_, '_>, key: &str, kind: Option<Kind>) -> Option<T> {
+    fn read(table: &mut TableReader<'_, '_>, key: &str, kind: Option<Kind>) -> Option<T> {
         let kind = kind?;
         let Some(node) = table.node(key) else {
             table.missing(key, &format!("it is {}", kind.expectation()));
@@ -81,7 +81,11 @@ impl<F: Field> Field for Option<F> {
         F::schema(kind)
     }
 
-    fn read(table: &mut Table<'_, '_>, key: &str, kind: Option<Kind>) -> Option<Option<F::Value>> {
+    fn read(
+        table: &mut TableReader<'_, '_>,
+        key: &str,
+        kind: Option<Kind>,
+    ) -> Option<Option<F::Value>> {
         let has = |key: &str| table.node(key).is_some();
         let is_given =
             F::KEYS.map_or_else(|| has(key), |keys| keys.iter().any(|key| has(key.name)));
@@ -99,7 +103,7 @@ pub(in crate::manifest) trait Fields: Sized {
     fn keys() -> Vec<TableKey>;
 
     /// Reads all fields; `None` if one is faulty, which is reported.
-    fn read(table: &mut Table<'_, '_>) -> Option<Self>;
+    fn read(table: &mut TableReader<'_, '_>) -> Option<Self>;
 
     /// The keys with their values, as a manifest writes them.
     fn written(&self) -> Vec<(&'static str, String)>;
@@ -166,7 +170,7 @@ macro_rules! fields {
                 own.concat()
             }
 
-            fn read($table: &mut crate::manifest::table::Table<'_, '_>) -> Option<Self> {
+            fn read($table: &mut crate::manifest::table::TableReader<'_, '_>) -> Option<Self> {
                 $(
                     let $field = $table.field::<fields!(@form $Type $(, $Form)?)>(
                         stringify!($field),
@@ -237,7 +241,7 @@ pub(in crate::manifest) fn names(keys: &[TableKey]) -> Vec<&'static str> {
 }
 
 /// A table that is being read.
-pub(in crate::manifest) struct Table<'a, 'r> {
+pub(in crate::manifest) struct TableReader<'a, 'r> {
     pub reader: &'a mut Reader<'r>,
     /// The table in messages: `an [[estimate]]`.
     pub title: &'a str,
@@ -261,7 +265,7 @@ pub(in crate::manifest) enum Need {
     Numbers(Parameter),
 }
 
-impl<'a> Table<'a, '_> {
+impl<'a> TableReader<'a, '_> {
     /// The value of a key, if the table has it.
     pub fn node(&self, key: &str) -> Option<&'a Node<'a>> {
         self.table.get(key)

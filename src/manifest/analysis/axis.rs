@@ -5,7 +5,7 @@ use serde_json::{Value as Json, json};
 use crate::key::{Kind, Parameter, free_key};
 use crate::manifest::parameter::{meant, named};
 use crate::manifest::section::Section;
-use crate::manifest::table::{Field, Need, Table};
+use crate::manifest::table::{Field, Need, TableReader};
 use crate::manifest::text::fault::Fault;
 use crate::manifest::text::written::quoted;
 use crate::manifest::value::sweep::{Node, Reader};
@@ -29,7 +29,7 @@ impl Field for CurveAxis {
         json!({ "anyOf": [{ "const": ERROR_AXIS }, { "$ref": "#/$defs/parameter" }] })
     }
 
-    fn read(table: &mut Table<'_, '_>, key: &str, kind: Option<Kind>) -> Option<CurveAxis> {
+    fn read(table: &mut TableReader<'_, '_>, key: &str, kind: Option<Kind>) -> Option<CurveAxis> {
         let node = table.node(key);
         if node.is_none_or(|node| node.get_ref().as_str() == Some(ERROR_AXIS)) {
             table.need(table.span_of(key), Need::Numbers(Parameter::Environment("sigma")));
@@ -54,7 +54,7 @@ impl Field for Parameter {
         json!({ "$ref": "#/$defs/parameter" })
     }
 
-    fn read(table: &mut Table<'_, '_>, key: &str, _: Option<Kind>) -> Option<Parameter> {
+    fn read(table: &mut TableReader<'_, '_>, key: &str, _: Option<Kind>) -> Option<Parameter> {
         let node = table.node(key)?;
         let named = node.get_ref().as_str().and_then(|name| named(table.reader.family, name));
         let numeric = named.filter(|parameter| {

@@ -4,7 +4,7 @@ use serde_json::{Value as Json, json};
 
 use crate::key::{FixedKind, Kind, Parameter, choices};
 use crate::manifest::parameter::{meant, named};
-use crate::manifest::table::{Field, Need, Table, fields};
+use crate::manifest::table::{Field, Need, TableReader, fields};
 use crate::manifest::text::fault::Fault;
 use crate::manifest::text::written::quoted;
 
@@ -77,7 +77,7 @@ impl Field for PanelKey {
         ] })
     }
 
-    fn read(table: &mut Table<'_, '_>, key: &str, _: Option<Kind>) -> Option<PanelKey> {
+    fn read(table: &mut TableReader<'_, '_>, key: &str, _: Option<Kind>) -> Option<PanelKey> {
         let node = table.node(key)?;
         let found = node.get_ref().as_str().unwrap_or_default();
         if matches!(found, "agent" | "agent.name") {

@@ -6,7 +6,7 @@ use crate::job::Condition;
 use crate::key::{Kind, Parameter, Value};
 use crate::manifest::limits::MOST_JOBS;
 use crate::manifest::parameter::seed_of;
-use crate::manifest::table::{Field, Need, Table};
+use crate::manifest::table::{Field, Need, TableReader};
 use crate::manifest::text::written::{condition, list, quoted};
 use crate::manifest::value::sweep::{Node, number, whole};
 
@@ -21,7 +21,7 @@ impl Field for FamilyName {
         json!({ "$ref": "#/$defs/name" })
     }
 
-    fn read(table: &mut Table<'_, '_>, key: &str, _: Option<Kind>) -> Option<FamilyName> {
+    fn read(table: &mut TableReader<'_, '_>, key: &str, _: Option<Kind>) -> Option<FamilyName> {
         Some(FamilyName(match table.node(key) {
             Some(node) => table.reader.name(key, node).value,
             None => table.name.to_owned(),
@@ -48,7 +48,7 @@ impl Field for Bins {
         json!({ "enum": Bins::ALL })
     }
 
-    fn read(table: &mut Table<'_, '_>, key: &str, _: Option<Kind>) -> Option<Bins> {
+    fn read(table: &mut TableReader<'_, '_>, key: &str, _: Option<Kind>) -> Option<Bins> {
         let node = table.node(key)?;
         let bins = whole(node).and_then(|bins| u8::try_from(bins).ok());
         let bins = bins.filter(|bins| Bins::ALL.contains(bins));
@@ -79,7 +79,7 @@ impl Field for Vec<u64> {
         ] })
     }
 
-    fn read(table: &mut Table<'_, '_>, key: &str, _: Option<Kind>) -> Option<Vec<u64>> {
+    fn read(table: &mut TableReader<'_, '_>, key: &str, _: Option<Kind>) -> Option<Vec<u64>> {
         let node = table.node(key)?;
         // A few characters can request millions of seeds, and a manifest can have a thousand analyses.
         let count = whole(node).map(|count| usize::try_from(count).unwrap_or(usize::MAX));
@@ -101,7 +101,7 @@ impl Field for Vec<Condition> {
         json!({ "$ref": "#/$defs/exclude" })
     }
 
-    fn read(table: &mut Table<'_, '_>, key: &str, _: Option<Kind>) -> Option<Self> {
+    fn read(table: &mut TableReader<'_, '_>, key: &str, _: Option<Kind>) -> Option<Self> {
         let node = table.node(key)?;
         let keys = table.reader.table(key, node)?;
         if keys.is_empty() {
@@ -131,7 +131,7 @@ impl Field for EstimateNames {
         json!({ "type": "array", "minItems": 1, "uniqueItems": true, "items": { "$ref": "#/$defs/name" } })
     }
 
-    fn read(table: &mut Table<'_, '_>, key: &str, _: Option<Kind>) -> Option<Self> {
+    fn read(table: &mut TableReader<'_, '_>, key: &str, _: Option<Kind>) -> Option<Self> {
         let Some(node) = table.node(key) else { return Some(EstimateNames::default()) };
         let items = table.reader.items(key, node);
         let names = items.into_iter().map(|item| table.reader.name(key, item).value);
@@ -156,7 +156,7 @@ impl Field for States {
         json!({ "type": "array", "minItems": 1, "uniqueItems": true, "items": state })
     }
 
-    fn read(table: &mut Table<'_, '_>, key: &str, _: Option<Kind>) -> Option<States> {
+    fn read(table: &mut TableReader<'_, '_>, key: &str, _: Option<Kind>) -> Option<States> {
         let Some(node) = table.node(key) else {
             table.missing(key, "list states: [[1, -0.7, -0.1, 0], [0, -0.7, -0.1, 0]]");
             return None;
@@ -202,7 +202,7 @@ impl Field for Find {
         })
     }
 
-    fn read(table: &mut Table<'_, '_>, key: &str, _: Option<Kind>) -> Option<Find> {
+    fn read(table: &mut TableReader<'_, '_>, key: &str, _: Option<Kind>) -> Option<Find> {
         let node = table.node(key)?;
         let power = node.get_ref().as_table().filter(|keys| keys.len() == 1);
         let power = power.and_then(|keys| keys.get("power")).and_then(number);

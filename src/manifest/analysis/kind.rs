@@ -11,7 +11,7 @@ use crate::manifest::analysis::figure_keys::FigureKeys;
 use crate::manifest::analysis::forms::{Bins, EstimateNames, FamilyName, Find, States};
 use crate::manifest::analysis::participants;
 use crate::manifest::analysis::sides::Sides;
-use crate::manifest::table::{Fields, Table, TableKey, fields, name_key, names};
+use crate::manifest::table::{Fields, TableKey, TableReader, fields, name_key, names};
 use crate::manifest::text::fault::{Fault, FaultList};
 use crate::manifest::text::source::Span;
 
@@ -170,7 +170,7 @@ pub(in crate::manifest) struct KindDeclaration {
     own: fn() -> Vec<TableKey>,
     figure: &'static [&'static str],
     /// Reads the keys of the kind; `None` if one is faulty, which is reported.
-    pub read: fn(&mut Table<'_, '_>) -> Option<AnalysisKind>,
+    pub read: fn(&mut TableReader<'_, '_>) -> Option<AnalysisKind>,
 }
 
 impl KindDeclaration {

@@ -19,7 +19,7 @@ use crate::manifest::declared::{DeclaredAgent, Manifest};
 use crate::manifest::draft::Draft;
 use crate::manifest::limits::MOST_COMPARISONS;
 use crate::manifest::presence::absent;
-use crate::manifest::table::{Fields, Need, Table};
+use crate::manifest::table::{Fields, Need, TableReader};
 use crate::manifest::text::fault::{Fault, FaultList, near};
 use crate::manifest::text::source::{Located, Span};
 use crate::manifest::value::respelt::respelt;
@@ -42,7 +42,7 @@ impl Reader<'_> {
             };
             let says = ("[[analysis]]", "files and links use it: write name = \"figure-1\"", None);
             let name = self.name_among(says, span, &table, &mut names).value;
-            let table = Table {
+            let table = TableReader {
                 reader: self,
                 title: &title,
                 name: &name,
@@ -111,9 +111,9 @@ impl Reader<'_> {
 fn analysis(
     place: usize,
     kind: Option<&KindDeclaration>,
-    mut table: Table<'_, '_>,
+    mut table: TableReader<'_, '_>,
 ) -> AnalysisDraft {
-    let Table { reader, name, span, table: keys, .. } = &mut table;
+    let TableReader { reader, name, span, table: keys, .. } = &mut table;
     let (name, span, keys) = (*name, *span, *keys);
     let title = keys.get("title").and_then(|node| reader.prose("title", node));
     let metric = keys.get("metric").map(|node| reader.metric(node));

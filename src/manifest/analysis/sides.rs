@@ -6,7 +6,7 @@ use crate::job::Condition;
 use crate::key::{Kind, Parameter};
 use crate::manifest::analysis::axis::kind_of;
 use crate::manifest::parameter::named;
-use crate::manifest::table::{Field, Table, TableKey};
+use crate::manifest::table::{Field, TableKey, TableReader};
 use crate::manifest::text::fault::Fault;
 use crate::manifest::text::written::quoted;
 use crate::manifest::value::sweep::{Node, Reader};
@@ -58,7 +58,7 @@ impl Field for Sides {
         (BETWEEN.schema)()
     }
 
-    fn read(table: &mut Table<'_, '_>, _: &str, _: Option<Kind>) -> Option<Sides> {
+    fn read(table: &mut TableReader<'_, '_>, _: &str, _: Option<Kind>) -> Option<Sides> {
         let (Some(by), Some(between)) = (table.node(BY.name), table.node(BETWEEN.name)) else {
             let fault = Fault::at(table.span, "a difference needs `by` and `between`");
             let help = "write by = \"scenario\" and between = [\"P-H-D\", \"L-H-D\"]";

@@ -9,7 +9,7 @@ use crate::job::{
 };
 use crate::key::{FixedKind, Kind};
 use crate::manifest::estimate::declared::DeclaredEstimate;
-use crate::manifest::table::{Field, Fields, Table, TableKey, fields, name_key};
+use crate::manifest::table::{Field, Fields, TableKey, TableReader, fields, name_key};
 use crate::manifest::text::fault::Fault;
 use crate::manifest::text::written::{list, quoted};
 use crate::manifest::value::schema;
@@ -66,7 +66,7 @@ impl Field for Treatment {
         json!({ "anyOf": [{ "enum": Messages::WORDS }, action] })
     }
 
-    fn read(table: &mut Table<'_, '_>, key: &str, _: Option<Kind>) -> Option<Treatment> {
+    fn read(table: &mut TableReader<'_, '_>, key: &str, _: Option<Kind>) -> Option<Treatment> {
         let node = table.node(key)?;
         let action = || whole(node).and_then(|number| u8::try_from(number).ok());
         let treatment = match node.get_ref().as_str() {
@@ -103,7 +103,7 @@ impl Field for Features {
         schema
     }
 
-    fn read(table: &mut Table<'_, '_>, key: &str, _: Option<Kind>) -> Option<Vec<String>> {
+    fn read(table: &mut TableReader<'_, '_>, key: &str, _: Option<Kind>) -> Option<Vec<String>> {
         let (node, reader) = (table.node(key)?, &mut *table.reader);
         let Some(items) = node.get_ref().as_array() else {
             reader.expected(key, "a list of features, as in [\"step\"]", node);
@@ -140,7 +140,7 @@ impl Field for Share {
         json!({ "type": "number", "exclusiveMinimum": 0, "exclusiveMaximum": 1 })
     }
 
-    fn read(table: &mut Table<'_, '_>, key: &str, _: Option<Kind>) -> Option<f64> {
+    fn read(table: &mut TableReader<'_, '_>, key: &str, _: Option<Kind>) -> Option<f64> {
         let node = table.node(key)?;
         let share = number(node).filter(|share| *share > 0.0 && *share < 1.0);
         if share.is_none() {
@@ -165,7 +165,7 @@ impl Field for AgentNames {
         json!({ "anyOf": [name, schema::list(name.clone())] })
     }
 
-    fn read(table: &mut Table<'_, '_>, key: &str, _: Option<Kind>) -> Option<Vec<String>> {
+    fn read(table: &mut TableReader<'_, '_>, key: &str, _: Option<Kind>) -> Option<Vec<String>> {
         let items = table.reader.items(key, table.node(key)?);
         let read = |reader: &mut Reader, item: &Node| {
             Some(reader.name(key, item).value).filter(|name| !name.is_empty())

@@ -8,7 +8,7 @@ use crate::manifest::draft::Draft;
 use crate::manifest::estimate::declared::{DeclaredEstimate, EstimateDraft};
 use crate::manifest::estimate::keys::keys;
 use crate::manifest::grid::Grid;
-use crate::manifest::table::{Fields, Table, names};
+use crate::manifest::table::{Fields, TableReader, names};
 use crate::manifest::text::fault::{Fault, FaultList};
 use crate::manifest::value::sweep::{Node, Reader};
 
@@ -29,8 +29,14 @@ impl Reader<'_> {
             let table = self.known_keys(title, &keys, written);
             let before = self.faults.len();
             let name = self.name_among(says, span, &table, &mut known).value;
-            let mut table =
-                Table { reader: self, title, name: &name, span, table: &table, needs: Vec::new() };
+            let mut table = TableReader {
+                reader: self,
+                title,
+                name: &name,
+                span,
+                table: &table,
+                needs: Vec::new(),
+            };
             let estimate = DeclaredEstimate::read(&mut table);
             let spans = table.spans(&keys);
             // An estimate with a fault is not checked further.

@@ -5,7 +5,7 @@ use serde_json::{Value as Json, json};
 use crate::job::MetricName;
 use crate::key::{KeyType, Kind, Value};
 use crate::manifest::parameter::seed_of;
-use crate::manifest::table::{Field, Table, TableKey};
+use crate::manifest::table::{Field, TableKey, TableReader};
 use crate::manifest::text::fault::Fault;
 use crate::manifest::text::written::list;
 use crate::manifest::value::schema;
@@ -52,7 +52,7 @@ pub enum Leaving {
 }
 
 /// The seeds of an arm at the end of each rung, as far as they can be read.
-fn rungs(table: &Table<'_, '_>) -> Vec<u32> {
+fn rungs(table: &TableReader<'_, '_>) -> Vec<u32> {
     let value = table.node("rungs").and_then(|node| sweep::read(RUNGS, node));
     value.and_then(|value| KeyType::from_value(&value)).unwrap_or_default()
 }
@@ -69,7 +69,7 @@ impl Field for Rungs {
         schema
     }
 
-    fn read(table: &mut Table<'_, '_>, key: &str, _: Option<Kind>) -> Option<Vec<usize>> {
+    fn read(table: &mut TableReader<'_, '_>, key: &str, _: Option<Kind>) -> Option<Vec<usize>> {
         let node = table.node(key)?;
         let rungs: Vec<u32> = KeyType::from_value(&table.reader.value(key, RUNGS, node)?)?;
         if rungs.is_empty() {
@@ -93,7 +93,7 @@ impl Field for Leaving {
         (KEEP.schema)()
     }
 
-    fn read(table: &mut Table<'_, '_>, _: &str, _: Option<Kind>) -> Option<Leaving> {
+    fn read(table: &mut TableReader<'_, '_>, _: &str, _: Option<Kind>) -> Option<Leaving> {
         let mut real = |name: &str, kind: Kind, node: &Node| {
             f64::from_value(&table.reader.value(name, kind, node)?)
         };
@@ -139,7 +139,7 @@ impl Field for Fresh {
         json!({ "anyOf": [schema::value(FRESH), seeds] })
     }
 
-    fn read(table: &mut Table<'_, '_>, key: &str, _: Option<Kind>) -> Option<Fresh> {
+    fn read(table: &mut TableReader<'_, '_>, key: &str, _: Option<Kind>) -> Option<Fresh> {
         let node = table.node(key)?;
         if !node.get_ref().is_array() {
             return u64::from_value(&table.reader.value(key, FRESH, node)?).map(Fresh::Count);
@@ -175,7 +175,7 @@ impl Field for RacedMetric {
         schema::value(METRIC)
     }
 
-    fn read(table: &mut Table<'_, '_>, key: &str, _: Option<Kind>) -> Option<MetricName> {
+    fn read(table: &mut TableReader<'_, '_>, key: &str, _: Option<Kind>) -> Option<MetricName> {
         match table.reader.value(key, METRIC, table.node(key)?)? {
             Value::Choice(word) => MetricName::named(word),
             _ => None,

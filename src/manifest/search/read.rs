@@ -10,7 +10,7 @@ use crate::manifest::draft::{AgentDraft, Draft};
 use crate::manifest::search::declared::Search;
 use crate::manifest::search::draw::Draw;
 use crate::manifest::search::points::points;
-use crate::manifest::table::{Fields, Table, names};
+use crate::manifest::table::{Fields, TableReader, names};
 use crate::manifest::text::fault::Fault;
 use crate::manifest::text::source::{Located, Span};
 use crate::manifest::value::sweep::{Node, Reader};
@@ -26,7 +26,7 @@ impl Reader<'_> {
         let table = self.known_keys(title, &names(&Search::keys()), written);
         let before = self.faults.len();
         let mut table =
-            Table { reader: self, title, name: "", span, table: &table, needs: Vec::new() };
+            TableReader { reader: self, title, name: "", span, table: &table, needs: Vec::new() };
         let search = Search::read(&mut table);
         search.filter(|_| self.faults.len() == before)
     }
