@@ -114,7 +114,10 @@ pub mod watch;
 
 /// Experiments: read a manifest, expand it into jobs, and run them against a store.
 pub mod experiment {
-    pub use crate::job::{CanonicalForm, Job, JobError, JobKey, PlannedJob, Scalar, Versions};
+    pub use crate::job::{
+        CanonicalForm, Job, JobError, JobKey, PlannedJob, RunnableJob, Scalar, UnknownFile,
+        Versions,
+    };
     pub use crate::job::{
         Condition, DataPart, Described, Evaluation, ParticipantRange, TestActions,
     };
@@ -168,7 +171,6 @@ pub mod results {
         Answer, ColumnType, ExperimentCounts, FailedJob, Interrupter, JobState, Pace, Parts,
         QueryError, Reader, SqlValue, StoredWeights, VIEWS,
     };
-    pub use crate::train::{NoTruth, Truth, truth};
 }
 
 /// Environments: the contract and its tests, and the simulation from the paper.
@@ -191,8 +193,8 @@ pub mod environment {
 pub mod policy {
     pub use crate::agent::{
         ActionNetwork, Actions, Actor, Architecture, BanditPolicy, Choice, DecisionRule,
-        EffectPosterior, GruNames, NetworkActor, NetworkPolicy, RuleParameters, RulePolicy,
-        RuleState, StackNames,
+        EffectPosterior, GruNames, NetworkActor, NetworkPolicy, Rewards, RuleParameters,
+        RulePolicy, RuleState, StackNames,
     };
     pub use crate::job::NoWeights;
     pub use crate::optimum::NoOptimum;

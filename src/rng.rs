@@ -41,8 +41,6 @@ pub enum Purpose {
     /// Coefficients that a bandit draws for an episode; the seed is a word of the stream that chooses
     /// actions.
     EpisodeDraws = 13,
-    /// Seeds of the trials in which the true effect of messages is simulated; no job draws from it.
-    Truth = 15,
     /// The shift of the points at which a search draws settings; no job draws from it.
     Search = 16,
 }

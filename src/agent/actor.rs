@@ -1,12 +1,14 @@
 //! The contracts of actors, which choose the actions of episodes, and of observers, which see every
 //! step.
 
+use std::io;
+
 use crate::agent::effect_posterior::EffectPosterior;
 use crate::agent::learner_error::LearnerError;
 use crate::agent::weights::Weights;
 use crate::env::{Action, LaneSet, Simulated, VectorEnvironment};
 use crate::rng::Stream;
-use crate::state::Resumable;
+use crate::state::{Resumable, StateError, StateReader, StateWriter};
 
 /// Chooses actions in the episodes of an environment; for example a trained policy or a decision rule.
 /// An actor may keep memory within an episode, such as a hidden state, or learn, such as a posterior.
@@ -35,7 +37,37 @@ pub trait Actor<Env: VectorEnvironment + ?Sized = Simulated>: Resumable + Send {
         probabilities: Option<&mut [f64]>,
     );
 
-    /// Learns at a calendar time of a trial from the data that count. Does nothing by default.
+    /// Sees the rewards of the step, and the environment after the step with the status of every lane.
+    /// Does nothing by default.
+    fn observe(&mut self, environment: &Env, rewards: Rewards<'_>) {
+        let _ = (environment, rewards);
+    }
+}
+
+/// The rewards of a step, and the lanes whose rewards reach the agent.
+#[derive(Clone, Copy, Debug)]
+pub struct Rewards<'r> {
+    /// \[lanes\]; 0 in lanes that had ended.
+    pub values: &'r [f64],
+    /// The lanes whose rewards reach the agent.
+    pub reached: LaneSet<'r>,
+}
+
+impl<'r> Rewards<'r> {
+    /// Rewards that all reach the agent, \[lanes\].
+    pub fn all(values: &'r [f64]) -> Self {
+        Rewards { values, reached: LaneSet::All }
+    }
+
+    /// The reward of a lane; `None` if it does not reach the agent.
+    pub fn of_lane(&self, lane: usize) -> Option<f64> {
+        self.reached.contains(lane).then_some(self.values[lane])
+    }
+}
+
+/// The agent of a trial, which learns at calendar times. By default, it does not learn.
+pub trait StudyAgent: Actor {
+    /// Learns from the data that count. Does nothing by default.
     ///
     /// **Errors**: the agent cannot act on what it has learned; it cannot be used afterwards.
     fn update(&mut self, update: &StudyUpdate<'_>) -> Result<(), LearnerError> {
@@ -51,17 +83,44 @@ pub trait Actor<Env: VectorEnvironment + ?Sized = Simulated>: Resumable + Send {
 
     /// The weights that an agent has learned from all data of a trial that is over. None by default.
     ///
-    /// **Errors**: as [`Actor::update`].
+    /// **Errors**: as [`StudyAgent::update`].
     fn weights(&mut self) -> Result<Option<Weights>, LearnerError> {
         Ok(None)
     }
+}
 
-    /// Sees the rewards of the step, \[lanes\], and the environment after the step with the status
-    /// of every lane. Does nothing by default.
-    fn observe(&mut self, environment: &Env, rewards: &[f64]) {
-        let _ = (environment, rewards);
+impl Actor for Box<dyn Actor> {
+    fn reset(&mut self, lanes: LaneSet<'_>) {
+        (**self).reset(lanes);
+    }
+
+    fn act(
+        &mut self,
+        environment: &Simulated,
+        stream: &mut Stream,
+        actions: &mut [Action],
+        probabilities: Option<&mut [f64]>,
+    ) {
+        (**self).act(environment, stream, actions, probabilities);
+    }
+
+    fn observe(&mut self, environment: &Simulated, rewards: Rewards<'_>) {
+        (**self).observe(environment, rewards);
     }
 }
+
+impl Resumable for Box<dyn Actor> {
+    fn save(&self, out: &mut StateWriter<'_>) -> io::Result<()> {
+        (**self).save(out)
+    }
+
+    fn restore(&mut self, from: &mut StateReader<'_>) -> Result<(), StateError> {
+        (**self).restore(from)
+    }
+}
+
+/// Decision rules and trained policies act in trials without learning there.
+impl StudyAgent for Box<dyn Actor> {}
 
 /// An update of an agent at a calendar time of a trial.
 #[derive(Clone, Copy, Debug)]

@@ -50,7 +50,7 @@ mod rule;
 mod unavailable;
 mod weights;
 
-pub use actor::{Actor, StepObserver, StudyUpdate};
+pub use actor::{Actor, Rewards, StepObserver, StudyAgent, StudyUpdate};
 pub use architecture::{Architecture, GruNames, NetworkPolicy, StackNames};
 #[cfg(feature = "burn")]
 pub use burn::device::{inference as inference_device, training as training_device};

@@ -303,6 +303,7 @@ pub fn read_rule(text: &str) -> Result<RuleParameters, DecisionRuleError> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::agent::actor::Rewards;
     use crate::env::{LaneSet, LaneStreams};
     use crate::rng::Purpose;
 
@@ -358,7 +359,7 @@ mod tests {
                     assert_eq!(p.iter().sum::<f64>(), 1.0, "{rule:?}");
                 }
                 lanes.step(&actions, &mut rewards, &mut streams);
-                policy.observe(&lanes, &rewards);
+                policy.observe(&lanes, Rewards::all(&rewards));
                 if step == 1 {
                     lanes.reset(LaneSet::Masked(&[false, true]), &mut streams);
                 }

@@ -20,4 +20,4 @@ pub use estimation::{Estimation, Layout};
 pub(crate) use root::root;
 pub(crate) use student::{chi_squared_of_p, t_of_p, two_sided_p};
 pub use wcls::Correction;
-pub(crate) use wcls::{NoFit, Sums};
+pub(crate) use wcls::Sums;

@@ -14,6 +14,7 @@ pub mod metric;
 mod named;
 mod outcome;
 mod participant_range;
+mod runnable;
 mod scalar;
 mod trial;
 
@@ -36,8 +37,9 @@ pub use outcome::{
     ParticipantValue, Phase, Provenance, RecordedPosterior, Results, Score, TestEpisode,
 };
 pub use participant_range::ParticipantRange;
+pub use runnable::{RunnableJob, UnknownFile};
 pub use scalar::Scalar;
-pub use trial::{Calendar, Pooling, ROWS, Stay, Trial, UpdateData};
+pub use trial::{Calendar, Pooling, ROWS, STAYS, Stay, Trial, UpdateData};
 
 /// The items without repetitions, in order of first appearance.
 pub fn distinct<T: PartialEq>(items: impl IntoIterator<Item = T>) -> Vec<T> {

@@ -17,7 +17,7 @@ use crate::agent::{BanditSums, LinearThompson, Made, NoSlopes, Unavailable};
 use crate::env::Action;
 use crate::estimate::{Correction, Estimation};
 use crate::job::{EstimateDeclaration, Job, Pooling};
-use crate::train::trace::{NoTrace, Trace, TracedDecision, trace};
+use crate::train::trace::{NoTrace, Trace, TracedDecision};
 
 /// Why standard errors cannot account for the learning.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
@@ -65,30 +65,41 @@ pub struct BanditTrace {
     pub sums: Vec<Vec<f64>>,
 }
 
-/// The trial of a job whose agent is a bandit, simulated once more, with what its updates know.
-///
-/// **Errors**: see [`NoAfterStudy`].
-pub fn bandit_trace(job: &Job) -> Result<BanditTrace, NoAfterStudy> {
-    let sums = sums_of(job)?;
-    let trace = traced(job, &|| false)?;
-    let policies = Learning::new(&sums, &trace)?.policies;
-    let (regressions, width) = sums.shape();
-    Ok(BanditTrace { trace, regressions, width, prior: sums.prior(), sums: policies })
+impl BanditTrace {
+    /// A trial with what the updates of its bandit know.
+    ///
+    /// **Errors**: see [`NoAfterStudy`].
+    pub(super) fn of(job: &Job, trace: Trace) -> Result<BanditTrace, NoAfterStudy> {
+        let sums = sums_of(job)?;
+        check(job, &trace)?;
+        let policies = Learning::new(&sums, &trace)?.policies;
+        let (regressions, width) = sums.shape();
+        Ok(BanditTrace { trace, regressions, width, prior: sums.prior(), sums: policies })
+    }
 }
 
-/// The trial of a job, whose agent learns from the actions that were taken.
-fn traced(job: &Job, stop: &dyn Fn() -> bool) -> Result<Trace, NoAfterStudy> {
-    let trace = trace(job, stop)?;
+/// Checks that the agent of a trial has learned from the actions that were taken.
+fn check(job: &Job, trace: &Trace) -> Result<(), NoAfterStudy> {
     let is_masked = trace.decisions.iter().any(|one| !one.decision.can_send);
     let bandit = job.agent.parameters::<LinearThompson>();
     match bandit.is_some_and(|bandit| bandit.unavailable == Unavailable::Chosen) {
         true if is_masked => Err(NoAfterStudy::Chosen),
-        _ => Ok(trace),
+        _ => Ok(()),
     }
 }
 
+/// The sums of a job's bandit for the standard errors of an estimate.
+///
+/// **Errors**: see [`NoAfterStudy`]; the errors that do not depend on the trial.
+pub(super) fn sums_for(
+    job: &Job,
+    declaration: &EstimateDeclaration,
+) -> Result<BanditSums, NoAfterStudy> {
+    if declaration.is_of_reward() { sums_of(job) } else { Err(NoAfterStudy::Outcome) }
+}
+
 /// The sums of a job's bandit.
-fn sums_of(job: &Job) -> Result<BanditSums, NoAfterStudy> {
+pub(super) fn sums_of(job: &Job) -> Result<BanditSums, NoAfterStudy> {
     let bandit = job.agent.parameters::<LinearThompson>().ok_or(NoAfterStudy::Agent)?;
     if job.trial.as_ref().is_some_and(|trial| trial.pooling == Pooling::None) {
         return Err(NoAfterStudy::NotPooled);
@@ -103,24 +114,22 @@ fn sums_of(job: &Job) -> Result<BanditSums, NoAfterStudy> {
 /// The covariance of the coefficients of an estimate, those of the control features included, \[columns, columns\].
 ///
 /// **Errors**: see [`NoAfterStudy`].
-pub fn after_study_covariance(
+pub(super) fn covariance(
     job: &Job,
     declaration: &Arc<EstimateDeclaration>,
     correction: Correction,
-    stop: &dyn Fn() -> bool,
+    trace: Result<&Trace, &NoTrace>,
 ) -> Result<Vec<f64>, NoAfterStudy> {
-    if !declaration.is_of_reward() {
-        return Err(NoAfterStudy::Outcome);
-    }
-    let sums = sums_of(job)?;
-    let trace = traced(job, stop)?;
+    let sums = sums_for(job, declaration)?;
+    let trace = trace.map_err(Clone::clone)?;
+    check(job, trace)?;
     let actions = job.task().interface().actions;
     let mut estimation = Estimation::new(declaration.clone(), actions, &job.state_names());
     trace.decisions.iter().for_each(|one| estimation.add(&one.decision));
     let mut scores = estimation.sums().scores(correction).map_err(|_| NoAfterStudy::NoEstimate)?;
-    let rows = rows(&mut estimation, &trace, &scores.coefficients);
-    let learning = Learning::new(&sums, &trace)?;
-    let parts = learning.parts(&trace, &rows, scores.coefficients.len());
+    let rows = rows(&mut estimation, trace, &scores.coefficients);
+    let learning = Learning::new(&sums, trace)?;
+    let parts = learning.parts(trace, &rows, scores.coefficients.len());
     for (person, part) in parts.into_iter().enumerate() {
         match scores.of_people.iter_mut().find(|(known, _)| *known == person) {
             Some((_, score)) => score.iter_mut().zip(part).for_each(|(sum, more)| *sum += more),

@@ -1,11 +1,15 @@
-//! What the estimates of a trial need beyond its decisions, simulated once the trial is over.
+//! What the estimates of a trial need beyond its decisions: observers of the trial, and what follows from them once it is
+//! over.
 
 use std::sync::Arc;
 
 use crate::estimate::{Correction, with_standard_error};
-use crate::job::{EstimateDeclaration, Estimates, Job, Pooling, StandardErrors};
-use crate::train::after_study::after_study_covariance;
-use crate::train::truth::own_truth;
+use crate::job::{EstimateDeclaration, Estimates, Job, Pooling, StandardErrors, distinct};
+use crate::train::after_study::{covariance, sums_for};
+use crate::train::excursions::Excursions;
+use crate::train::observers::{ObservedTrial, Observers};
+use crate::train::trace::{NoTrace, Trace};
+use crate::train::truth::Truth;
 
 /// The truths and the standard errors of the estimates of a job's trial.
 #[derive(Clone, Debug, Default)]
@@ -20,29 +24,49 @@ struct OfEstimate {
     errors: Option<Result<Vec<f64>, String>>,
 }
 
+/// Whether an estimate of a job needs more of its trial than the decisions.
+pub(super) fn needs_trial(job: &Job, declaration: &EstimateDeclaration) -> bool {
+    declaration.truth || learns_from_everybody(job, declaration)
+}
+
+/// Attaches to a trial what these estimates need beyond its decisions.
+pub(super) fn attach(observers: &mut Observers, job: &Job, declared: &[Arc<EstimateDeclaration>]) {
+    if job.trial.is_none() || job.is_outside() {
+        return;
+    }
+    let truths = declared.iter().filter(|declaration| declaration.truth);
+    let truths: Vec<Truth<'_>> = truths.filter_map(|one| Truth::new(job, one)).collect();
+    if !truths.is_empty() {
+        let outcomes = distinct(truths.iter().map(Truth::outcome));
+        observers.explore(job, Excursions::new(outcomes));
+    }
+    let is_traced = |declaration: &Arc<EstimateDeclaration>| {
+        learns_from_everybody(job, declaration) && sums_for(job, declaration).is_ok()
+    };
+    if declared.iter().any(is_traced) {
+        observers.see(job);
+    }
+}
+
 impl Afterwards {
-    /// Simulates the trial of a job for these estimates; `None` if `stop` has returned true.
-    pub fn simulate(
+    /// What the estimates of a job's trial need, from what was observed of it; or why it was not simulated.
+    pub(super) fn of(
         job: &Job,
         declared: &[Arc<EstimateDeclaration>],
-        stop: &dyn Fn() -> bool,
-    ) -> Option<Afterwards> {
-        let mut all: Vec<OfEstimate> = Vec::new();
-        for declaration in declared {
-            // Estimates of one effect have one truth.
-            let alike = all.iter().find(|of| is_of_one_effect(&of.declaration, declaration));
-            let truths = match (declaration.truth, alike) {
-                (false, _) => Vec::new(),
-                (true, Some(alike)) => alike.truths.clone(),
-                (true, None) => own_truth(job, declaration, stop).unwrap_or_default(),
-            };
-            let errors = learns_from_everybody(job, declaration)
-                .then(|| standard_errors(job, declaration, stop));
-            all.push(OfEstimate { declaration: declaration.clone(), truths, errors });
-        }
-        let is_simulated = |of: &OfEstimate| of.declaration.truth || of.errors.is_some();
-        // What was interrupted is no result.
-        (!all.iter().any(is_simulated) || !stop()).then_some(Afterwards(all))
+        observed: Result<&ObservedTrial, NoTrace>,
+    ) -> Afterwards {
+        let trace = observed.clone().and_then(|observed| Trace::of(job, observed));
+        let truths = |declaration: &EstimateDeclaration| -> Option<Vec<f64>> {
+            let truth = Truth::new(job, declaration).filter(|_| declaration.truth)?;
+            truth.coefficients(observed.as_ref().ok()?)
+        };
+        let of_estimate = |declaration: &Arc<EstimateDeclaration>| OfEstimate {
+            declaration: declaration.clone(),
+            truths: truths(declaration).unwrap_or_default(),
+            errors: learns_from_everybody(job, declaration)
+                .then(|| standard_errors(job, declaration, trace.as_ref())),
+        };
+        Afterwards(declared.iter().map(of_estimate).collect())
     }
 
     /// Adds what was simulated to the estimates. An estimate without a standard error fails, and one without a truth has
@@ -67,13 +91,6 @@ impl Afterwards {
     }
 }
 
-/// Whether two estimates whose truth is asked for are of the same effect.
-fn is_of_one_effect(one: &EstimateDeclaration, other: &EstimateDeclaration) -> bool {
-    let effect =
-        |of: &EstimateDeclaration| (of.outcome.clone(), of.moderators.clone(), of.treatment);
-    one.truth && other.truth && effect(one) == effect(other)
-}
-
 /// Whether the standard errors of an estimate of a job are to account for its learning. They are the nominal ones where
 /// nobody learns from others.
 fn learns_from_everybody(job: &Job, declaration: &EstimateDeclaration) -> bool {
@@ -86,9 +103,9 @@ fn learns_from_everybody(job: &Job, declaration: &EstimateDeclaration) -> bool {
 fn standard_errors(
     job: &Job,
     declaration: &Arc<EstimateDeclaration>,
-    stop: &dyn Fn() -> bool,
+    trace: Result<&Trace, &NoTrace>,
 ) -> Result<Vec<f64>, String> {
-    let covariance = after_study_covariance(job, declaration, Correction::ManclDeRouen, stop)
+    let covariance = covariance(job, declaration, Correction::ManclDeRouen, trace)
         .map_err(|why| format!("its standard errors cannot account for the learning: {why}"))?;
     let size = covariance.len().isqrt();
     let errors = covariance.iter().step_by(size + 1).map(|variance| variance.sqrt());

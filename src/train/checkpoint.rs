@@ -14,12 +14,12 @@ use serde::{Deserialize, Serialize};
 use sha2::{Digest, Sha256};
 
 use crate::agent::{self, OutOfMemory, StartError};
-use crate::job::{EstimateDeclaration, Job, Versions};
+use crate::job::{EstimateDeclaration, Job, RunnableJob, Versions};
 use crate::state::{Resumable, StateError, StateReader, StateWriter};
 use crate::train::training::Training;
 
 /// The first line. The number is raised whenever the meaning of a state's bytes changes.
-const FORMAT: &str = "jitai checkpoint 6\n";
+const FORMAT: &str = "jitai checkpoint 7\n";
 /// The number of bytes of the SHA-256 at the end.
 const SEAL: usize = 32;
 
@@ -155,7 +155,7 @@ pub(super) fn write(
     let job = training.job();
     let header = Header {
         job_key: job.key().to_string(),
-        code: Code::of_this_program(job),
+        code: Code::of_this_program(&job),
         episode: training.episodes(),
         seconds: (training.before() + worked).as_secs_f64(),
         estimates: training.estimated().iter().map(|one| one.canonical()).collect(),
@@ -173,7 +173,7 @@ pub(super) fn write(
 ///
 /// **Errors**: the checkpoint is damaged, belongs to another job, or was written by other code.
 pub(super) fn read<'j>(
-    job: &'j Job,
+    job: RunnableJob<'j>,
     declared: &[Arc<EstimateDeclaration>],
     file: &mut dyn CheckpointFile,
 ) -> Result<Training<'j>, CheckpointError> {
@@ -193,7 +193,7 @@ pub(super) fn read<'j>(
     let mut line = Vec::new();
     from.read_until(b'\n', &mut line)?;
     let header: Header = serde_json::from_slice(&line).map_err(|_| CheckpointError::OtherFormat)?;
-    let ours = Code::of_this_program(job);
+    let ours = Code::of_this_program(&job);
     if header.code != ours {
         let (theirs, ours) = (header.code.to_string(), ours.to_string());
         return Err(CheckpointError::OtherCode { theirs, ours });

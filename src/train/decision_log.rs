@@ -1,17 +1,16 @@
 //! The log of decisions: every step of the episodes of a training or a test.
 
-use std::sync::Arc;
-
-use crate::agent::{OutOfMemory, StepObserver, Unavailable, reserve};
+use crate::agent::{OutOfMemory, Rewards, StepObserver, Unavailable, reserve};
 use crate::env::{Action, EpisodeStatus, Simulated, VectorEnvironment};
-use crate::estimate::Estimation;
-use crate::job::{Decision, EstimateDeclaration, Estimates, ParticipantValue, Phase};
+use crate::job::{Decision, ParticipantValue, Phase};
 use crate::state::resumable;
+use crate::train::roll::{ChosenStep, LaneObserver};
+use crate::train::study::Study;
 
 /// Records the decisions of one phase of a job.
 ///
 /// A lane at its first step begins the next episode, in lane order. Episodes of lanes in lockstep thus have
-/// the same numbers as in the learning curve and the test.
+/// the same numbers as in the learning curve and the test. In a trial, they have the numbers of people.
 #[derive(Debug)]
 pub(super) struct DecisionLog {
     phase: Phase,
@@ -19,9 +18,7 @@ pub(super) struct DecisionLog {
     unavailable: Unavailable,
     /// In the order of steps; [`DecisionLog::finish`] sorts them by episode.
     decisions: Vec<Decision>,
-    /// Estimates, which read each decision once it has its reward.
-    estimations: Vec<Estimation>,
-    /// Whether decisions are kept after that.
+    /// Whether decisions are kept after their step.
     is_kept: bool,
     /// The parameters of participants whose episodes have begun. A test records its participants itself.
     participants: Vec<ParticipantValue>,
@@ -31,11 +28,8 @@ pub(super) struct DecisionLog {
     episodes: Vec<u32>,
     /// The place of the last decision of every lane.
     last: Vec<u64>,
-    /// The lanes of the most recent decisions, whose rewards are still missing.
+    /// The lanes of the most recent decisions.
     acting: Vec<usize>,
-    /// In a trial, numbers that follow the state of every lane, \[lanes, numbers\], and episodes are the numbers of lanes;
-    /// empty otherwise.
-    beside: Vec<f64>,
     /// The first failed allocation; nothing is recorded afterwards.
     refused: Option<OutOfMemory>,
 }
@@ -47,37 +41,34 @@ impl DecisionLog {
             phase,
             unavailable,
             decisions: Vec::new(),
-            estimations: Vec::new(),
             is_kept: true,
             participants: Vec::new(),
             begun: 0,
             episodes: Vec::new(),
             last: Vec::new(),
             acting: Vec::new(),
-            beside: Vec::new(),
             refused: None,
         }
     }
 
-    /// A log that estimates effects, and keeps its decisions if `is_kept`.
-    pub(super) fn estimating(self, estimations: Vec<Estimation>, is_kept: bool) -> Self {
-        DecisionLog { estimations, is_kept, ..self }
+    /// A log that keeps its decisions after their step, or does not.
+    pub(super) fn keeping(self, is_kept: bool) -> Self {
+        DecisionLog { is_kept, ..self }
     }
 
-    /// The declarations of its estimates.
-    pub(super) fn declarations(&self) -> impl Iterator<Item = &Arc<EstimateDeclaration>> {
-        self.estimations.iter().map(Estimation::declaration)
+    /// The decisions of the present step.
+    pub(super) fn latest(&self) -> &[Decision] {
+        &self.decisions[self.decisions.len() - self.acting.len()..]
     }
 
-    /// The estimates of all decisions so far.
-    pub(super) fn estimates(&self) -> Vec<Estimates> {
-        self.estimations.iter().map(Estimation::finish).collect()
-    }
-
-    /// Records these numbers behind the state of every lane, \[lanes, numbers\], in the next step of a trial.
-    pub(super) fn stand_beside(&mut self, numbers: impl Iterator<Item = f64>) {
-        self.beside.clear();
-        self.beside.extend(numbers);
+    /// Ends a step.
+    pub(super) fn end_step(&mut self, statuses: &[EpisodeStatus]) {
+        self.acting.clear();
+        if !self.is_kept {
+            return self.decisions.clear();
+        }
+        // An episode may end with a step that does not count, after its last decision.
+        self.ended(statuses);
     }
 
     /// Records which episodes have ended, in the last decision of each.
@@ -101,21 +92,23 @@ impl DecisionLog {
         (self.decisions, self.participants)
     }
 
-    /// The number of the current episode in a lane, which is at `step`.
+    /// The number of the episode that began in a lane with its first step.
     fn episode(&mut self, lane: usize, step: u32) -> u32 {
-        if !self.beside.is_empty() {
-            return lane as u32 + 1;
-        }
         if step == 0 {
             self.begun += 1;
             self.episodes[lane] = self.begun;
         }
         self.episodes[lane]
     }
-}
 
-impl StepObserver<Simulated> for DecisionLog {
-    fn chosen(&mut self, lanes: &Simulated, actions: &[Action], probabilities: &[f64]) {
+    /// Records the decisions of a step of a trial, or of other episodes.
+    fn record(
+        &mut self,
+        lanes: &Simulated,
+        actions: &[Action],
+        probabilities: &[f64],
+        study: Option<&Study>,
+    ) {
         let count = probabilities.len() / actions.len();
         self.acting.clear();
         self.episodes.resize(lanes.lanes(), 0);
@@ -131,7 +124,15 @@ impl StepObserver<Simulated> for DecisionLog {
             let step = lanes.time(lane);
             let mut row = probabilities[lane * count..(lane + 1) * count].to_vec();
             let chosen = self.unavailable.choice(lanes, lane, actions[lane], &mut row);
-            let episode = self.episode(lane, step);
+            let mut state = Vec::new();
+            lanes.record_state(lane, &mut state);
+            let episode = match study {
+                Some(study) => {
+                    state.extend(study.beside(lane, step));
+                    lane as u32 + 1
+                }
+                None => self.episode(lane, step),
+            };
             if step == 0 && self.phase == Phase::Train {
                 let phase = self.phase;
                 let mut values = Vec::new();
@@ -140,10 +141,6 @@ impl StepObserver<Simulated> for DecisionLog {
                     ParticipantValue { phase, episode, parameter: place as u8, value }
                 }));
             }
-            let mut state = Vec::new();
-            lanes.record_state(lane, &mut state);
-            let width = self.beside.len() / lanes.lanes();
-            state.extend(&self.beside[lane * width..(lane + 1) * width]);
             let action = lanes.taken(lane, chosen);
             let is_sent = action != Action::default();
             let decision = Decision {
@@ -167,26 +164,52 @@ impl StepObserver<Simulated> for DecisionLog {
         }
     }
 
-    fn paid(&mut self, lanes: &Simulated, rewards: &[f64]) {
+    /// Sets the outcomes of the decisions of the present step.
+    fn pay(&mut self, lanes: &Simulated, rewards: &[f64]) {
         let outcomes = lanes.outcomes(rewards);
         let first = self.decisions.len() - self.acting.len();
         for (decision, lane) in self.decisions[first..].iter_mut().zip(&self.acting) {
             decision.reward = outcomes[*lane];
-            self.estimations.iter_mut().for_each(|estimation| estimation.add(decision));
         }
-        if !self.is_kept {
-            self.decisions.clear();
-            self.acting.clear();
-            return;
-        }
-        // An episode may end with a step that does not count, after its last decision.
-        self.ended(lanes.statuses());
+    }
+}
+
+/// Sees the decisions of every step.
+pub(super) trait DecisionObserver {
+    /// Sees decisions before their step is taken. Does nothing by default.
+    fn decided(&mut self, step: &ChosenStep<'_, Simulated>, decisions: &[Decision]) {
+        let _ = (step, decisions);
+    }
+
+    /// Sees the same decisions with their outcomes, and the rewards of all lanes.
+    fn paid(&mut self, decisions: &[Decision], rewards: Rewards<'_>);
+}
+
+/// In training, nobody else reads the decisions of a step.
+impl StepObserver<Simulated> for DecisionLog {
+    fn chosen(&mut self, lanes: &Simulated, actions: &[Action], probabilities: &[f64]) {
+        self.record(lanes, actions, probabilities, None);
+    }
+
+    fn paid(&mut self, lanes: &Simulated, rewards: &[f64]) {
+        self.pay(lanes, rewards);
+        self.end_step(lanes.statuses());
+    }
+}
+
+impl LaneObserver<Simulated> for DecisionLog {
+    fn chosen(&mut self, step: &ChosenStep<'_, Simulated>) {
+        self.record(step.environment, step.actions, step.probabilities, step.study);
+    }
+
+    fn paid(&mut self, lanes: &Simulated, rewards: Rewards<'_>) {
+        self.pay(lanes, rewards.values);
     }
 }
 
 // Between two steps, every decision has its reward.
 resumable!([] DecisionLog {
-    parts begun, decisions, participants; grown episodes, last; each estimations; then set_phase
+    parts begun, decisions, participants; grown episodes, last; then set_phase
 });
 
 resumable!([] Decision {

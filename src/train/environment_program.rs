@@ -12,7 +12,8 @@ use crate::env::Environment;
 use crate::env::outside::{Description, EnvironmentProgram, OutsideModel};
 use crate::external::ProgramError;
 use crate::job::{
-    CurvePoint, EstimateDeclaration, Failure, FailureKind, GROSS_REWARD, Job, Outcome, STEP, Trial,
+    CurvePoint, EstimateDeclaration, Failure, FailureKind, GROSS_REWARD, Job, Outcome, RunnableJob,
+    STEP, Trial,
 };
 use crate::key::Size;
 use crate::train::control::{StopHandle, TrainingControl};
@@ -23,7 +24,7 @@ pub(super) fn run(
     job: &Job,
     model: &OutsideModel,
     control: &dyn TrainingControl,
-    train: fn(&Job, &dyn TrainingControl) -> Outcome,
+    train: fn(RunnableJob<'_>, &dyn TrainingControl) -> Outcome,
 ) -> Outcome {
     let started = match model.started(control.folder(), control.stop_handle()) {
         Ok(started) => started,
@@ -37,7 +38,8 @@ pub(super) fn run(
     }
     let described = Job { environment: Environment::of(started), ..job.clone() };
     let watched = Watched { control, program: &program, episode: Cell::new(0) };
-    let outcome = train(&described, &watched);
+    let runnable = described.runnable().expect("a description adds no file");
+    let outcome = train(runnable, &watched);
     match program.failure() {
         Some(ProgramError::Stopped) => program.stop(),
         Some(error) => return failed(error.to_string(), watched.episode.get()),

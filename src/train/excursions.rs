@@ -1,62 +1,104 @@
 //! Excursions from a trial: what other actions lead to at each of its decisions.
 
-use crate::env::{Action, EpisodeStatus, LaneStreams, Simulated, VectorEnvironment};
+use crate::agent::Rewards;
+use crate::env::{Action, EpisodeStatus, Simulated, VectorEnvironment};
+use crate::job::Decision;
+use crate::state::resumable;
+use crate::train::decision_log::DecisionObserver;
+use crate::train::roll::ChosenStep;
+
+/// An outcome of a decision.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) struct ProximalOutcome {
+    /// Its index in the recorded state; `None` for the reward.
+    pub(super) index: Option<usize>,
+    /// Whether the reward counts the cost of the message.
+    pub(super) less_costs: bool,
+}
 
 /// The outcomes of every action at the decisions of a trial.
-#[derive(Debug, Default)]
+#[derive(Debug)]
 pub(super) struct Excursions {
-    /// The place of the outcome in the recorded state; `None` for the reward.
-    outcome: Option<usize>,
-    /// Whether the reward counts the cost of the message.
-    less_costs: bool,
-    /// Episode from 1 and step of a decision, and the outcomes, \[actions\]; NaN where the episode ends before the outcome.
-    rows: Vec<(u32, u32, Vec<f64>)>,
+    outcomes: Vec<ProximalOutcome>,
+    excursions: Vec<Excursion>,
+}
+
+/// The outcomes of every action at a decision.
+#[derive(Debug, Default)]
+pub(super) struct Excursion {
+    /// The number of the person, from 1, and the person's step.
+    pub(super) episode: u32,
+    pub(super) step: u32,
+    /// \[actions, outcomes\]; NaN where the episode ends before the outcome.
+    values: Vec<f64>,
 }
 
 impl Excursions {
     /// No decision yet.
-    pub(super) fn new(outcome: Option<usize>, less_costs: bool) -> Excursions {
-        Excursions { outcome, less_costs, rows: Vec::new() }
+    pub(super) fn new(outcomes: Vec<ProximalOutcome>) -> Excursions {
+        Excursions { outcomes, excursions: Vec::new() }
     }
 
-    /// The rows by episode and step.
-    pub(super) fn finish(mut self) -> Vec<(u32, u32, Vec<f64>)> {
-        self.rows.sort_unstable_by_key(|(episode, step, _)| (*episode, *step));
-        self.rows
+    /// The excursions by episode and step.
+    pub(super) fn finish(mut self) -> Excursions {
+        self.excursions.sort_unstable_by_key(|one| (one.episode, one.step));
+        self
     }
 
-    /// Takes every action in a copy of the environment, whose next step has these streams.
-    pub(super) fn see(&mut self, environment: &Simulated, streams: &LaneStreams) {
-        let can_send = |lane: &usize| {
-            environment.statuses()[*lane] == EpisodeStatus::Running
-                && environment.is_counted(*lane)
-                && environment.can_send(*lane)
-        };
-        let due: Vec<usize> = (0..environment.lanes()).filter(can_send).collect();
-        if due.is_empty() {
+    /// The excursions, each with this outcome of every action, \[actions\]; none if the outcome was not observed.
+    pub(super) fn by_decision(
+        &self,
+        outcome: ProximalOutcome,
+    ) -> impl Iterator<Item = (&Excursion, Vec<f64>)> {
+        let index = self.outcomes.iter().position(|known| *known == outcome);
+        let excursions = if index.is_some() { &self.excursions[..] } else { &[] };
+        excursions.iter().map(move |one| {
+            let outcomes = one.values.iter().skip(index.unwrap_or(0)).step_by(self.outcomes.len());
+            (one, outcomes.copied().collect())
+        })
+    }
+}
+
+impl DecisionObserver for Excursions {
+    /// Takes every action in a copy of the lanes, with copies of the streams.
+    fn decided(&mut self, step: &ChosenStep<'_, Simulated>, decisions: &[Decision]) {
+        let first = self.excursions.len();
+        let due = decisions.iter().filter(|decision| decision.can_send);
+        self.excursions.extend(due.map(|Decision { episode, step, .. }| Excursion {
+            episode: *episode,
+            step: *step,
+            values: Vec::new(),
+        }));
+        if self.excursions.len() == first {
             return;
         }
-        let first = self.rows.len();
-        let row = |lane: &usize| (*lane as u32 + 1, environment.time(*lane), Vec::new());
-        self.rows.extend(due.iter().map(row));
-        let mut rewards = vec![0.0; environment.lanes()];
+        let lanes = step.environment;
+        let mut rewards = vec![0.0; lanes.lanes()];
         let mut state = Vec::new();
-        for action in (0..environment.action_spec().count).filter_map(Action::from_index) {
-            let mut copy = environment.copied().expect("a state is saved in memory");
+        for action in (0..lanes.action_spec().count).filter_map(Action::from_index) {
+            let mut copy = lanes.copied().expect("a state is saved in memory");
             let actions = vec![action; rewards.len()];
-            copy.step(&actions, &mut rewards, &mut streams.clone());
-            let outcomes = if self.less_costs { &rewards[..] } else { copy.outcomes(&rewards) };
-            for ((.., row), lane) in self.rows[first..].iter_mut().zip(&due) {
-                row.push(match self.outcome {
-                    None => outcomes[*lane],
-                    Some(_) if copy.statuses()[*lane] != EpisodeStatus::Running => f64::NAN,
-                    Some(place) => {
-                        state.clear();
-                        copy.record_state(*lane, &mut state);
-                        state[place]
-                    }
-                });
+            copy.step(&actions, &mut rewards, &mut step.streams.clone());
+            for excursion in &mut self.excursions[first..] {
+                let lane = excursion.episode as usize - 1;
+                for outcome in &self.outcomes {
+                    excursion.values.push(match outcome.index {
+                        None if outcome.less_costs => rewards[lane],
+                        None => copy.outcomes(&rewards)[lane],
+                        Some(_) if copy.statuses()[lane] != EpisodeStatus::Running => f64::NAN,
+                        Some(index) => {
+                            state.clear();
+                            copy.record_state(lane, &mut state);
+                            state[index]
+                        }
+                    });
+                }
             }
         }
     }
+
+    fn paid(&mut self, _: &[Decision], _: Rewards<'_>) {}
 }
+
+resumable!([] Excursion { parts episode, step; grown values });
+resumable!([] Excursions { parts excursions });

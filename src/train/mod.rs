@@ -13,6 +13,8 @@ mod curve;
 mod decision_log;
 mod environment_program;
 mod excursions;
+mod observers;
+mod once_more;
 mod outside;
 mod progress;
 mod roll;
@@ -25,7 +27,7 @@ mod training;
 mod truth;
 
 pub use crate::agent::StepObserver;
-pub use after_study::{BanditTrace, NoAfterStudy, after_study_covariance, bandit_trace};
+pub use after_study::{BanditTrace, NoAfterStudy};
 pub use afterwards::Afterwards;
 pub use checkpoint::{
     CheckpointError, CheckpointFile, Checkpoints, KeptNowhere, ReadCheckpoint, Resumed,
@@ -33,10 +35,9 @@ pub use checkpoint::{
 };
 pub use control::{StopHandle, TrainingControl, Uncontrolled};
 pub use environment_program::misfit;
+pub use once_more::{after_study_covariance, bandit_trace, trace};
 pub use progress::TrainingProgress;
 pub use roll::{RollStreams, Rollout, begin, play, roll};
 pub use run::run;
-pub use sightings::TracedUpdate;
-pub use study::Study;
-pub use trace::{NoTrace, Trace, TracedDecision, trace};
-pub use truth::{NoTruth, Truth, truth};
+pub use study::{Study, TracedUpdate};
+pub use trace::{NoTrace, Trace, TracedDecision};

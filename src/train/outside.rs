@@ -7,16 +7,16 @@
 mod broken;
 mod choice;
 mod lanes;
+mod play;
+mod question;
 mod record;
-mod testing;
-mod trial;
 
 use serde_json::{Map, Value as Json, json};
 
 use crate::agent::External;
 use crate::env::Environment;
 use crate::external::{FromProgram, LONGEST_LINE, PROTOCOL, Program, ProgramError, ToProgram};
-use crate::job::{Job, Outcome, counted};
+use crate::job::{Job, Outcome, RunnableJob, counted};
 use crate::key::{Keyed, Value};
 use crate::key::{Parameter, json_object};
 use crate::train::control::TrainingControl;
@@ -32,8 +32,12 @@ use record::TrainingRecord;
 const MOST_LANES: usize = 4096;
 
 /// Trains and tests an outside program.
-pub(super) fn run(job: &Job, external: &External, control: &dyn TrainingControl) -> Outcome {
-    let mut record = TrainingRecord::new(job, control);
+pub(super) fn run(
+    job: RunnableJob<'_>,
+    external: &External,
+    control: &dyn TrainingControl,
+) -> Outcome {
+    let mut record = TrainingRecord::new(job.job(), control);
     let stop = || control.stop_requested();
     let started = Program::start(&external.command, control.folder(), LONGEST_LINE);
     let mut program = match started {
@@ -59,7 +63,7 @@ pub(super) fn run(job: &Job, external: &External, control: &dyn TrainingControl)
 
 /// The conversation with the program of a job.
 struct Session<'s> {
-    job: &'s Job,
+    job: RunnableJob<'s>,
     stop: &'s dyn Fn() -> bool,
     program: &'s mut Program,
 }
@@ -71,16 +75,13 @@ impl Session<'_> {
         external: &External,
         record: &mut TrainingRecord<'_>,
     ) -> Result<Test, Broken> {
-        self.program.send(&assignment(self.job, external));
+        self.program.send(&assignment(&self.job, external));
         let lanes = self.ready()?;
-        let test = Test::new(self.job).estimating(self.job, record.control.estimates());
-        let test = match &self.job.trial {
-            Some(trial) => trial::play((self.job, test), trial, self.program, record.control)?,
-            None => {
-                self.train(lanes, record)?;
-                testing::play((self.job, test), self.program, self.stop)?
-            }
-        };
+        let mut test = Test::new(self.job).estimating(&self.job, record.control.estimates());
+        if self.job.trial.is_none() {
+            self.train(lanes, record)?;
+        }
+        play::play(&self.job, &mut test, self.program, record.control)?;
         self.program.send(&ToProgram::End {});
         Ok(test)
     }
@@ -115,7 +116,7 @@ impl Session<'_> {
     fn train(&mut self, lanes: usize, record: &mut TrainingRecord<'_>) -> Result<(), Broken> {
         const EXPECTED: &str =
             "\"reset\", \"step\", \"episodes\", \"update\" or \"trained\" in training";
-        let mut lanes = Lanes::new(self.job, lanes);
+        let mut lanes = Lanes::new(&self.job, lanes);
         loop {
             let episodes = record.episodes();
             let when = format!("in training, after {}", counted(episodes, "episode"));

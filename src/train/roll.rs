@@ -1,9 +1,10 @@
-//! Rolling an actor through episodes, for tests and for `simulate`.
+//! The loop that drives lanes: through the episodes of a test or of `simulate`, and through a trial.
 
-use crate::agent::{Actor, StepObserver};
-use crate::env::{Action, LaneSet, LaneStreams, Observations, VectorEnvironment};
+use crate::agent::{Actor, LearnerError, Rewards, StepObserver, StudyAgent};
+use crate::env::{Action, LaneSet, LaneStreams, Observations, Simulated, VectorEnvironment};
 use crate::rng::{Purpose, Stream};
 use crate::state::resumable;
+use crate::train::study::Study;
 
 /// The random streams of rolled episodes.
 #[derive(Clone, Debug)]
@@ -44,43 +45,158 @@ pub fn roll<Env: VectorEnvironment + ?Sized>(
     streams: &mut RollStreams,
     observer: &mut impl StepObserver<Env>,
 ) {
-    let mut actions = vec![Action::default(); environment.lanes()];
-    let mut probabilities = vec![0.0; actions.len() * environment.action_spec().count];
-    let mut rewards = vec![0.0; environment.lanes()];
-    while environment.any_running() && !observer.stop_requested() {
-        let chosen_with = Some(&mut probabilities[..]);
-        actor.act(environment, &mut streams.actions, &mut actions, chosen_with);
-        observer.chosen(environment, &actions, &probabilities);
-        environment.step(&actions, &mut rewards, &mut streams.environment);
-        actor.observe(environment, &rewards);
-        observer.paid(environment, &rewards);
-    }
+    let mut steps = OfSteps(observer);
+    let never_fails = drive(environment, actor, streams, &mut steps, &mut Lockstep);
+    never_fails.expect("a batch of episodes updates no agent");
 }
 
-/// Rolls like [`roll`], with choices by a function that may fail.
+/// Drives lanes until their conductor has no further step, or the observer requests a stop. The next call continues
+/// what was stopped.
 ///
-/// **Errors**: the function's error.
-pub(super) fn roll_by<Env: VectorEnvironment + ?Sized, E>(
+/// **Errors**: the agent cannot learn.
+pub(super) fn drive<Env: VectorEnvironment + ?Sized, Agent: Actor<Env> + ?Sized>(
     environment: &mut Env,
-    choose: &mut Choose<'_, Env, E>,
+    agent: &mut Agent,
     streams: &mut RollStreams,
-    observer: &mut impl StepObserver<Env>,
-) -> Result<(), E> {
+    observer: &mut impl LaneObserver<Env>,
+    conductor: &mut dyn Conductor<Env, Agent>,
+) -> Result<(), LearnerError> {
     let mut actions = vec![Action::default(); environment.lanes()];
     let mut probabilities = vec![0.0; actions.len() * environment.action_spec().count];
-    let mut rewards = vec![0.0; environment.lanes()];
-    while environment.any_running() && !observer.stop_requested() {
-        choose(environment, &mut streams.actions, &mut actions, &mut probabilities)?;
-        observer.chosen(environment, &actions, &probabilities);
-        environment.step(&actions, &mut rewards, &mut streams.environment);
-        observer.paid(environment, &rewards);
+    let mut values = vec![0.0; actions.len()];
+    while !conductor.is_over(environment) && !observer.stop_requested() {
+        conductor.begin_step(environment, agent, &mut streams.environment)?;
+        agent.act(environment, &mut streams.actions, &mut actions, Some(&mut probabilities));
+        observer.chosen(&ChosenStep {
+            environment,
+            streams: &streams.environment,
+            actions: &actions,
+            probabilities: &probabilities,
+            study: conductor.study(),
+        });
+        environment.step(&actions, &mut values, &mut streams.environment);
+        conductor.end_step(environment);
+        let rewards = Rewards { values: &values, reached: conductor.reached() };
+        agent.observe(environment, rewards);
+        observer.paid(environment, rewards);
     }
     Ok(())
 }
 
-/// Chooses actions and returns their probabilities, like [`Actor::act`].
-pub(super) type Choose<'a, Env, E> =
-    dyn FnMut(&Env, &mut Stream, &mut [Action], &mut [f64]) -> Result<(), E> + 'a;
+/// Says when lanes begin and end, when their agent learns, and which rewards reach it.
+pub(super) trait Conductor<Env: ?Sized, Agent: ?Sized> {
+    /// Whether there is no further step.
+    fn is_over(&self, environment: &Env) -> bool;
+
+    /// Prepares a step. Does nothing by default.
+    ///
+    /// **Errors**: the agent cannot learn.
+    fn begin_step(
+        &mut self,
+        environment: &mut Env,
+        agent: &mut Agent,
+        streams: &mut LaneStreams,
+    ) -> Result<(), LearnerError> {
+        let _ = (environment, agent, streams);
+        Ok(())
+    }
+
+    /// Ends a step. Does nothing by default.
+    fn end_step(&mut self, environment: &Env) {
+        let _ = environment;
+    }
+
+    /// The lanes whose rewards of the last step reach the agent; by default all.
+    fn reached(&self) -> LaneSet<'_> {
+        LaneSet::All
+    }
+
+    /// The trial that is conducted; `None` for episodes outside of a trial.
+    fn study(&self) -> Option<&Study> {
+        None
+    }
+}
+
+/// The conductor of a batch of episodes that have begun together.
+pub(super) struct Lockstep;
+
+impl<Env: VectorEnvironment + ?Sized, Agent: ?Sized> Conductor<Env, Agent> for Lockstep {
+    fn is_over(&self, environment: &Env) -> bool {
+        !environment.any_running()
+    }
+}
+
+impl Conductor<Simulated, dyn StudyAgent + '_> for Study {
+    fn is_over(&self, _: &Simulated) -> bool {
+        self.is_over()
+    }
+
+    fn begin_step(
+        &mut self,
+        environment: &mut Simulated,
+        agent: &mut (dyn StudyAgent + '_),
+        streams: &mut LaneStreams,
+    ) -> Result<(), LearnerError> {
+        self.begin_step(environment, agent, streams)
+    }
+
+    fn end_step(&mut self, environment: &Simulated) {
+        self.end_step(environment.times());
+    }
+
+    fn reached(&self) -> LaneSet<'_> {
+        self.reached()
+    }
+
+    fn study(&self) -> Option<&Study> {
+        Some(self)
+    }
+}
+
+/// A step whose actions have been chosen.
+pub(super) struct ChosenStep<'s, Env: ?Sized> {
+    /// The lanes before the step.
+    pub(super) environment: &'s Env,
+    /// The streams from which the step will draw.
+    pub(super) streams: &'s LaneStreams,
+    /// \[lanes\].
+    pub(super) actions: &'s [Action],
+    /// \[lanes, actions\], row by row.
+    pub(super) probabilities: &'s [f64],
+    /// The trial; `None` for episodes outside of a trial.
+    pub(super) study: Option<&'s Study>,
+}
+
+/// Sees every step of driven lanes, and changes nothing.
+pub(super) trait LaneObserver<Env: ?Sized> {
+    /// Sees a step before it is taken.
+    fn chosen(&mut self, step: &ChosenStep<'_, Env>);
+
+    /// Sees the lanes after the step and its rewards.
+    fn paid(&mut self, environment: &Env, rewards: Rewards<'_>);
+
+    /// Whether the drive should stop before the next step.
+    fn stop_requested(&self) -> bool {
+        false
+    }
+}
+
+/// An observer of steps alone.
+struct OfSteps<'o, O>(&'o mut O);
+
+impl<Env: ?Sized, O: StepObserver<Env>> LaneObserver<Env> for OfSteps<'_, O> {
+    fn chosen(&mut self, step: &ChosenStep<'_, Env>) {
+        self.0.chosen(step.environment, step.actions, step.probabilities);
+    }
+
+    fn paid(&mut self, environment: &Env, rewards: Rewards<'_>) {
+        self.0.paid(environment, rewards.values);
+    }
+
+    fn stop_requested(&self) -> bool {
+        self.0.stop_requested()
+    }
+}
 
 /// The record of rolled episodes. Row t · lanes + l of every array belongs to step t of lane l. The rewards
 /// of ended lanes are 0.

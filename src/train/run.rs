@@ -2,8 +2,7 @@
 
 use crate::agent::{External, StartError};
 use crate::env::outside::OutsideModel;
-use crate::job::{Job, Outcome};
-use crate::train::afterwards::Afterwards;
+use crate::job::{Job, Outcome, RunnableJob};
 use crate::train::checkpoint::{self, Resumed};
 use crate::train::control::TrainingControl;
 use crate::train::environment_program;
@@ -12,15 +11,19 @@ use crate::train::training::{Stage, Training, out_of_memory};
 
 /// Trains the job's agent, tests it, and returns the outcome. Continues from a checkpoint if there is one,
 /// and writes one if it is stopped.
+///
+/// # Panics
+/// If the job cannot run ([`Job::runnable`]), as a job of a store that names files.
 pub fn run(job: &Job, control: &dyn TrainingControl) -> Outcome {
+    let job = job.runnable().unwrap_or_else(|error| panic!("{error}"));
     match job.environment.model::<OutsideModel>() {
-        Some(model) => environment_program::run(job, model, control, train),
+        Some(model) => environment_program::run(&job, model, control, train),
         None => train(job, control),
     }
 }
 
 /// Trains the job's agent in an environment that is known.
-fn train(job: &Job, control: &dyn TrainingControl) -> Outcome {
+fn train(job: RunnableJob<'_>, control: &dyn TrainingControl) -> Outcome {
     if let Some(external) = job.agent.parameters::<External>() {
         return outside::run(job, &external, control);
     }
@@ -52,23 +55,14 @@ fn train(job: &Job, control: &dyn TrainingControl) -> Outcome {
             return Outcome::Interrupted;
         }
     }
-    let stop = || control.stop_requested();
-    let Some(afterwards) = Afterwards::simulate(job, &training.estimated(), &stop) else {
-        // The last checkpoint is of the trial, which takes less time than what follows it.
-        return Outcome::Interrupted;
-    };
-    let results = training.results().map(|mut results| {
-        afterwards.add_to(&mut results.estimates);
-        results
-    });
-    results.map_or_else(Outcome::Failed, Outcome::Completed)
+    training.results().map_or_else(Outcome::Failed, Outcome::Completed)
 }
 
 /// A job at its start, or at a checkpoint.
 ///
 /// **Errors**: there is not enough memory for the learner, or the agent does not suit the environment.
 fn start_or_resume<'j>(
-    job: &'j Job,
+    job: RunnableJob<'j>,
     control: &dyn TrainingControl,
 ) -> Result<Training<'j>, StartError> {
     let mut found = None;

@@ -1,11 +1,21 @@
 //! A trial in progress: who is in the study on a day, and when the agent learns.
 
-use crate::agent::{Actor, LearnerError, StudyUpdate};
+use crate::agent::{LearnerError, StudyAgent, StudyUpdate};
 use crate::env::{EpisodeStatus, LaneSet, LaneStreams, Reports, Simulated, VectorEnvironment};
 use crate::job::{Calendar, Pooling, Stay, Trial, UpdateData};
 use crate::rng::{Purpose, Stream};
 use crate::state::resumable;
-use crate::train::sightings::TracedUpdate;
+
+/// An update of the agent of everybody.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct TracedUpdate {
+    /// The step of the trial before which it comes.
+    pub time: u32,
+    /// The data of steps before this one count.
+    pub before: u32,
+    /// The people whose data count, \[people\].
+    pub people: Vec<bool>,
+}
 
 /// The calendar of a trial with this seed, and the time of the trial.
 #[derive(Debug)]
@@ -25,6 +35,10 @@ pub struct Study {
     time: u32,
     /// The number of updates so far of the agent of everybody, or of each person's; it numbers the policy in force.
     policies: Vec<u32>,
+    /// Whether the agent of everybody has learned before the present step.
+    is_updated: bool,
+    /// Whether the outcome of each person's last decision reached the agent.
+    reached: Vec<bool>,
     /// Buffers: lanes that begin an episode, and people whose data count.
     entering: Vec<bool>,
     counting: Vec<bool>,
@@ -61,6 +75,8 @@ impl Study {
             missing,
             time: 0,
             policies: vec![0; if trial.pooling == Pooling::Full { 1 } else { people }],
+            is_updated: false,
+            reached: vec![true; people],
             entering: vec![false; people],
             counting: vec![false; people],
         }
@@ -81,21 +97,24 @@ impl Study {
         (self.time / self.calendar.per_day, self.calendar.days())
     }
 
-    /// For every person: the calendar day, the number of the policy in force, and where outcomes can be missing, whether
-    /// that of the next decision reaches the agent. `times` returns the number of steps that a person has taken.
-    pub fn beside(&self, times: impl Fn(usize) -> u32) -> impl Iterator<Item = f64> {
+    /// The number of steps so far.
+    pub(super) fn time(&self) -> u32 {
+        self.time
+    }
+
+    /// The numbers that stand behind the recorded state of a person's decision at this step of the person: the calendar
+    /// day, the number of the policy in force, and where outcomes can be missing, whether that of the decision reaches the
+    /// agent.
+    pub(super) fn beside(&self, person: usize, step: u32) -> impl Iterator<Item = f64> {
         let (day, _) = self.days();
-        let policy = |person: usize| self.policies[person.min(self.policies.len() - 1)];
-        (0..self.people()).flat_map(move |person| {
-            let numbers = [f64::from(day), f64::from(policy(person))];
-            let reached = (!self.missing.is_empty())
-                .then(|| f64::from(u8::from(!self.is_missing(person, times(person)))));
-            numbers.into_iter().chain(reached)
-        })
+        let policy = self.policies[person.min(self.policies.len() - 1)];
+        let reached = !self.is_missing(person, step);
+        let reached = (!self.missing.is_empty()).then_some(u32::from(reached));
+        [day, policy].into_iter().chain(reached).map(f64::from)
     }
 
     /// The names of the numbers that stand behind the recorded state; the last ones are those of [`Study::beside`].
-    pub fn names(&self) -> impl Iterator<Item = String> {
+    pub(super) fn names(&self) -> impl Iterator<Item = String> {
         self.trial.recorded_names()
     }
 
@@ -129,18 +148,18 @@ impl Study {
         }
     }
 
-    /// Prepares a step: at the first of a day, people leave, the agent learns, and people enter. Returns whether the
-    /// agent of everybody has learned.
+    /// Prepares a step: at the first of a day, people leave, the agent learns, and people enter.
     ///
-    /// **Errors**: as [`Actor::update`].
+    /// **Errors**: as [`StudyAgent::update`].
     pub fn begin_step(
         &mut self,
         environment: &mut Simulated,
-        actor: &mut dyn Actor,
+        agent: &mut dyn StudyAgent,
         streams: &mut LaneStreams,
-    ) -> Result<bool, LearnerError> {
+    ) -> Result<(), LearnerError> {
+        self.is_updated = false;
         if !self.time.is_multiple_of(self.calendar.per_day) {
-            return Ok(false);
+            return Ok(());
         }
         let (day, _) = self.days();
         for (person, (stay, left)) in self.stays.iter().zip(&mut self.left).enumerate() {
@@ -154,16 +173,16 @@ impl Study {
         }
         let before = self.policies[0];
         if !self.calendar.is_outage(day) {
-            self.update(day, actor)?;
+            self.update(day, agent)?;
         }
-        let is_updated = self.trial.pooling == Pooling::Full && self.policies[0] > before;
+        self.is_updated = self.trial.pooling == Pooling::Full && self.policies[0] > before;
         let entering = self.entering.iter_mut().zip(&self.stays);
         entering.for_each(|(enters, stay)| *enters = stay.start == day);
         if self.entering.contains(&true) {
             environment.reset(LaneSet::Masked(&self.entering), streams);
-            actor.reset(LaneSet::Masked(&self.entering));
+            agent.reset(LaneSet::Masked(&self.entering));
         }
-        Ok(is_updated)
+        Ok(())
     }
 
     /// Lets the people go who stay to the last day.
@@ -175,11 +194,14 @@ impl Study {
         }
     }
 
-    /// The update of the agent of everybody that this step began with.
-    pub(super) fn last_update(&self) -> TracedUpdate {
+    /// The update of the agent of everybody that the present step began with; `None` without one.
+    pub(super) fn last_update(&self) -> Option<TracedUpdate> {
         let (day, _) = self.days();
-        let people = self.counting.clone();
-        TracedUpdate { time: self.time, before: self.data_before(day), people }
+        self.is_updated.then(|| TracedUpdate {
+            time: self.time,
+            before: self.data_before(day),
+            people: self.counting.clone(),
+        })
     }
 
     /// The step of the trial before which the data of an update on this day end.
@@ -188,7 +210,7 @@ impl Study {
     }
 
     /// Updates the agents that are due on a day.
-    fn update(&mut self, day: u32, actor: &mut dyn Actor) -> Result<(), LearnerError> {
+    fn update(&mut self, day: u32, agent: &mut dyn StudyAgent) -> Result<(), LearnerError> {
         let before = self.data_before(day);
         match self.trial.pooling {
             Pooling::Full => {
@@ -204,7 +226,7 @@ impl Study {
                         UpdateData::InStudy => has_entered && day <= *left,
                     };
                 }
-                actor.update(&StudyUpdate { people: &self.counting, before, agent: None })?;
+                agent.update(&StudyUpdate { people: &self.counting, before, agent: None })?;
                 self.policies[0] += 1;
             }
             Pooling::None => {
@@ -214,8 +236,8 @@ impl Study {
                     if is_due {
                         self.counting.fill(false);
                         self.counting[person] = true;
-                        let agent = Some(person);
-                        actor.update(&StudyUpdate { people: &self.counting, before, agent })?;
+                        let (people, own) = (&self.counting, Some(person));
+                        agent.update(&StudyUpdate { people, before, agent: own })?;
                         self.policies[person] += 1;
                     }
                 }
@@ -224,22 +246,24 @@ impl Study {
         Ok(())
     }
 
-    /// Ends a step. Replaces the rewards that do not reach the agent by NaN; `times` returns the number of steps that
-    /// a person has taken.
-    pub fn end_step(&mut self, rewards: &mut [f64], times: impl Fn(usize) -> u32) {
+    /// Ends a step, after which people have these numbers of steps, \[people\].
+    pub fn end_step(&mut self, times: &[u32]) {
         self.time += 1;
         if self.missing.is_empty() {
             return;
         }
-        for (person, reward) in rewards.iter_mut().enumerate() {
-            let step = times(person).checked_sub(1);
-            if step.is_some_and(|step| self.is_missing(person, step)) {
-                *reward = f64::NAN;
-            }
+        for (person, time) in times.iter().enumerate() {
+            self.reached[person] = *time == 0 || !self.is_missing(person, time - 1);
         }
+    }
+
+    /// The people whose last outcome reached the agent.
+    pub fn reached(&self) -> LaneSet<'_> {
+        LaneSet::Masked(&self.reached)
     }
 }
 
+resumable!([] TracedUpdate { parts time, before, people });
 resumable!([] Study { parts time; fixed policies, left });
 
 #[cfg(test)]
@@ -249,8 +273,9 @@ mod tests {
     use super::*;
     use crate::agent::{Agent, DecisionRule, LinearThompson, RuleParameters, Weights};
     use crate::env::StepCount;
-    use crate::job::{EvaluatedOn, Evaluation, Job, RecordedDecisions, Results};
-    use crate::key::{Keyed, Value};
+    use crate::job::{EvaluatedOn, Evaluation, Job, RecordedDecisions, Results, STAYS};
+    use crate::key::{Content, Keyed, Value};
+    use crate::train::once_more::trace;
     use crate::train::training::{Stage, Training};
 
     fn trial(people: u32, days: u32) -> Trial {
@@ -260,6 +285,15 @@ mod tests {
     /// The results of a trial. Habituation begins at 0 and grows by 1/8 with every message, so that untailored messages
     /// have the rewards 56, 48, 40, ….
     fn played(agent: Agent, trial: &Trial, seed: u64) -> Results {
+        let job = job(agent, trial, seed);
+        let mut training = Training::new(job.runnable().unwrap()).unwrap();
+        while training.stage() != Stage::Over {
+            training.advance(&|| false).unwrap();
+        }
+        training.results().unwrap()
+    }
+
+    fn job(agent: Agent, trial: &Trial, seed: u64) -> Job {
         let environment = StepCount {
             horizon: trial.decisions() as u32,
             initial_habituation: 0.0,
@@ -271,7 +305,7 @@ mod tests {
             mu: [0.0, 0.0],
             ..StepCount::paper(0.0)
         };
-        let job = Job {
+        Job {
             environment: environment.into(),
             scenario: "C".parse().unwrap(),
             agent,
@@ -283,12 +317,7 @@ mod tests {
             },
             trial: Some(trial.clone()),
             seed,
-        };
-        let mut training = Training::new(&job).unwrap();
-        while training.stage() != Stage::Over {
-            training.advance(&|| false).unwrap();
         }
-        training.results().unwrap()
     }
 
     fn bandit() -> Agent {
@@ -327,6 +356,19 @@ mod tests {
             assert_eq!(results.decisions.len(), 18);
             assert_learned(&results, &[]);
         }
+    }
+
+    #[test]
+    fn a_trial_of_a_store_that_names_a_file_says_so() {
+        let entry = Content::read(&STAYS, "start_day,end_day\n0,3\n1,3\n").unwrap();
+        let job =
+            Job { trial: Some(Trial { entry, ..trial(2, 3) }), ..job(bandit(), &trial(2, 3), 1) };
+        assert!(job.runnable().is_ok());
+        let stored = Job::from_canonical(&job.canonical()).unwrap();
+        let says = "the job knows only the digest of its file `trial.entry`, as jobs of a store do; take the job from \
+                    its manifest";
+        assert_eq!(stored.runnable().unwrap_err().to_string(), says);
+        assert_eq!(trace(&stored, &|| false).unwrap_err().to_string(), says);
     }
 
     #[test]
@@ -412,9 +454,8 @@ mod tests {
         let mut study = Study::new(&Trial { missing_outcomes: 0.25, ..trial(1000, 8) }, 3);
         let mut hidden = 0;
         for step in 1..=8 {
-            let mut rewards = vec![1.0; 1000];
-            study.end_step(&mut rewards, |_| step);
-            hidden += rewards.iter().filter(|reward| reward.is_nan()).count();
+            study.end_step(&[step; 1000]);
+            hidden += (0..1000).filter(|person| !study.reached().contains(*person)).count();
         }
         assert!((hidden as f64 - 2000.0).abs() < 4.0 * 1500f64.sqrt(), "{hidden}");
     }

@@ -1,26 +1,21 @@
-//! The test episodes of a trained agent and their results.
+//! The test of a trained agent, or its trial, and the results.
 
+use std::io;
 use std::sync::Arc;
 
-use crate::agent::{Actor, LearnerError, OutOfMemory, StepObserver, reserve_exact};
-use crate::env::{
-    Action, Environment, EpisodeStatus, LaneSet, Reported, Simulated, VectorEnvironment,
-};
-use crate::estimate::Estimation;
+use crate::agent::{LearnerError, OutOfMemory, Rewards, StudyAgent, reserve_exact};
+use crate::env::{Environment, Reported, Simulated, VectorEnvironment};
 use crate::job::metric::{
     LOWER_QUARTILE_RETURN, MEAN_LENGTH, MEAN_RETURN, MESSAGE_RATE, NET_RETURN, SD_RETURN,
     quantile_of_sorted,
 };
 use crate::job::{
-    ActionCount, Decision, EstimateDeclaration, Estimates, Metric, ParticipantValue, Phase,
-    RecordedEpisodes, TestEpisode,
+    ActionCount, EstimateDeclaration, Estimates, Job, Metric, MetricName, ParticipantValue, Phase,
+    RecordedEpisodes, RunnableJob, TestEpisode,
 };
-use crate::job::{Job, MetricName};
-use crate::state::resumable;
-use crate::train::decision_log::DecisionLog;
-use crate::train::excursions::Excursions;
-use crate::train::roll::{Choose, RollStreams, begin, roll, roll_by};
-use crate::train::sightings::Sightings;
+use crate::state::{Resumable, StateError, StateReader, StateWriter, resumable};
+use crate::train::observers::{ObservedTrial, Observers};
+use crate::train::roll::{ChosenStep, LaneObserver, Lockstep, RollStreams, begin, drive};
 use crate::train::study::Study;
 
 /// The number of episodes that advance in lockstep. Results depend on it, because lanes share streams.
@@ -30,28 +25,26 @@ const LANES: usize = 1000;
 pub(super) struct Test {
     /// The total number of episodes.
     episodes: usize,
+    course: Course,
     streams: RollStreams,
-    counts: ActionCounts,
-    /// `None` if the job does not ask for it.
-    log: Option<DecisionLog>,
+    /// A lane for each episode in progress.
+    lanes: Simulated,
+    pub(super) observers: Observers,
     played: Vec<TestEpisode>,
-    batch: Batch,
-    /// `None` if all participants have the same parameters.
-    people: Option<People>,
     /// The participants' parameters, set at the end of the test; memory is reserved from the first batch.
     participants: Vec<ParticipantValue>,
-    /// The cost of messages so far; maintained only if costs differ.
-    costs: f64,
     environment: Environment,
     /// The metric that is the share of terminated episodes.
     terminated: MetricName,
-    /// The trial whose people are the evaluation; `None` for people who come one after another.
-    study: Option<Study>,
     recorded: RecordedEpisodes,
-    /// What other actions lead to at the decisions of a trial; `None` in jobs.
-    pub(super) excursions: Option<Excursions>,
-    /// What the agent of a trial sees; `None` in jobs.
-    pub(super) sightings: Option<Sightings>,
+}
+
+/// How a test proceeds.
+enum Course {
+    /// In batches of episodes, with these participants; `None` if all have the same parameters.
+    Batches(Option<People>),
+    /// By the calendar of a trial.
+    Trial(Study),
 }
 
 /// The participants of a test. Their parameters do not depend on what happens in it.
@@ -82,8 +75,10 @@ impl People {
 pub(super) struct Tested {
     pub(super) episodes: Vec<TestEpisode>,
     pub(super) actions: Vec<ActionCount>,
-    pub(super) decisions: Vec<Decision>,
     pub(super) estimates: Vec<Estimates>,
+    pub(super) observed: ObservedTrial,
+    /// Whether the decisions belong to the results.
+    pub(super) records_decisions: bool,
     pub(super) participants: Vec<ParticipantValue>,
     /// The names of the numbers in the state of a decision.
     pub(super) state_names: Vec<String>,
@@ -101,63 +96,50 @@ pub(super) struct Tested {
 
 impl Test {
     /// The test of a job, before its first episode.
-    pub(super) fn new(job: &Job) -> Self {
-        let task = job.task();
+    pub(super) fn new(job: RunnableJob<'_>) -> Self {
         let environment = &job.environment;
-        let study = job.trial.as_ref().map(|trial| Study::new(trial, job.seed));
         let mut streams = RollStreams::of_test(job.seed);
-        if let Some(study) = &study {
-            streams.environment = study.streams(job.seed);
-        }
-        let tested = task.tested(0);
-        let reports = job.trial.as_ref().and_then(|trial| Study::reports(trial, job.seed));
-        let tested = match reports {
-            Some(reports) => Box::new(Reported::new(tested, reports)),
-            None => tested,
-        };
-        let episodes = study.as_ref().map_or(job.evaluation.test_episodes as usize, Study::people);
-        Test {
-            episodes,
-            streams,
-            counts: ActionCounts::new(environment.strata(), task.interface().actions),
-            log: (job.evaluation.record_decisions.of_test())
-                .then(|| DecisionLog::new(job.agent.unavailable(), Phase::Test)),
-            played: Vec::new(),
-            people: (environment.differing() > 0 && study.is_none()).then(|| People {
+        let mut lanes = job.task().tested(0);
+        let mut episodes = job.evaluation.test_episodes;
+        let course = match &job.trial {
+            None => Course::Batches((environment.differing() > 0).then(|| People {
                 environment: environment.clone(),
                 seed: job.seed,
-                episodes: job.evaluation.test_episodes,
-            }),
+                episodes,
+            })),
+            Some(trial) => {
+                let study = Study::new(trial, job.seed);
+                streams.environment = study.streams(job.seed);
+                if let Some(reports) = Study::reports(trial, job.seed) {
+                    lanes = Box::new(Reported::new(lanes, reports));
+                }
+                episodes = trial.people;
+                Course::Trial(study)
+            }
+        };
+        Test {
+            episodes: episodes as usize,
+            course,
+            streams,
+            lanes,
+            observers: Observers::new(&job),
+            played: Vec::new(),
             participants: Vec::new(),
-            costs: 0.0,
             environment: environment.clone(),
             terminated: job.termination_metric(),
-            study,
             recorded: job.evaluation.record_episodes,
-            excursions: None,
-            sightings: None,
-            batch: Batch { environment: tested, played: Vec::new() },
         }
     }
 
     /// The test of a job with estimates of its decisions, before its first episode.
-    pub(super) fn estimating(self, job: &Job, declared: &[Arc<EstimateDeclaration>]) -> Self {
-        let is_kept = job.evaluation.record_decisions.of_test();
-        if declared.is_empty() && self.log.is_none() {
-            return self;
-        }
-        let (actions, names) = (job.task().interface().actions, job.state_names());
-        let estimation = |declared: &Arc<EstimateDeclaration>| {
-            Estimation::new(declared.clone(), actions, &names)
-        };
-        let log = DecisionLog::new(job.agent.unavailable(), Phase::Test)
-            .estimating(declared.iter().map(estimation).collect(), is_kept);
-        Test { log: (is_kept || !declared.is_empty()).then_some(log), ..self }
+    pub(super) fn estimating(mut self, job: &Job, declared: &[Arc<EstimateDeclaration>]) -> Self {
+        self.observers.estimate(job, declared);
+        self
     }
 
     /// The declarations of its estimates.
     pub(super) fn estimated(&self) -> Vec<Arc<EstimateDeclaration>> {
-        self.log.iter().flat_map(DecisionLog::declarations).cloned().collect()
+        self.observers.declared()
     }
 
     pub(super) fn is_over(&self) -> bool {
@@ -166,146 +148,86 @@ impl Test {
 
     /// Whether an episode has begun. From then on, the actor may have state.
     pub(super) fn has_begun(&self) -> bool {
-        !(self.played.is_empty() && self.batch.played.is_empty())
+        !(self.played.is_empty() && self.observers.counts.running.is_empty())
     }
 
-    /// Plays a batch of episodes to its end, or until `pause` returns true; the next call continues.
+    /// Plays a batch of episodes or a trial to its end, or until `pause` returns true; the next call continues.
     ///
     /// **Errors**: there is not enough memory for the episodes, or the agent of a trial cannot learn.
     pub(super) fn advance(
         &mut self,
-        actor: &mut dyn Actor,
+        agent: &mut dyn StudyAgent,
         pause: &dyn Fn() -> bool,
     ) -> Result<(), LearnerError> {
-        if self.study.is_some() {
-            return self.advance_study(actor, pause);
+        self.begin_batch(agent)?;
+        let Test { course, streams, lanes, observers, .. } = self;
+        let mut pausing = Pausing { observers: &mut *observers, pause };
+        match course {
+            Course::Batches(_) => drive(lanes, agent, streams, &mut pausing, &mut Lockstep)?,
+            Course::Trial(study) => {
+                study.assign(lanes);
+                drive(lanes, agent, streams, &mut pausing, study)?;
+                if study.is_over() {
+                    study.end(lanes);
+                    observers.ended(lanes.statuses());
+                }
+            }
         }
-        self.begin_batch(|environment, streams| begin(environment, actor, streams))?;
-        let (batch, streams, mut player) = self.player(pause);
-        roll(batch, actor, streams, &mut player);
         Ok(self.end_batch()?)
-    }
-
-    /// Plays a trial to its end, or until `pause` returns true; the next call continues.
-    ///
-    /// **Errors**: there is not enough memory for the episodes, or the agent cannot learn.
-    fn advance_study(
-        &mut self,
-        actor: &mut dyn Actor,
-        pause: &dyn Fn() -> bool,
-    ) -> Result<(), LearnerError> {
-        self.begin_batch(|_, _| {})?;
-        let mut study = self.study.take().expect("the caller has a trial");
-        let (mut excursions, mut sightings) = (self.excursions.take(), self.sightings.take());
-        let (lanes, streams, mut player) = self.player(pause);
-        study.assign(lanes);
-        let mut actions = vec![Action::default(); lanes.lanes()];
-        let mut probabilities = vec![0.0; actions.len() * lanes.action_spec().count];
-        let mut rewards = vec![0.0; actions.len()];
-        while !study.is_over() && !player.stop_requested() {
-            let updated = study.begin_step(lanes, actor, &mut streams.environment)?;
-            if let Some(sightings) = &mut sightings {
-                sightings.updates.extend(updated.then(|| study.last_update()));
-                sightings.see(lanes);
-            }
-            actor.act(lanes, &mut streams.actions, &mut actions, Some(&mut probabilities));
-            if let Some(log) = &mut player.log {
-                log.stand_beside(study.beside(|person| lanes.time(person)));
-            }
-            player.chosen(lanes, &actions, &probabilities);
-            if let Some(excursions) = &mut excursions {
-                excursions.see(lanes, &streams.environment);
-            }
-            lanes.step(&actions, &mut rewards, &mut streams.environment);
-            player.paid(lanes, &rewards);
-            study.end_step(&mut rewards, |person| lanes.time(person));
-            if let Some(sightings) = &mut sightings {
-                sightings.paid(&rewards);
-            }
-            actor.observe(lanes, &rewards);
-        }
-        let is_over = study.is_over();
-        if is_over {
-            study.end(lanes);
-            if let Some(log) = &mut player.log {
-                log.ended(lanes.statuses());
-            }
-        }
-        self.study = Some(study);
-        (self.excursions, self.sightings) = (excursions, sightings);
-        if is_over { Ok(self.end_batch()?) } else { Ok(()) }
     }
 
     /// The day of the trial and its number of days; `None` without a trial.
     pub(super) fn days(&self) -> Option<(u32, u32)> {
-        self.study.as_ref().map(Study::days)
+        match &self.course {
+            Course::Batches(_) => None,
+            Course::Trial(study) => Some(study.days()),
+        }
     }
 
-    /// Plays a batch of episodes to its end with choices that may fail. Calls `lanes` with their number
-    /// before the first choice.
-    ///
-    /// **Errors**: the choices fail, or there is not enough memory for the episodes.
-    pub(super) fn play_batch<E: From<OutOfMemory>>(
-        &mut self,
-        lanes: impl FnOnce(usize),
-        choose: &mut Choose<'_, Simulated, E>,
-    ) -> Result<(), E> {
-        self.begin_batch(|environment, streams| {
-            environment.reset(LaneSet::All, &mut streams.environment);
-            lanes(environment.lanes());
-        })?;
-        let (batch, streams, mut player) = self.player(&|| false);
-        roll_by(batch, choose, streams, &mut player)?;
-        Ok(self.end_batch()?)
-    }
-
-    /// Begins the next batch with `begin`, unless a batch is in progress.
+    /// Begins the next batch, unless a batch is in progress.
     ///
     /// **Errors**: there is not enough memory for the episodes.
-    fn begin_batch(
-        &mut self,
-        begin: impl FnOnce(&mut Simulated, &mut RollStreams),
-    ) -> Result<(), OutOfMemory> {
+    fn begin_batch(&mut self, agent: &mut dyn StudyAgent) -> Result<(), OutOfMemory> {
         let left = self.episodes - self.played.len();
         reserve_exact(&mut self.played, left, "the test episodes")?;
-        let values = self.people.as_ref().map_or(0, People::count);
+        let people = match &self.course {
+            Course::Batches(people) => people.as_ref(),
+            Course::Trial(_) => None,
+        };
+        let values = people.map_or(0, People::count);
         reserve_exact(&mut self.participants, values, "the participants of the test")?;
-        let Test { streams, batch, study, .. } = self;
-        if batch.played.is_empty() {
-            let lanes = if study.is_some() { left } else { LANES.min(left) };
-            batch.environment = batch.environment.with_lanes(lanes);
-            batch.played = vec![TestEpisode::default(); lanes];
-            begin(&mut batch.environment, streams);
+        if self.observers.counts.running.is_empty() {
+            let (lanes, begins) = match self.course {
+                Course::Batches(_) => (LANES.min(left), true),
+                Course::Trial(_) => (left, false),
+            };
+            self.lanes = self.lanes.with_lanes(lanes);
+            self.observers.counts.running = vec![TestEpisode::default(); lanes];
+            if begins {
+                begin(&mut self.lanes, agent, &mut self.streams);
+            }
         }
         Ok(())
-    }
-
-    /// The batch, its streams, and the recorder of its episodes.
-    fn player<'p>(
-        &'p mut self,
-        pause: &'p dyn Fn() -> bool,
-    ) -> (&'p mut Simulated, &'p mut RollStreams, Player<'p>) {
-        let Test { streams, counts, log, batch, costs, environment, .. } = self;
-        let costs = costs_differ(environment).then_some(costs);
-        let (log, played) = (log.as_mut(), &mut batch.played[..]);
-        (&mut batch.environment, streams, Player { counts, log, played, costs, pause })
     }
 
     /// Stores the episodes of a batch, if it has been played to its end.
     ///
     /// **Errors**: there was not enough memory for the decisions.
     fn end_batch(&mut self) -> Result<(), OutOfMemory> {
-        let Test { log, batch, study, participants, .. } = self;
-        log.as_ref().map_or(Ok(()), DecisionLog::check)?;
-        if batch.environment.any_running() {
+        self.observers.check()?;
+        let is_over = match &self.course {
+            Course::Batches(_) => !self.lanes.any_running(),
+            Course::Trial(study) => study.is_over(),
+        };
+        if !is_over {
             return Ok(());
         }
-        let environment = &batch.environment;
+        let Test { course, lanes, observers, participants, .. } = self;
         let mut values = Vec::new();
-        for (lane, episode) in batch.played.iter_mut().enumerate() {
-            episode.terminated = environment.has_terminated(lane);
-            if study.is_some() {
-                environment.participant(lane, &mut values);
+        for (lane, episode) in observers.counts.running.iter_mut().enumerate() {
+            episode.terminated = lanes.has_terminated(lane);
+            if let Course::Trial(_) = course {
+                lanes.participant(lane, &mut values);
                 let (phase, episode) = (Phase::Test, lane as u32 + 1);
                 participants.extend(values.drain(..).map(|(place, value)| ParticipantValue {
                     phase,
@@ -315,41 +237,40 @@ impl Test {
                 }));
             }
         }
-        self.played.append(&mut batch.played);
+        self.played.append(&mut self.observers.counts.running);
         self.prepare_batch();
         Ok(())
     }
 
     /// The results, once all episodes are played.
     pub(super) fn finish(mut self) -> Tested {
-        let (messages, actions) = (self.counts.messages(), self.counts.rows());
-        let differ = costs_differ(&self.environment);
-        let costs = self.environment.message_cost().map(|cost| match differ {
+        let counts = &self.observers.counts;
+        let (messages, actions) = (counts.messages(), counts.rows());
+        let costs = self.environment.message_cost().map(|cost| match counts.costs {
             // A product, as in the results of earlier jobs.
-            false => cost * messages as f64,
-            true => self.costs,
+            None => cost * messages as f64,
+            Some(costs) => costs,
         });
         let messages = self.environment.has_nothing().then_some(messages);
         let mut state_names = self.environment.state_names();
-        if let Some(study) = &self.study {
-            state_names.extend(study.names());
+        match &self.course {
+            // The participants of the test are recorded whether or not its decisions are.
+            Course::Batches(Some(people)) => people.describe(&mut self.participants),
+            Course::Batches(None) => {}
+            Course::Trial(study) => state_names.extend(study.names()),
         }
-        if let Some(people) = &self.people {
-            people.describe(&mut self.participants);
-        }
-        let participants = self.participants;
-        // The participants of the test are recorded whether or not its decisions are.
-        let estimates = self.log.as_ref().map(DecisionLog::estimates).unwrap_or_default();
-        let (decisions, _) = self.log.map(DecisionLog::finish).unwrap_or_default();
+        let records_decisions = self.observers.is_recorded();
+        let (estimates, observed) = self.observers.finish();
         Tested {
             episodes: self.played,
             messages,
             costs,
             terminated: self.terminated,
             actions,
-            decisions,
             estimates,
-            participants,
+            observed,
+            records_decisions,
+            participants: self.participants,
             state_names,
             description: self.environment.description(),
             recorded: self.recorded,
@@ -357,51 +278,19 @@ impl Test {
     }
 }
 
-/// Whether messages can have other costs to other people or at other moments, so that each is summed.
-fn costs_differ(environment: &Environment) -> bool {
-    environment.differing() > 0 || environment.costs_vary()
+/// Observers with a pause between two steps.
+struct Pausing<'p> {
+    observers: &'p mut Observers,
+    pause: &'p dyn Fn() -> bool,
 }
 
-/// Test episodes in progress; empty between two batches.
-struct Batch {
-    environment: Simulated,
-    played: Vec<TestEpisode>,
-}
-
-/// Records the episodes of a batch.
-struct Player<'a> {
-    counts: &'a mut ActionCounts,
-    log: Option<&'a mut DecisionLog>,
-    played: &'a mut [TestEpisode],
-    /// `None` if messages have the same cost for every participant.
-    costs: Option<&'a mut f64>,
-    pause: &'a dyn Fn() -> bool,
-}
-
-impl StepObserver<Simulated> for Player<'_> {
-    fn chosen(&mut self, lanes: &Simulated, actions: &[Action], probabilities: &[f64]) {
-        if let Some(log) = &mut self.log {
-            log.chosen(lanes, actions, probabilities);
-        }
-        for (lane, episode) in self.played.iter_mut().enumerate() {
-            if lanes.statuses()[lane] == EpisodeStatus::Running && lanes.is_counted(lane) {
-                episode.length += 1;
-                let taken = lanes.taken(lane, actions[lane]);
-                self.counts.add(lanes.stratum(lane), taken);
-                if let Some(costs) = self.costs.as_deref_mut().filter(|_| taken.index() > 0) {
-                    *costs += lanes.message_cost(lane);
-                }
-            }
-        }
+impl LaneObserver<Simulated> for Pausing<'_> {
+    fn chosen(&mut self, step: &ChosenStep<'_, Simulated>) {
+        self.observers.chosen(step);
     }
 
-    fn paid(&mut self, lanes: &Simulated, rewards: &[f64]) {
-        if let Some(log) = &mut self.log {
-            log.paid(lanes, rewards);
-        }
-        for (episode, outcome) in self.played.iter_mut().zip(lanes.outcomes(rewards)) {
-            episode.total_reward += outcome;
-        }
+    fn paid(&mut self, lanes: &Simulated, rewards: Rewards<'_>) {
+        self.observers.paid(lanes, rewards);
     }
 
     fn stop_requested(&self) -> bool {
@@ -410,29 +299,44 @@ impl StepObserver<Simulated> for Player<'_> {
 }
 
 resumable!([] Test {
-    parts streams;
-    fixed counts.counts;
-    parts costs, played, batch.played;
-    each log, study;
+    parts streams, observers, played, course;
     check fits, "test episodes";
     then prepare_batch;
-    parts batch.environment
+    parts lanes
 });
 
-resumable!([] TestEpisode { parts total_reward, length, terminated });
+impl Resumable for Course {
+    fn save(&self, out: &mut StateWriter<'_>) -> io::Result<()> {
+        match self {
+            Course::Batches(_) => Ok(()),
+            Course::Trial(study) => study.save(out),
+        }
+    }
+
+    fn restore(&mut self, from: &mut StateReader<'_>) -> Result<(), StateError> {
+        match self {
+            Course::Batches(_) => Ok(()),
+            Course::Trial(study) => study.restore(from),
+        }
+    }
+}
 
 impl Test {
     /// Whether a batch is as large as it should be.
     fn fits(&self) -> bool {
         self.episodes.checked_sub(self.played.len()).is_some_and(|left| {
-            let lanes = self.batch.played.len();
-            lanes == 0 || self.study.is_some() || lanes == LANES.min(left)
+            let lanes = self.observers.counts.running.len();
+            lanes == 0
+                || match self.course {
+                    Course::Batches(_) => lanes == LANES.min(left),
+                    Course::Trial(_) => lanes == left,
+                }
         })
     }
 
     /// Gives the environment a lane for every episode of the batch.
     fn prepare_batch(&mut self) {
-        self.batch.environment = self.batch.environment.with_lanes(self.batch.played.len());
+        self.lanes = self.lanes.with_lanes(self.observers.counts.running.len());
     }
 }
 
@@ -485,42 +389,6 @@ impl Tested {
     }
 }
 
-/// The number of choices by stratum and action.
-struct ActionCounts {
-    /// \[strata, actions\].
-    counts: Vec<u64>,
-    actions: usize,
-}
-
-impl ActionCounts {
-    fn new(strata: usize, actions: usize) -> Self {
-        ActionCounts { counts: vec![0; strata * actions], actions }
-    }
-
-    fn add(&mut self, stratum: usize, action: Action) {
-        self.counts[stratum * self.actions + action.index()] += 1;
-    }
-
-    /// The number of choices of other actions than the first.
-    fn messages(&self) -> u64 {
-        self.counts.chunks(self.actions).map(|actions| actions[1..].iter().sum::<u64>()).sum()
-    }
-
-    fn rows(&self) -> Vec<ActionCount> {
-        let has_strata = self.counts.len() > self.actions;
-        let mut rows = Vec::new();
-        for (stratum, actions) in (0..).zip(self.counts.chunks(self.actions)) {
-            let stratum = has_strata.then_some(stratum);
-            for (action, &count) in (0..=u8::MAX).zip(actions) {
-                if count > 0 {
-                    rows.push(ActionCount { stratum, action, count });
-                }
-            }
-        }
-        rows
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -540,8 +408,9 @@ mod tests {
                 episode(60.0, 6, false),
             ],
             actions: Vec::new(),
-            decisions: Vec::new(),
             estimates: Vec::new(),
+            observed: ObservedTrial::default(),
+            records_decisions: false,
             participants: Vec::new(),
             state_names: Vec::new(),
             description: None,
@@ -578,8 +447,9 @@ mod tests {
         let tested = Tested {
             episodes: vec![TestEpisode { total_reward: 7.0, length: 2, terminated: false }],
             actions: Vec::new(),
-            decisions: Vec::new(),
             estimates: Vec::new(),
+            observed: ObservedTrial::default(),
+            records_decisions: false,
             participants: Vec::new(),
             state_names: Vec::new(),
             description: None,

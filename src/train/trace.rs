@@ -1,11 +1,12 @@
-//! A trial that is simulated once more, with what its agent saw, and when it learned from whom.
+//! A trial with what its agent saw, and when it learned from whom.
 //!
-//! In: a job with a trial. Out: its decisions, as if they had been recorded, each with the agent's observation, and the
-//! updates of the agent. Analyses after a trial need both, and jobs do not store them.
+//! In: what was observed of a trial, in its job or when it is simulated once more. Out: its decisions, each with the
+//! agent's observation, and the updates of the agent. Analyses after a trial need both, and jobs do not store them.
 
-use crate::job::{Decision, Failure, Job, RecordedDecisions};
-use crate::train::sightings::{Sighting, Sightings, TracedUpdate};
-use crate::train::training::{Stage, Training};
+use crate::job::{Decision, Job, UnknownFile};
+use crate::train::observers::ObservedTrial;
+use crate::train::sightings::{Sighting, Sightings};
+use crate::train::study::TracedUpdate;
 
 /// A trial with all that its agent saw.
 #[derive(Clone, Debug, PartialEq)]
@@ -41,6 +42,9 @@ pub enum NoTrace {
     /// The agent or the environment is an outside program.
     #[error("an outside program takes part in it, which jitai does not start for an analysis")]
     Outside,
+    /// A file of the job is unknown.
+    #[error(transparent)]
+    UnknownFile(#[from] UnknownFile),
     /// The simulation was stopped.
     #[error("the simulation was stopped")]
     Stopped,
@@ -49,32 +53,19 @@ pub enum NoTrace {
     Failed(String),
 }
 
-/// The trial of a job, simulated once more until `stop` returns true.
-///
-/// **Errors**: see [`NoTrace`].
-pub fn trace(job: &Job, stop: &dyn Fn() -> bool) -> Result<Trace, NoTrace> {
-    let people = job.trial.as_ref().ok_or(NoTrace::NoTrial)?.people as usize;
-    if job.is_outside() {
-        return Err(NoTrace::Outside);
+impl Trace {
+    /// What was observed of the trial of a job.
+    ///
+    /// **Errors**: what its agent saw was not observed, as an outside program takes part in it.
+    pub(super) fn of(job: &Job, observed: &ObservedTrial) -> Result<Trace, NoTrace> {
+        let people = job.trial.as_ref().ok_or(NoTrace::NoTrial)?.people as usize;
+        let Sightings { rows, updates, .. } =
+            observed.sightings.as_ref().ok_or(NoTrace::Outside)?;
+        let decisions = observed.decisions.iter().zip(rows).map(|(decision, row)| {
+            assert_eq!((decision.episode, decision.step), (row.episode, row.step));
+            let Sighting { time, observed, learned, .. } = row.clone();
+            TracedDecision { decision: decision.clone(), time, observed, learned }
+        });
+        Ok(Trace { decisions: decisions.collect(), updates: updates.clone(), people })
     }
-    let mut job = job.clone();
-    job.evaluation.record_decisions = RecordedDecisions::Test;
-    let failed = |failure: Failure| NoTrace::Failed(failure.message);
-    let training = Training::new(&job).map_err(|error| NoTrace::Failed(error.to_string()))?;
-    let mut training = training.with_sightings(Sightings::default());
-    while training.stage() != Stage::Over {
-        training.advance(stop).map_err(failed)?;
-        if stop() {
-            return Err(NoTrace::Stopped);
-        }
-    }
-    let (decisions, sightings) = training.into_sightings();
-    let Sightings { mut rows, updates, .. } = sightings;
-    rows.sort_unstable_by_key(|row| (row.episode, row.step));
-    let decisions = decisions.into_iter().zip(rows).map(|(decision, row)| {
-        assert_eq!((decision.episode, decision.step), (row.episode, row.step));
-        let Sighting { time, observed, learned, .. } = row;
-        TracedDecision { decision, time, observed, learned }
-    });
-    Ok(Trace { decisions: decisions.collect(), updates, people })
 }

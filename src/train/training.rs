@@ -4,19 +4,19 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use crate::agent::{
-    Actor, EffectPosterior, Learner, LearnerError, OutOfMemory, Start, StartError, StepObserver,
-    StudyPlan, TrainedEpisode,
+    EffectPosterior, Learner, LearnerError, OutOfMemory, Start, StartError, StepObserver,
+    StudyAgent, StudyPlan, TrainedEpisode,
 };
 use crate::job::{
-    CurvePoint, Decision, EstimateDeclaration, Failure, FailureKind, Job, Metric, Phase, Pooling,
-    RecordedEpisodes, RecordedPosterior, Results,
+    CurvePoint, EstimateDeclaration, Failure, FailureKind, Metric, Phase, Pooling,
+    RecordedEpisodes, RecordedPosterior, Results, RunnableJob,
 };
 use crate::state::resumable;
+use crate::train::afterwards::{self, Afterwards};
 use crate::train::curve::CurveRecorder;
 use crate::train::decision_log::DecisionLog;
-use crate::train::excursions::Excursions;
+use crate::train::observers::{ObservedTrial, Observers};
 use crate::train::progress::TrainingProgress;
-use crate::train::sightings::Sightings;
 use crate::train::test::{Test, Tested};
 
 /// Why there is a learner where training episodes are played or a policy has been trained.
@@ -24,15 +24,15 @@ const LEARNS: &str = "an agent with training episodes learns";
 
 /// A job in progress.
 pub(super) struct Training<'j> {
-    job: &'j Job,
+    job: RunnableJob<'j>,
     /// `None` for an agent that acts without training.
     learner: Option<Box<dyn Learner>>,
     curve: CurveRecorder,
     /// `None` if the job does not ask for it.
     log: Option<DecisionLog>,
     test: Test,
-    /// The tested actor: the trained policy once training is over, or an agent without training.
-    actor: Option<Box<dyn Actor>>,
+    /// The tested agent: the trained policy once training is over, or an agent without training.
+    actor: Option<Box<dyn StudyAgent>>,
     /// A buffer for the episodes of a span.
     finished: Vec<TrainedEpisode>,
     /// Working time spent on the job before this process started.
@@ -54,18 +54,18 @@ impl<'j> Training<'j> {
     /// A job at its start.
     ///
     /// **Errors**: there is not enough memory for the learner, or the agent does not suit the environment.
-    pub(super) fn new(job: &'j Job) -> Result<Self, StartError> {
+    pub(super) fn new(job: RunnableJob<'j>) -> Result<Self, StartError> {
         let plan = job.trial.as_ref().map(|trial| StudyPlan {
             people: trial.people as usize,
             decisions: (trial.days * trial.decisions_per_day) as usize,
             is_pooled: trial.pooling == Pooling::Full,
             keeps_updates: job.evaluation.record_posteriors,
         });
-        let (learner, actor) = match plan {
+        let (learner, actor): (_, Option<Box<dyn StudyAgent>>) = match plan {
             Some(plan) => (None, Some(job.agent.in_trial(&job.task(), plan)?)),
             None => match job.agent.start(&job.task())? {
                 Start::Learner(learner) => (Some(learner), None),
-                Start::Actor(actor) => (None, Some(actor)),
+                Start::Actor(actor) => (None, Some(Box::new(actor))),
             },
         };
         Ok(Training {
@@ -94,7 +94,8 @@ impl<'j> Training<'j> {
         if self.test.has_begun() || self.test.estimated() == declared {
             return self.test.estimated() == declared;
         }
-        self.test = Test::new(self.job).estimating(self.job, declared);
+        self.test = Test::new(self.job).estimating(&self.job, declared);
+        afterwards::attach(&mut self.test.observers, &self.job, declared);
         true
     }
 
@@ -103,30 +104,14 @@ impl<'j> Training<'j> {
         self.test.estimated()
     }
 
-    /// The same trial, which also sees what other actions lead to.
-    pub(super) fn with_excursions(mut self, excursions: Excursions) -> Self {
-        self.test.excursions = Some(excursions);
-        self
+    /// The observers of its test, before the test has begun.
+    pub(super) fn observers(&mut self) -> &mut Observers {
+        &mut self.test.observers
     }
 
-    /// The recorded decisions of a finished trial, and what other actions lead to.
-    pub(super) fn into_excursions(self) -> (Vec<Decision>, Excursions) {
-        let mut test = self.test;
-        let excursions = test.excursions.take().unwrap_or_default();
-        (test.finish().decisions, excursions)
-    }
-
-    /// The same trial, which also keeps what its agent sees.
-    pub(super) fn with_sightings(mut self, sightings: Sightings) -> Self {
-        self.test.sightings = Some(sightings);
-        self
-    }
-
-    /// The recorded decisions of a finished trial, and what its agent saw.
-    pub(super) fn into_sightings(self) -> (Vec<Decision>, Sightings) {
-        let mut test = self.test;
-        let sightings = test.sightings.take().unwrap_or_default();
-        (test.finish().decisions, sightings)
+    /// What was observed of a finished trial.
+    pub(super) fn into_observed(self) -> ObservedTrial {
+        self.test.finish().observed
     }
 
     /// The same training, with this working time spent before.
@@ -134,7 +119,7 @@ impl<'j> Training<'j> {
         Training { before, ..self }
     }
 
-    pub(super) fn job(&self) -> &'j Job {
+    pub(super) fn job(&self) -> RunnableJob<'j> {
         self.job
     }
 
@@ -207,7 +192,7 @@ impl<'j> Training<'j> {
     /// The policy to test.
     ///
     /// **Errors**: a weight is not finite.
-    fn trained(&self) -> Result<Box<dyn Actor>, Failure> {
+    fn trained(&self) -> Result<Box<dyn StudyAgent>, Failure> {
         let learner = self.learner.as_ref().expect(LEARNS);
         if !learner.weights().are_finite() {
             return Err(Failure {
@@ -216,7 +201,7 @@ impl<'j> Training<'j> {
                 episode: self.episodes(),
             });
         }
-        Ok(learner.policy(self.job.evaluation.test_actions.into()))
+        Ok(Box::new(learner.policy(self.job.evaluation.test_actions.into())))
     }
 
     /// The results of the finished training.
@@ -237,7 +222,10 @@ impl<'j> Training<'j> {
             true => curve.first_returns().collect(),
             false => tested.first_returns(wanted).collect(),
         };
-        let results = assemble(self.test, self.curve, self.log, first, weights);
+        let mut tested = self.test.finish();
+        let declared: Vec<_> = tested.estimates.iter().map(|one| one.declaration.clone()).collect();
+        Afterwards::of(&self.job, &declared, Ok(&tested.observed)).add_to(&mut tested.estimates);
+        let results = assemble(tested, self.curve, self.log, first, weights);
         Ok(Results { posteriors: posteriors.into_iter().map(recorded).collect(), ..results })
     }
 }
@@ -250,15 +238,16 @@ fn recorded(posterior: EffectPosterior) -> RecordedPosterior {
 
 /// The results of a finished training and its test; `first` returns the metrics of the first episodes.
 pub(super) fn assemble(
-    test: Test,
+    mut tested: Tested,
     curve: CurveRecorder,
     log: Option<DecisionLog>,
     first: impl FnOnce(&Tested, &CurveRecorder) -> Vec<Metric>,
     weights: Option<Vec<u8>>,
 ) -> Results {
-    let mut tested = test.finish();
     let (mut decisions, mut participants) = log.map(DecisionLog::finish).unwrap_or_default();
-    decisions.append(&mut tested.decisions);
+    if tested.records_decisions {
+        decisions.append(&mut tested.observed.decisions);
+    }
     let mut metrics = tested.metrics();
     metrics.extend(first(&tested, &curve));
     participants.extend(tested.participants.iter());
@@ -328,9 +317,12 @@ mod tests {
     use std::cell::Cell;
 
     use super::*;
-    use crate::agent::{Agent, DecisionRule, LinearThompson, RuleParameters};
+    use crate::agent::{Actor, Agent, DecisionRule, LinearThompson, Rewards, RuleParameters};
     use crate::env::{Action, LaneSet, Simulated, StepCount, VectorEnvironment};
-    use crate::job::{EvaluatedOn, Evaluation, RecordedDecisions, Trial};
+    use crate::job::{
+        Estimates, Estimator, EvaluatedOn, Evaluation, Job, Messages, REWARD, RecordedDecisions,
+        StandardErrors, Treatment, Trial,
+    };
     use crate::key::{Keyed, Value};
     use crate::rng::Stream;
     use crate::state::{Resumable, StateReader, StateWriter};
@@ -371,8 +363,8 @@ mod tests {
             probabilities.expect("a roll asks for them").fill(1.0 / 3.0);
         }
 
-        fn observe(&mut self, _: &Simulated, rewards: &[f64]) {
-            for (recent, reward) in self.recent.iter_mut().zip(rewards) {
+        fn observe(&mut self, _: &Simulated, rewards: Rewards<'_>) {
+            for (recent, reward) in self.recent.iter_mut().zip(rewards.values) {
                 *recent = 0.5 * *recent + reward;
                 self.good += u32::from(*reward > 100.0);
             }
@@ -381,9 +373,14 @@ mod tests {
 
     resumable!([] Remembering { parts good; grown steps, recent });
 
+    fn begun(job: &Job) -> Training<'_> {
+        Training::new(job.runnable().unwrap()).unwrap()
+    }
+
     fn started(job: &Job) -> Training<'_> {
-        let mut training = Training::new(job).unwrap();
-        training.actor = Some(Box::new(Remembering::default()));
+        let mut training = begun(job);
+        let actor: Box<dyn Actor> = Box::new(Remembering::default());
+        training.actor = Some(Box::new(actor));
         training
     }
 
@@ -465,14 +462,13 @@ mod tests {
         };
         for pooling in [Pooling::Full, Pooling::None] {
             let job = trial(Agent::of(&bandit), Trial { pooling, ..plan() });
-            let started = |job| Training::new(job).unwrap();
-            let failure = tested(&job, None, started).err().unwrap();
+            let failure = tested(&job, None, begun).err().unwrap();
             assert_eq!(failure.kind, FailureKind::Diverged);
             assert!(
                 failure.message.contains("the precision of a regression is not positive definite")
             );
             for span in [1, 3] {
-                assert_eq!(tested(&job, Some(span), started).err().unwrap(), failure);
+                assert_eq!(tested(&job, Some(span), begun).err().unwrap(), failure);
             }
         }
     }
@@ -484,8 +480,7 @@ mod tests {
         let tailored = RuleParameters::new(DecisionRule::Tailored);
         for agent in [Agent::of(&bandit), Agent::of(&tailored)] {
             let job = trial(agent, reports.clone());
-            let started = |job| Training::new(job).unwrap();
-            let (undisturbed, _) = tested(&job, None, started).unwrap();
+            let (undisturbed, _) = tested(&job, None, begun).unwrap();
             assert_eq!(undisturbed.state_names[5..], ["reported", "calendar_day", "policy"]);
             let silent = |decision: &&crate::job::Decision| decision.state[5] == 0.0;
             assert!(undisturbed.decisions.iter().filter(silent).count() > 10);
@@ -498,9 +493,78 @@ mod tests {
                 }
             }
             for span in [1, 3] {
-                let (results, interruptions) = tested(&job, Some(span), started).unwrap();
+                let (results, interruptions) = tested(&job, Some(span), begun).unwrap();
                 assert!(interruptions > 2 && results == undisturbed, "every {span} steps");
             }
+        }
+    }
+
+    fn estimate(name: &str, outcome: &str, errors: StandardErrors) -> Arc<EstimateDeclaration> {
+        Arc::new(EstimateDeclaration {
+            control: Vec::new(),
+            less_costs: false,
+            estimator: Estimator::Wcls,
+            moderators: Vec::new(),
+            name: name.to_owned(),
+            numerator: 0.5,
+            outcome: outcome.to_owned(),
+            standard_errors: errors,
+            treatment: Treatment::Messages(Messages::Any),
+            truth: true,
+        })
+    }
+
+    fn estimates() -> [Arc<EstimateDeclaration>; 3] {
+        [
+            estimate("after", REWARD, StandardErrors::AfterStudy),
+            estimate("nominal", REWARD, StandardErrors::Nominal),
+            estimate("state", "habituation", StandardErrors::Nominal),
+        ]
+    }
+
+    fn estimated(job: &Job) -> Training<'_> {
+        let mut training = begun(job);
+        assert!(training.estimate(&estimates()));
+        training
+    }
+
+    #[test]
+    fn truths_and_errors_of_a_trial_survive_interruptions() {
+        let bandit = LinearThompson { noise_sd: 40.0, pi_min: 0.1, ..LinearThompson::default() };
+        let calendar = Trial { people: 12, unreported: 0.2, missing_outcomes: 0.2, ..plan() };
+        for record_decisions in [RecordedDecisions::None, RecordedDecisions::Test] {
+            let mut job = trial(Agent::of(&bandit), calendar.clone());
+            job.evaluation.record_decisions = record_decisions;
+            let (undisturbed, _) = tested(&job, None, estimated).unwrap();
+            let is_recorded = record_decisions == RecordedDecisions::Test;
+            assert_eq!(undisturbed.decisions.is_empty(), !is_recorded);
+            let [after, nominal, state] = undisturbed.estimates.clone().try_into().unwrap();
+            let effect = |of: &Estimates| of.terms[0].effect.clone().unwrap();
+            assert!(effect(&state).truth.is_some());
+            assert_eq!(effect(&after).truth, effect(&nominal).truth);
+            assert_eq!(effect(&after).value, effect(&nominal).value);
+            assert_ne!(effect(&after).standard_error, effect(&nominal).standard_error);
+            for span in [1, 3] {
+                let (results, interruptions) = tested(&job, Some(span), estimated).unwrap();
+                assert!(interruptions > 2 && results == undisturbed, "every {span} steps");
+            }
+            // Estimates that are declared later play the trial once more.
+            let (results, _) = tested(&job, None, begun).unwrap();
+            assert_eq!(Results { estimates: Vec::new(), ..undisturbed.clone() }, results);
+            let mut later = undisturbed.estimates.clone();
+            for term in later.iter_mut().flat_map(|one| &mut one.terms) {
+                let Ok(effect) = &mut term.effect else { continue };
+                (effect.truth, effect.standard_error) = (None, 1.0);
+            }
+            let [after, nominal, _] = estimates();
+            let afterwards = Afterwards::simulate(&job, &[after, nominal], &|| false).unwrap();
+            afterwards.add_to(&mut later);
+            assert_eq!(later[0], undisturbed.estimates[0]);
+            assert_eq!(
+                later[1].terms[0].effect.clone().unwrap().truth,
+                effect(&undisturbed.estimates[1]).truth
+            );
+            assert!(Afterwards::simulate(&job, &estimates(), &|| true).is_none());
         }
     }
 }

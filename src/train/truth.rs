@@ -1,7 +1,7 @@
 //! The truth of an excursion effect: what an estimator of a trial's effects estimates, by paired simulation.
 //!
-//! In: a job with a trial, and the declaration of an estimate. Out: the marginal excursion effect under the trial's own
-//! policy: in the job's own trial, or over trials with seeds of their own, with its standard error.
+//! In: a job with a trial, the declaration of an estimate, and excursions from the trial. Out: the marginal excursion
+//! effect under the trial's own policy.
 //!
 //! At every decision at which a message can be sent, copies of all people
 //! take the treatment and no message, with the same chance; the trial itself goes on with the agent's choice. The effect
@@ -12,202 +12,79 @@
 //! the effects on f(S) with the weights of the estimand: one weight for every decision at which a message can be sent, as
 //! the probability of the numerator is a constant there.
 
-use crate::agent::StartError;
-use crate::estimate::{Correction, Layout, NoFit, Sums};
-use crate::job::{
-    Decision, EstimateDeclaration, Failure, Job, Messages, ROWS, RecordedDecisions, Treatment,
-};
-use crate::key::Content;
-use crate::rng::{Purpose, Stream};
-use crate::train::excursions::Excursions;
-use crate::train::study::Study;
-use crate::train::training::{Stage, Training};
+use crate::estimate::{Layout, Sums};
+use crate::job::{Decision, EstimateDeclaration, Job, Messages, Treatment};
+use crate::train::excursions::ProximalOutcome;
+use crate::train::observers::ObservedTrial;
 
-/// True coefficients of an effect.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Truth {
-    /// The coefficients, in the order of [`EstimateDeclaration::terms`].
-    pub coefficients: Vec<f64>,
-    /// Their standard errors, over trials.
-    pub errors: Vec<f64>,
-}
-
-/// Why a truth cannot be computed.
-#[derive(Clone, Debug, PartialEq, thiserror::Error)]
-pub enum NoTruth {
-    /// The job has no trial.
-    #[error("the truth of an effect is simulated for trials alone; declare [trial]")]
-    NoTrial,
-    /// The agent or the environment is an outside program.
-    #[error(
-        "the truth of an effect cannot be simulated with an outside program, which cannot return to an earlier \
-         decision"
-    )]
-    Outside,
-    /// The declaration or a file of the trial does not suit it; the text says how.
-    #[error("{0}")]
-    Unsuitable(String),
-    /// The agent cannot start.
-    #[error(transparent)]
-    Start(#[from] StartError),
-    /// A simulated trial has failed.
-    #[error("a simulated trial failed: {}", .0.message)]
-    Failed(Failure),
-    /// The simulation was stopped.
-    #[error("the simulation was stopped")]
-    Stopped,
-    /// There is no decision to compare.
-    #[error("no decision of the simulated trials can have the treatment")]
-    Never,
-    /// Standard errors need more trials than coefficients.
-    #[error("the truth of {0} coefficients needs at least {least} simulated trials, found {1}", least = .0 + 1)]
-    TooFew(usize, usize),
-    /// The term is a linear combination of the terms before it.
-    #[error("the term `{0}` is a linear combination of the terms before it; leave it out")]
-    Dependent(String),
-    /// A trial alone determines a coefficient.
-    #[error("one of the simulated trials alone determines a coefficient; simulate more trials")]
-    Determined,
-}
-
-/// A job whose trials are simulated with other seeds, and what an estimate reads of them.
-struct Paired<'d> {
-    job: Job,
+/// What the truth of an estimate reads of a trial.
+pub(super) struct Truth<'d> {
     declaration: &'d EstimateDeclaration,
     layout: Layout,
+    /// The number of treatments.
+    treatments: usize,
 }
 
-/// The truth of an estimate of a job's trial, over this number of simulated trials.
-///
-/// The seeds of the simulated trials are words of the stream [`Purpose::Truth`] of the job's seed. Where a file says who
-/// the people of the job are, the simulated trials have the same people. Standard errors are clustered by trial.
-///
-/// **Errors**: see [`NoTruth`].
-pub fn truth(job: &Job, declaration: &EstimateDeclaration, trials: u32) -> Result<Truth, NoTruth> {
-    let mut paired = Paired::new(job, declaration)?;
-    let mut sums = paired.sums();
-    let mut seeds = Stream::new(job.seed, Purpose::Truth);
-    for trial in 0..trials as usize {
-        paired.job.seed = seeds.bits();
-        paired.add_to(&mut sums, trial, &|| false)?;
-    }
-    let columns = 1 + declaration.moderators.len();
-    let mut truth = Truth { coefficients: Vec::new(), errors: Vec::new() };
-    for sums in &sums {
-        let fit = sums.fit(Correction::ManclDeRouen).map_err(|why| match why {
-            NoFit::People(0) => NoTruth::Never,
-            NoFit::People(found) => NoTruth::TooFew(columns, found),
-            NoFit::Dependent(column) => NoTruth::Dependent(declaration.terms(2)[column].clone()),
-            NoFit::Determined(_) => NoTruth::Determined,
-        })?;
-        truth.coefficients.extend(fit.coefficients);
-        let variances = fit.covariance.iter().step_by(columns + 1);
-        // Rounding can make a variance of 0 negative.
-        truth.errors.extend(variances.map(|variance| variance.max(0.0).sqrt()));
-    }
-    Ok(truth)
-}
-
-/// The coefficients of the effects in a job's own trial, in the order of [`EstimateDeclaration::terms`].
-///
-/// **Errors**: see [`NoTruth`].
-pub(super) fn own_truth(
-    job: &Job,
-    declaration: &EstimateDeclaration,
-    stop: &dyn Fn() -> bool,
-) -> Result<Vec<f64>, NoTruth> {
-    let paired = Paired::new(job, declaration)?;
-    let mut sums = paired.sums();
-    paired.add_to(&mut sums, 0, stop)?;
-    if sums.iter().any(|sums| sums.rows() == 0) {
-        return Err(NoTruth::Never);
-    }
-    let each = sums.iter().map(Sums::coefficients).collect::<Result<Vec<_>, usize>>();
-    let dependent = |column: usize| NoTruth::Dependent(declaration.terms(2)[column].clone());
-    Ok(each.map_err(dependent)?.concat())
-}
-
-impl<'d> Paired<'d> {
-    fn new(job: &Job, declaration: &'d EstimateDeclaration) -> Result<Self, NoTruth> {
-        let mut job = job.clone();
-        let mut trial = job.trial.clone().ok_or(NoTruth::NoTrial)?;
-        if job.is_outside() {
-            return Err(NoTruth::Outside);
-        }
-        if let Some(rows) = trial.rows(job.seed).map_err(NoTruth::Unsuitable)? {
-            let lines = rows.iter().enumerate().map(|(person, row)| format!("{person},{row}\n"));
-            let text = format!("person,row\n{}", lines.collect::<String>());
-            trial.people_file = Content::read(&ROWS, &text).map_err(NoTruth::Unsuitable)?;
-        }
-        job.evaluation.record_decisions = RecordedDecisions::Test;
+impl<'d> Truth<'d> {
+    /// The truth of an estimate of a job's trial; `None` if there is no trial, if the recorded state lacks a name of the
+    /// declaration, or if no message changes the outcome.
+    pub(super) fn new(job: &Job, declaration: &'d EstimateDeclaration) -> Option<Truth<'d>> {
+        let trial = job.trial.as_ref()?;
         let mut names = job.environment.state_names();
         let of_person = names.len() + usize::from(trial.unreported > 0.0);
-        names.extend(Study::new(&trial, job.seed).names());
-        job.trial = Some(trial);
+        names.extend(trial.recorded_names());
         let actions = job.task().interface().actions;
-        let layout = Layout::of(declaration, actions, &names).map_err(NoTruth::Unsuitable)?;
-        if layout.outcome.is_some_and(|place| place >= of_person) {
-            let name = &declaration.outcome;
-            let says = format!("the outcome `{name}` is the same whatever message is sent");
-            return Err(NoTruth::Unsuitable(says));
-        }
-        Ok(Paired { job, declaration, layout })
+        let layout = Layout::of(declaration, actions, &names).ok()?;
+        let is_changed = layout.outcome.is_none_or(|index| index < of_person);
+        let treatments = declaration.treatment.count(actions);
+        is_changed.then_some(Truth { declaration, layout, treatments })
+    }
+
+    /// The outcome that excursions observe for it.
+    pub(super) fn outcome(&self) -> ProximalOutcome {
+        let less_costs = self.declaration.less_costs;
+        ProximalOutcome { index: self.layout.outcome, less_costs }
+    }
+
+    /// The coefficients of the effects in a trial, in the order of [`EstimateDeclaration::terms`]; `None` if no decision can
+    /// have the treatment, or if a term is a linear combination of the terms before it.
+    pub(super) fn coefficients(&self, observed: &ObservedTrial) -> Option<Vec<f64>> {
+        let mut sums = self.sums();
+        self.add_to(&mut sums, 0, observed);
+        let coefficients = |sums: &Sums| sums.coefficients().ok().filter(|_| sums.rows() > 0);
+        Some(sums.iter().map(coefficients).collect::<Option<Vec<_>>>()?.concat())
     }
 
     /// Empty sums, one for each treatment.
     fn sums(&self) -> Vec<Sums> {
         let columns = 1 + self.declaration.moderators.len();
-        let treatments = self.declaration.treatment.count(self.job.task().interface().actions);
-        vec![Sums { columns, numbers: Vec::new() }; treatments]
+        vec![Sums { columns, numbers: Vec::new() }; self.treatments]
     }
 
-    /// Simulates the trial and adds its decisions, as those of one person of the sums.
-    fn add_to(
-        &self,
-        sums: &mut [Sums],
-        person: usize,
-        stop: &dyn Fn() -> bool,
-    ) -> Result<(), NoTruth> {
-        let mut add = |row: &[f64], effects: &[f64]| {
-            let each = sums.iter_mut().zip(effects);
-            each.for_each(|(sums, effect)| sums.add(person, row, 1.0, *effect));
+    /// Adds the decisions of a trial at which the treatment is possible, as those of one person of the sums: 1 and the
+    /// moderators, and the effect of every treatment.
+    fn add_to(&self, sums: &mut [Sums], person: usize, observed: &ObservedTrial) {
+        let ObservedTrial { decisions, excursions: Some(excursions), .. } = observed else {
+            return;
         };
-        self.simulate(&mut add, stop)
-    }
-
-    /// Simulates the trial. Calls `add` with 1 and the moderators of each decision at which the treatment is possible, and
-    /// with the effect of every treatment.
-    fn simulate(
-        &self,
-        add: &mut dyn FnMut(&[f64], &[f64]),
-        stop: &dyn Fn() -> bool,
-    ) -> Result<(), NoTruth> {
-        let excursions = Excursions::new(self.layout.outcome, self.declaration.less_costs);
-        let mut training = Training::new(&self.job)?.with_excursions(excursions);
-        while training.stage() != Stage::Over {
-            training.advance(stop).map_err(NoTruth::Failed)?;
-            if stop() {
-                return Err(NoTruth::Stopped);
-            }
-        }
-        let (decisions, excursions) = training.into_excursions();
-        let mut rows = excursions.finish().into_iter();
+        let mut excursions = excursions.by_decision(self.outcome());
         let mut row = Vec::new();
-        for (place, decision) in decisions.iter().enumerate().filter(|(_, one)| one.can_send) {
-            let (episode, step, outcomes) = rows.next().expect("every decision has a row");
-            assert_eq!((decision.episode, decision.step), (episode, step));
+        for (index, decision) in decisions.iter().enumerate().filter(|(_, one)| one.can_send) {
+            let Some((excursion, outcomes)) = excursions.next() else { return };
+            assert_eq!((decision.episode, decision.step), (excursion.episode, excursion.step));
             let effects = self.effects(decision, &outcomes);
             // A state is an outcome at the person's next decision.
-            let is_last = decisions.get(place + 1).is_none_or(|next| next.episode != episode);
+            let next = decisions.get(index + 1);
+            let is_last = next.is_none_or(|next| next.episode != decision.episode);
             let is_paid = self.layout.outcome.is_none() || !is_last;
             if is_paid && effects.iter().all(|effect| effect.is_finite()) {
                 row.clear();
                 row.push(1.0);
                 row.extend(self.layout.moderators.iter().map(|one| one.of(decision)));
-                add(&row, &effects);
+                let each = sums.iter_mut().zip(effects);
+                each.for_each(|(sums, effect)| sums.add(person, &row, 1.0, effect));
             }
         }
-        Ok(())
     }
 
     /// The effect of every treatment at a decision, given the outcomes of all actions. Not a number where the agent sends
@@ -232,17 +109,67 @@ impl<'d> Paired<'d> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::agent::{Agent, DecisionRule, External, LinearThompson, RuleParameters, StudyPlan};
+    use crate::agent::{
+        Agent, DecisionRule, External, LinearThompson, Rewards, RuleParameters, StudyPlan,
+    };
     use crate::env::oralytics::{Oralytics, OralyticsModel, PEOPLE};
     use crate::env::{
         Action, Environment, EpisodeStatus, Reported, Scenario, Simulated, StateNoise, StepCount,
         StepNoise, VectorEnvironment,
     };
+    use crate::estimate::Correction;
     use crate::job::{
-        Estimator, EvaluatedOn, Evaluation, Pooling, REWARD, RecordedEpisodes, STEP,
+        Estimator, EvaluatedOn, Evaluation, Pooling, REWARD, ROWS, RecordedEpisodes, STEP,
         StandardErrors, Trial, UpdateData,
     };
-    use crate::key::{Keyed, Value};
+    use crate::key::{Content, Keyed, Value};
+    use crate::rng::{Purpose, Stream};
+    use crate::train::excursions::Excursions;
+    use crate::train::once_more::play;
+    use crate::train::study::Study;
+    use crate::train::trace::NoTrace;
+
+    /// The coefficients of an effect over simulated trials, and their standard errors.
+    #[derive(Debug, PartialEq)]
+    struct Found {
+        coefficients: Vec<f64>,
+        errors: Vec<f64>,
+    }
+
+    /// The truth of an estimate over this number of trials; standard errors are clustered by trial.
+    fn truth(job: &Job, declaration: &EstimateDeclaration, trials: u32) -> Found {
+        let truth = Truth::new(job, declaration).unwrap();
+        let mut sums = truth.sums();
+        for (trial, seed) in seeds(job, trials).enumerate() {
+            truth.add_to(&mut sums, trial, &observed(&Job { seed, ..job.clone() }, &truth));
+        }
+        let mut found = Found { coefficients: Vec::new(), errors: Vec::new() };
+        for sums in &sums {
+            let fit = sums.fit(Correction::ManclDeRouen).unwrap();
+            found.coefficients.extend(fit.coefficients);
+            let variances = fit.covariance.iter().step_by(sums.columns + 1);
+            // Rounding can make a variance of 0 negative.
+            found.errors.extend(variances.map(|variance| variance.max(0.0).sqrt()));
+        }
+        found
+    }
+
+    fn seeds(job: &Job, trials: u32) -> impl Iterator<Item = u64> {
+        let mut seeds = Stream::new(job.seed, Purpose::Bootstrap);
+        (0..trials).map(move |_| seeds.bits())
+    }
+
+    /// What is observed of the trial of a job for a truth.
+    fn observed(job: &Job, truth: &Truth<'_>) -> ObservedTrial {
+        let excursions = Excursions::new(vec![truth.outcome()]);
+        play(job, |observers| observers.explore(job, excursions), &|| false).unwrap()
+    }
+
+    /// The truth of an estimate in the trial of a job.
+    fn own_truth(job: &Job, declaration: &EstimateDeclaration) -> Option<Vec<f64>> {
+        let truth = Truth::new(job, declaration)?;
+        truth.coefficients(&observed(job, &truth))
+    }
 
     fn job(environment: impl Into<Environment>, agent: Agent, trial: Trial) -> Job {
         Job {
@@ -317,9 +244,7 @@ mod tests {
     fn effects_under_a_rule_by_hand() {
         // With a message at every decision, the steps of an untailored message are 56, 48, 40, 32, 24 and 16.
         let job = job(simple(6), rule(DecisionRule::Untailored), trial(3, 6));
-        let all = |treatment, moderators: &[&str]| {
-            truth(&job, &estimate(treatment, moderators), 4).unwrap()
-        };
+        let all = |treatment, moderators: &[&str]| truth(&job, &estimate(treatment, moderators), 4);
         for treatment in [ANY, Treatment::Action(1)] {
             let mean = all(treatment, &[]);
             assert_close(&mean.coefficients, &[36.0], 1e-12);
@@ -340,7 +265,7 @@ mod tests {
         // Afterwards habituation is larger by 1/8 with a message than without, but there is no decision after the last.
         let habituation =
             EstimateDeclaration { outcome: "habituation".to_owned(), ..estimate(ANY, &[]) };
-        let found = truth(&job, &habituation, 2).unwrap();
+        let found = truth(&job, &habituation, 2);
         assert_close(&found.coefficients, &[0.125], 1e-12);
     }
 
@@ -349,17 +274,17 @@ mod tests {
         // A message has 0, 64 or 256 steps, times 1 - h, and 3/4 of a message comes before each decision: at decision t,
         // E h = 3t/32 + 1/8 after a message.
         let job = job(simple(3), rule(DecisionRule::Random), trial(40, 3));
-        let found = truth(&job, &estimate(ANY, &[STEP]), 100).unwrap();
+        let found = truth(&job, &estimate(ANY, &[STEP]), 100);
         let mean = 320.0 / 3.0;
         let expected = [mean * 0.875, -mean * 3.0 / 32.0];
         for ((found, error), expected) in found.coefficients.iter().zip(&found.errors).zip(expected)
         {
             assert!(*error < 0.2 && (found - expected).abs() < 4.0 * error, "{found}, {error}");
         }
-        assert_eq!(truth(&job, &estimate(ANY, &[STEP]), 100), Ok(found));
+        assert_eq!(truth(&job, &estimate(ANY, &[STEP]), 100), found);
         let without = StepCount { rho_1: 0.0, rho_2: 0.0, ..simple(3) };
         let none = Job { environment: without.into(), ..job };
-        let found = truth(&none, &estimate(EACH, &[]), 2).unwrap();
+        let found = truth(&none, &estimate(EACH, &[]), 2);
         assert_eq!((found.coefficients, found.errors), (vec![0.0; 3], vec![0.0; 3]));
     }
 
@@ -408,7 +333,7 @@ mod tests {
         let count = job.task().interface().actions;
         let mut probabilities = vec![0.0; people * count];
         while !study.is_over() {
-            let _ = study.begin_step(&mut lanes, &mut *actor, &mut streams).unwrap();
+            study.begin_step(&mut lanes, &mut *actor, &mut streams).unwrap();
             actor.act(&lanes, &mut choices, &mut actions, Some(&mut probabilities));
             let is_here =
                 lanes.statuses()[person] == EpisodeStatus::Running && lanes.times()[person] == step;
@@ -423,8 +348,8 @@ mod tests {
                 let row = &probabilities[person * count..(person + 1) * count];
                 return Some((lanes.outcomes(&rewards)[person], row.to_vec()));
             }
-            study.end_step(&mut rewards, |person| lanes.times()[person]);
-            actor.observe(&lanes, &rewards);
+            study.end_step(lanes.times());
+            actor.observe(&lanes, Rewards { values: &rewards, reached: study.reached() });
         }
         None
     }
@@ -437,9 +362,8 @@ mod tests {
             eventful(rule(DecisionRule::Random), Pooling::Full),
         ] {
             let (mut any, mut third, mut decisions) = (0.0, 0.0, 0.0);
-            let mut seeds = Stream::new(job.seed, Purpose::Truth);
-            for _ in 0..3 {
-                let played = Job { seed: seeds.bits(), ..job.clone() };
+            for seed in seeds(&job, 3) {
+                let played = Job { seed, ..job.clone() };
                 for (person, step) in (0..24).map(|place| (place / 6, place as u32 % 6)) {
                     let of =
                         |action| forced(&played, person, step, Action::from_index(action).unwrap());
@@ -453,10 +377,10 @@ mod tests {
                 }
             }
             assert!(decisions > 20.0);
-            let found = truth(&job, &estimate(ANY, &[]), 3).unwrap();
+            let found = truth(&job, &estimate(ANY, &[]), 3);
             assert_close(&found.coefficients, &[any / decisions], 1e-9);
             assert!(found.errors[0] > 0.0);
-            let found = truth(&job, &estimate(Treatment::Action(3), &[]), 3).unwrap();
+            let found = truth(&job, &estimate(Treatment::Action(3), &[]), 3);
             assert_close(&found.coefficients, &[third / decisions], 1e-9);
         }
     }
@@ -477,52 +401,42 @@ mod tests {
 
     #[test]
     fn prompts_whose_effect_is_removed_have_none() {
-        let [none, half, whole] = [0.0, 0.5, 1.0]
-            .map(|factor| truth(&brushing(factor, ""), &estimate(ANY, &[]), 200).unwrap());
+        let [none, half, whole] =
+            [0.0, 0.5, 1.0].map(|factor| truth(&brushing(factor, ""), &estimate(ANY, &[]), 200));
         assert_eq!((none.coefficients, none.errors), (vec![0.0], vec![0.0]));
         assert!(half.coefficients[0] > 4.0 * half.errors[0]);
         assert!(whole.coefficients[0] > half.coefficients[0]);
     }
 
     #[test]
-    fn people_of_a_file_take_part_in_every_simulated_trial() {
-        let of = |rows| truth(&brushing(1.0, rows), &estimate(ANY, &[]), 10);
-        let found = of("seed,person,row\n7,0,3\n7,1,5\n8,0,1\n8,1,2\n");
-        assert!(found.is_ok());
-        assert_eq!(found, of("person,row\n0,3\n1,5\n"));
-        assert_ne!(found, of("person,row\n0,1\n1,2\n"));
-        let says = "seed 7 has no row for person 0".to_owned();
-        assert_eq!(of("seed,person,row\n8,0,1\n8,1,2\n"), Err(NoTruth::Unsuitable(says)));
+    fn people_of_a_file_take_part_in_the_trial() {
+        let of_rows = |rows| own_truth(&brushing(1.0, rows), &estimate(ANY, &[]));
+        let found = of_rows("seed,person,row\n7,0,3\n7,1,5\n8,0,1\n8,1,2\n");
+        assert!(found.is_some());
+        assert_eq!(found, of_rows("person,row\n0,3\n1,5\n"));
+        assert_ne!(found, of_rows("person,row\n0,1\n1,2\n"));
     }
 
     #[test]
-    fn what_cannot_be_simulated_says_why() {
+    fn an_effect_that_cannot_be_simulated_has_no_truth() {
         let job = job(simple(3), rule(DecisionRule::Never), trial(2, 3));
-        let fault = |job: &Job, declaration: &EstimateDeclaration, trials| {
-            truth(job, declaration, trials).unwrap_err().to_string()
-        };
-        let says = "no decision of the simulated trials can have the treatment";
-        assert_eq!(fault(&job, &estimate(ANY, &[]), 2), says);
-        let found = truth(&job, &estimate(Treatment::Action(1), &[]), 2).unwrap();
-        // Nobody habituates.
-        assert_close(&found.coefficients, &[56.0], 1e-12);
-        let says = "the term `action 1: habituation` is a linear combination of the terms before it; leave it out";
-        assert_eq!(fault(&job, &estimate(EACH, &["habituation"]), 3), says);
-        let says = "the truth of 2 coefficients needs at least 3 simulated trials, found 2";
-        assert_eq!(fault(&job, &estimate(EACH, &[STEP]), 2), says);
-        let says = "the environment has no action 4";
-        assert_eq!(fault(&job, &estimate(Treatment::Action(4), &[]), 2), says);
-        let says = "the recorded state has no `mood`; it has context, probability, likely_context, habituation, \
-                    disengagement, calendar_day, policy and step";
-        assert_eq!(fault(&job, &estimate(ANY, &["mood"]), 2), says);
-        let policy = EstimateDeclaration { outcome: "policy".to_owned(), ..estimate(ANY, &[]) };
-        let says = "the outcome `policy` is the same whatever message is sent";
-        assert_eq!(fault(&job, &policy, 2), says);
+        // No decision has the treatment.
+        assert_eq!(own_truth(&job, &estimate(ANY, &[])), None);
+        // Nobody habituates, so that both terms are constant.
+        let first = Treatment::Action(1);
+        assert_close(&own_truth(&job, &estimate(first, &[])).unwrap(), &[56.0], 1e-12);
+        assert_eq!(own_truth(&job, &estimate(first, &["habituation"])), None);
+        let is_unknown = |declaration| Truth::new(&job, &declaration).is_none();
+        assert!(is_unknown(estimate(Treatment::Action(4), &[])));
+        assert!(is_unknown(estimate(ANY, &["mood"])));
+        // The outcome is the same whatever message is sent.
+        let policy = "policy".to_owned();
+        assert!(is_unknown(EstimateDeclaration { outcome: policy, ..estimate(ANY, &[]) }));
         let without = Job { trial: None, ..job.clone() };
-        assert_eq!(truth(&without, &estimate(ANY, &[]), 2), Err(NoTruth::NoTrial));
+        assert!(Truth::new(&without, &estimate(ANY, &[])).is_none());
         let program =
             External { command: vec!["true".to_owned()], version: "1".to_owned(), episodes: 1 };
         let outside = Job { agent: Agent::of(&program), ..job };
-        assert_eq!(truth(&outside, &estimate(ANY, &[]), 2), Err(NoTruth::Outside));
+        assert_eq!(play(&outside, |_| {}, &|| false).err(), Some(NoTrace::Outside));
     }
 }

@@ -3,7 +3,9 @@
 use std::fs;
 use std::path::Path;
 
-use jitai::agent::{Actor, BanditAllocation, LinearThompson, LinearThompsonStudy, StudyPlan};
+use jitai::agent::{
+    Actor, BanditAllocation, LinearThompson, LinearThompsonStudy, Rewards, StudyPlan,
+};
 use jitai::env::oralytics::{Brushing, Oralytics, OralyticsModel, PEOPLE, Rounding, TestBed};
 use jitai::env::{Action, EpisodeStatus, Scenario, Simulated, VectorEnvironment, contract};
 use jitai::job::{Trial, UpdateData};
@@ -195,8 +197,9 @@ fn replayed(calendar: &Trial) -> (Vec<f64>, Vec<f64>) {
             rewards[person] = brushing.force(person, decision.action, decision.seconds, opens);
         }
         agent.replay(&actions, &probabilities);
-        study.end_step(&mut rewards, |_| 0);
-        agent.observe(&lanes, &rewards);
+        study.end_step(&[0; 70]);
+        let rewards = Rewards { values: &rewards, reached: study.reached() };
+        agent.observe(&lanes, rewards);
         time += 1;
     }
     (of_probabilities, of_means)

@@ -3,7 +3,7 @@
 use std::io;
 
 use crate::agent::Actions;
-use crate::agent::actor::Actor;
+use crate::agent::actor::{Actor, Rewards};
 use crate::agent::linear_thompson::posterior::{Acting, Decision};
 use crate::agent::linear_thompson::sampler::Sampler;
 use crate::agent::linear_thompson::{BanditPosterior, Design, LinearThompson, Posterior};
@@ -131,10 +131,10 @@ impl<Env: VectorEnvironment> Actor<Env> for LinearThompsonPolicy {
         }
     }
 
-    fn observe(&mut self, _: &Env, rewards: &[f64]) {
-        for (own, reward) in self.lanes.iter_mut().zip(rewards) {
-            if let (Some(acting), true) = (&mut own.acting, own.chooses) {
-                acting.learn(&own.decision, *reward);
+    fn observe(&mut self, _: &Env, rewards: Rewards<'_>) {
+        for (lane, own) in self.lanes.iter_mut().enumerate().filter(|(_, own)| own.chooses) {
+            if let (Some(acting), Some(reward)) = (&mut own.acting, rewards.of_lane(lane)) {
+                acting.learn(&own.decision, reward);
             }
         }
     }

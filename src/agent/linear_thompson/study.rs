@@ -3,7 +3,7 @@
 use pulp::{Simd, WithSimd};
 
 use crate::agent::Actions;
-use crate::agent::actor::{Actor, StudyUpdate};
+use crate::agent::actor::{Actor, Rewards, StudyAgent, StudyUpdate};
 use crate::agent::effect_posterior::EffectPosterior;
 use crate::agent::layers::Shape;
 use crate::agent::learner::LearnerError;
@@ -237,16 +237,17 @@ impl Actor for LinearThompsonStudy {
         }
     }
 
-    /// Rewards that are NaN have not reached the agent.
-    fn observe(&mut self, _: &Simulated, rewards: &[f64]) {
-        for (person, reward) in rewards.iter().enumerate() {
-            if self.chooses[person] && !reward.is_nan() {
-                self.people[person].push(self.time, &self.decisions[person], *reward);
+    fn observe(&mut self, _: &Simulated, rewards: Rewards<'_>) {
+        for (person, own) in self.people.iter_mut().enumerate() {
+            if let (true, Some(reward)) = (self.chooses[person], rewards.of_lane(person)) {
+                own.push(self.time, &self.decisions[person], reward);
             }
         }
         self.time += 1;
     }
+}
 
+impl StudyAgent for LinearThompsonStudy {
     fn update(&mut self, update: &StudyUpdate<'_>) -> Result<(), LearnerError> {
         let (posterior, steps) = self.posterior(update.people, update.before);
         let acting = &mut self.acting[update.agent.unwrap_or(0)];

@@ -7,7 +7,7 @@ use super::regression::{Factored, Regression, dot};
 use super::sampler::{Sampler, normal, pick};
 use super::*;
 use crate::agent::registry::trained_linear_thompson;
-use crate::agent::{Actions, Actor, Learner, LearnerError, Shape};
+use crate::agent::{Actions, Actor, Learner, LearnerError, Rewards, Shape};
 use crate::env::{
     Action, LaneSet, LaneStreams, PhysicalActivity, Scenario, StepCount, VectorEnvironment,
 };
@@ -326,7 +326,7 @@ fn decisions(policy: &mut dyn Actor<PhysicalActivity>) -> Vec<(usize, u64)> {
                 Some(probabilities.as_flattened_mut()),
             );
             environment.step(&actions, &mut rewards, &mut streams);
-            policy.observe(&environment, &rewards);
+            policy.observe(&environment, Rewards::all(&rewards));
             let made = actions.iter().zip(&probabilities);
             all.extend(made.map(|(action, p)| (action.index(), p[action.index()].to_bits())));
             if step == 7 {
@@ -360,7 +360,7 @@ fn a_frozen_posterior_stays_and_one_that_is_reset_learns_in_the_episode() {
                 &mut action,
                 Some(probability.as_flattened_mut()),
             );
-            policy.observe(&environment, &[-500.0]);
+            policy.observe(&environment, Rewards::all(&[-500.0]));
             (action[0], probability[0])
         };
         let first = act();
@@ -411,7 +411,7 @@ fn a_posterior_that_is_reset_keeps_its_last_root_in_the_test() {
             assert!(taken > 0.0 && taken <= 1.0, "episode {episode}");
             assert!((probability[0].iter().sum::<f64>() - 1.0).abs() < 1e-9, "episode {episode}");
             environment.step(&action, &mut reward, &mut streams);
-            policy.observe(&environment, &reward);
+            policy.observe(&environment, Rewards::all(&reward));
         }
     }
 }

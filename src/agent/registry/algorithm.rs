@@ -5,7 +5,7 @@ use std::borrow::Cow;
 use std::fmt;
 use std::marker::PhantomData;
 
-use crate::agent::actor::Actor;
+use crate::agent::actor::{Actor, StudyAgent};
 use crate::agent::architecture::NetworkPolicy;
 use crate::agent::constraint::{OF_TESTING, OF_TRAINING};
 use crate::agent::layers::Shape;
@@ -189,7 +189,7 @@ pub struct StudyPlan {
     pub decisions: usize,
     /// Whether one agent learns from everybody; otherwise each person has an agent.
     pub is_pooled: bool,
-    /// Whether the agent keeps what it has learned at every update; see [`Actor::updates`].
+    /// Whether the agent keeps what it has learned at every update; see [`StudyAgent::updates`].
     pub keeps_updates: bool,
 }
 
@@ -287,9 +287,9 @@ pub trait AlgorithmParameters: Keyed + 'static {
     /// an agent that acts without training.
     ///
     /// **Errors**: as [`AlgorithmParameters::start`].
-    fn in_trial(&self, task: &Task, _: StudyPlan) -> Result<Box<dyn Actor>, StartError> {
+    fn in_trial(&self, task: &Task, _: StudyPlan) -> Result<Box<dyn StudyAgent>, StartError> {
         match self.start(task)? {
-            Start::Actor(actor) => Ok(actor),
+            Start::Actor(actor) => Ok(Box::new(actor)),
             Start::Learner(_) => {
                 let (algorithm, learns) = (Self::NAME, Self::LEARNS);
                 Err(StartError::Inconsistent { algorithm, learns })
@@ -342,7 +342,7 @@ pub struct Algorithm {
 }
 
 /// [`AlgorithmParameters::in_trial`] of the parameters with these values.
-type InTrial = fn(&[Value], &Task, StudyPlan) -> Result<Box<dyn Actor>, StartError>;
+type InTrial = fn(&[Value], &Task, StudyPlan) -> Result<Box<dyn StudyAgent>, StartError>;
 
 /// [`AlgorithmParameters::network`] of the parameters with these values.
 type NetworkOf = fn(&[Value], Shape, &Weights) -> Result<NetworkPolicy, WeightsError>;
@@ -622,7 +622,11 @@ impl Agent {
     /// The agent before the first step of a trial; see [`AlgorithmParameters::in_trial`].
     ///
     /// **Errors**: as [`Agent::start`].
-    pub fn in_trial(&self, task: &Task, plan: StudyPlan) -> Result<Box<dyn Actor>, StartError> {
+    pub fn in_trial(
+        &self,
+        task: &Task,
+        plan: StudyPlan,
+    ) -> Result<Box<dyn StudyAgent>, StartError> {
         (self.algorithm.in_trial)(&self.values, &self.seen(task), plan)
     }
 

@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use crate::agent::actor::Actor;
+use crate::agent::actor::{Actor, StudyAgent};
 use crate::agent::constraint::EPISODES;
 use crate::agent::layers::Shape;
 use crate::agent::learner::{Actions, Learner};
@@ -269,7 +269,7 @@ impl AlgorithmParameters for LinearThompson {
         Ok(Start::Learner(learner_in(self, task.simulation(LANES), task.seed)?))
     }
 
-    fn in_trial(&self, task: &Task, plan: StudyPlan) -> Result<Box<dyn Actor>, StartError> {
+    fn in_trial(&self, task: &Task, plan: StudyPlan) -> Result<Box<dyn StudyAgent>, StartError> {
         let environment = task.tested(plan.people);
         if let Some(unsuited) = self.unsuited(&environment.interface()) {
             return Err(unsuited.into());

@@ -163,6 +163,6 @@ impl<'j> TrainingRecord<'j> {
             }
             curve.first_returns().filter(|metric| known.contains(&metric.name)).collect()
         };
-        assemble(test, self.curve, self.log, first, None)
+        assemble(test.finish(), self.curve, self.log, first, None)
     }
 }

@@ -1,4 +1,4 @@
-//! The test of a program, on the same episodes as for every agent of the seed.
+//! What a program is asked in a step, and its answer.
 
 use crate::agent::{Actions, certain};
 use crate::env::{Action, EpisodeStatus, Observations, Simulated, VectorEnvironment};
@@ -6,47 +6,12 @@ use crate::external::{
     Choices, FromProgram, Probabilities, Program, ProgramError, SentRows, ToProgram,
 };
 use crate::job::Job;
-use crate::rng::Stream;
-use crate::train::test::Test;
 
-use super::broken::{Broken, unexpected};
+use super::broken::unexpected;
 use super::choice::{action, available, of_one, probability};
 
 /// Maximum distance of the sum of the actions' probabilities from 1.
 const TOLERANCE: f64 = 1e-3;
-
-/// Plays the test of a job with the choices of a program.
-pub(super) fn play(
-    (job, mut test): (&Job, Test),
-    program: &mut Program,
-    stop: &dyn Fn() -> bool,
-) -> Result<Test, Broken> {
-    let mut question = Question::new(job);
-    while !test.is_over() {
-        let mut lanes = 0;
-        let mut is_announced = false;
-        let mut choose = |simulation: &Simulated,
-                          stream: &mut Stream,
-                          actions: &mut [Action],
-                          probabilities: &mut [f64]|
-         -> Result<(), Broken> {
-            if !std::mem::replace(&mut is_announced, true) {
-                program.send(&ToProgram::Test { lanes: simulation.lanes() });
-            }
-            question.find(simulation);
-            let choices = question.ask(simulation, program, None, "in the test", stop)?;
-            let chosen = Chosen { running: &question.running, actions, probabilities };
-            let how = job.evaluation.test_actions.into();
-            chosen.read(&choices, how, &mut |_| stream.unit()).map_err(|fault| {
-                let error: ProgramError = program.broke(fault);
-                error.into()
-            })
-        };
-        test.play_batch(|count| lanes = count, &mut choose)?;
-        debug_assert!(lanes > 0, "a batch has lanes");
-    }
-    Ok(test)
-}
 
 /// What a program is asked in a step.
 pub(super) struct Question {
@@ -215,7 +180,7 @@ fn likeliest(shares: &[f64]) -> usize {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::rng::Purpose;
+    use crate::rng::{Purpose, Stream};
 
     fn read(choices: Choices, how: Actions) -> Result<(Vec<usize>, Vec<f64>), String> {
         let mut actions = [Action::default(); 3];
