@@ -103,7 +103,7 @@ fn show(reader: &Reader, arguments: &Arguments) -> Result<(), Error> {
         );
     }
     let mut rows = OutputRows::new(format, &columns, io::stdout().lock())?;
-    let mut filters = Vec::new();
+    let (mut filters, mut programs) = (Vec::new(), Vec::new());
     for ExperimentCounts { experiment, counts, left: jobs_left } in experiments {
         // Tasks of a cluster run other jobs beside those of a filter.
         let is_filtered = !reader.filters(&experiment)?.is_empty();
@@ -126,6 +126,9 @@ fn show(reader: &Reader, arguments: &Arguments) -> Result<(), Error> {
             filters.push(format!(
                 "{name}: {of}, of which {ended} have ended, with {running} running; the seconds left are theirs"
             ));
+        }
+        for said in reader.mixed_programs(&experiment)? {
+            programs.push(format!("{}: {said}", printable(&experiment)));
         }
         let mut fields = counts::fields(&experiment, &counts, seconds);
         if format == Format::Json {
@@ -152,7 +155,8 @@ fn show(reader: &Reader, arguments: &Arguments) -> Result<(), Error> {
     rows.finish()?;
     match format {
         Format::Table => {
-            filters.iter().try_for_each(|line| writeln!(io::stdout(), "\n{line}"))?;
+            let mut lines = filters.iter().chain(&programs);
+            lines.try_for_each(|line| writeln!(io::stdout(), "\n{line}"))?;
             races.iter().try_for_each(SearchRaces::list)?;
             failed.list()?;
             for (experiment, failed) in &estimates {

@@ -87,6 +87,7 @@ pub fn assemble(
                 .map(|published| reproduce(published, &data.jobs, words.return_unit)),
             arms: summarise_arms(&data.jobs),
             unknown_optima,
+            mixed_programs: reader.mixed_programs(&manifest.name)?,
             words,
             jobs: data.jobs,
         })

@@ -41,6 +41,8 @@ pub struct ReportedExperiment {
     pub arms: Vec<ArmSummary>,
     /// The distinct reasons for missing optima of completed jobs.
     pub unknown_optima: Vec<String>,
+    /// A sentence for each file of an outside program with several contents under one `version`.
+    pub mixed_programs: Vec<String>,
     /// The words of its environment.
     pub words: Words,
 }
@@ -60,6 +62,7 @@ impl ReportedExperiment {
             ));
         }
         notes.extend(self.failed_estimates().map(|said| format!("{}: {said}", self.name)));
+        notes.extend(self.mixed_programs.iter().map(|said| format!("{}: {said}", self.name)));
         let is_drawn = self.race.as_ref().is_some_and(|race| !race.figures.is_empty());
         if self.findings.is_empty() && !is_drawn {
             notes.push(format!(

@@ -5,6 +5,7 @@ use std::collections::BTreeMap;
 use rusqlite::{Connection, OptionalExtension};
 
 use crate::job::JobKey;
+use crate::key::printable;
 
 use super::crash::{self, Record};
 use super::ending;
@@ -142,6 +143,35 @@ impl Reader {
                 .optional()?;
             let files = files.flatten().and_then(|files| serde_json::from_str(&files).ok());
             Ok(files.unwrap_or_default())
+        })
+    }
+
+    /// A sentence for each file of an outside program of which the completed jobs of an experiment ran with several
+    /// contents under one `version`.
+    pub fn mixed_programs(&self, experiment: &str) -> Result<Vec<String>, StoreError> {
+        if !self.has_column("run", "programs")? {
+            return Ok(Vec::new());
+        }
+        self.read("read the files of programs", |connection| {
+            let mut statement = connection.prepare_cached(
+                "SELECT file.key, count(DISTINCT file.value) FROM experiment
+                 JOIN experiment_job AS held ON held.experiment = experiment.id
+                 JOIN job ON job.id = held.job
+                 JOIN run ON run.job = job.id AND run.status = 'completed'
+                 JOIN json_each(run.programs) AS file
+                 WHERE experiment.name = ?1
+                 GROUP BY file.key, json_extract(canonical, '$.agent.version', '$.environment.version')
+                 HAVING count(DISTINCT file.value) > 1",
+            )?;
+            let said = |file: String, contents: u64| {
+                format!(
+                    "jobs with {contents} contents of {} stand side by side under the same `version`; raise it after \
+                     a change, and run the manifest again with --replace",
+                    printable(&file)
+                )
+            };
+            let rows = statement.query_map([experiment], |row| Ok(said(row.get(0)?, row.get(1)?)))?;
+            Ok(rows.collect::<rusqlite::Result<_>>()?)
         })
     }
 }

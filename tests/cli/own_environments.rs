@@ -425,6 +425,10 @@ fn a_program_that_changed_under_its_version_is_named() {
     let again = run();
     let again = again.says("counter.py has changed since 4 completed jobs");
     assert!(!again.stderr.contains("note.toml has"), "{}", again.stderr);
+    let mixed = "jobs with 2 contents of counter.py stand side by side";
+    let status = folder.jitai(["status"]).succeeded();
+    assert!(status.stdout.contains(mixed), "{}", status.stdout);
+    folder.jitai(["report", "sweep.toml"]).succeeded().says(mixed);
     // Copies know the files, too, and results do not depend on them.
     let copy = Folder::new();
     for name in ["sweep.toml", "counter.py", "note.toml"] {
@@ -441,6 +445,7 @@ fn a_program_that_changed_under_its_version_is_named() {
     folder.jitai(saved).succeeded().says("counter.py has changed since 4 completed jobs");
     seeds("2", "2");
     assert!(!run().stderr.contains(said));
+    assert!(!folder.jitai(["status"]).succeeded().stdout.contains("side by side"));
 }
 
 #[test]

@@ -196,6 +196,7 @@ fn section(section: &ReportSection<'_>) -> Markup {
                 (counts.failed) " failed, " (counts.open) " unfinished."
             }
             @if let Some(said) = experiment.failed_estimates() { p.state { (said) "." } }
+            @for said in &experiment.mixed_programs { p.state { (said) "." } }
             @if shown.is_empty() && race.is_none() {
                 p {
                     "There are no figures, because the manifest declares no " code { "[[analysis]]" }
