@@ -124,7 +124,7 @@ pub mod experiment {
     pub use crate::job::{
         CurvePoint, Metric, Outcome, ParticipantValue, Phase, Results, TestEpisode,
     };
-    pub use crate::manifest::kind::{Contrast, Pairing, Recovery, SelectionRule};
+    pub use crate::manifest::kind::{Contrast, Pairing, Recovery};
     pub use crate::manifest::{
         Analysis, AnalysisKind, CurveAxis, DeclaredAgent, DeclaredEstimate, Draw, Exclusion, Fault,
         Faults, Leaving, Manifest, Overridden, Override, Parameters, Position, Published,
@@ -231,10 +231,10 @@ pub mod algorithm {
 /// Findings: the results of declared analyses, as reports draw them.
 pub mod findings {
     pub use crate::analyse::declared::{
-        ActionPanel, BinShares, Candidate, Comparison, ContrastFigure, ContrastRow, CurveFigure,
-        CurveLine, Distance, ErrorFigure, ErrorPoint, Finding, FindingContent, HeatFigure,
-        HeatTile, JobCounts, LearningFigure, LearningLine, LearningPanel, LinePoint, Ranking,
-        RecoveryRow, Reproduction, Scale,
+        ActionPanel, BinShares, Comparison, ContrastFigure, ContrastRow, CurveFigure, CurveLine,
+        Distance, ErrorFigure, ErrorPoint, Finding, FindingContent, HeatFigure, HeatTile,
+        JobCounts, LearningFigure, LearningLine, LearningPanel, LinePoint, RecoveryRow,
+        Reproduction, Scale,
     };
 }
 

@@ -529,7 +529,7 @@ pub(crate) fn report(
         let in_store = reader.manifests().map_err(store_error)?;
         let in_store: Vec<&str> = in_store.iter().map(|(name, _)| name.as_str()).collect();
         let notes = experiments.iter().flat_map(|one| one.notes(&store, &in_store)).collect();
-        let winners = experiments.iter().flat_map(|one| one.winners.iter().flatten().cloned());
+        let winners = experiments.into_iter().filter_map(|one| one.race?.winners);
         Ok((notes, winners.collect()))
     })
 }

@@ -67,11 +67,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<Exit, Error> {
     let mut out = io::stdout().lock();
     writeln!(out, "{}", arguments.out.join("index.html").display())?;
     // The winners are texts to paste into a manifest.
-    let winners = experiments.iter().flat_map(|experiment| {
-        let raced = experiment.race.as_ref().and_then(|race| race.winners.as_ref());
-        experiment.winners.iter().flatten().chain(raced)
-    });
-    for winners in winners {
+    for winners in experiments.iter().filter_map(|one| one.race.as_ref()?.winners.as_ref()) {
         write!(out, "\n{winners}")?;
     }
     Ok(Exit::Done)

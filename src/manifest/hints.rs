@@ -5,11 +5,11 @@ use std::path::{Path, PathBuf};
 use std::{env, fs};
 
 use crate::agent::{UNAVAILABLE, longest_episode};
-use crate::job::{Condition, MetricUnit};
+use crate::job::Condition;
 use crate::key::printable;
 use crate::key::{Constraint, Key, Parameter, SectionName, Value, Violation};
 use crate::manifest::analysis::declared::Analysis;
-use crate::manifest::analysis::kind::{AnalysisKind, DidItLearn, LearningCurve, SelectionRule};
+use crate::manifest::analysis::kind::{AnalysisKind, DidItLearn, LearningCurve};
 use crate::manifest::commas::decimal_commas;
 use crate::manifest::declared::{DeclaredAgent, Manifest};
 use crate::manifest::estimate::declared::DeclaredEstimate;
@@ -41,7 +41,6 @@ pub fn hints(manifest: &Manifest) -> Vec<String> {
         &manifest.sections[SectionName::Environment],
     ));
     hints.extend(manifest.analyses.iter().flat_map(|one| long_windows(manifest, one)));
-    hints.extend(manifest.analyses.iter().filter_map(highest_rate));
     hints.extend(manifest.analyses.iter().filter_map(|one| few_references(manifest, one)));
     hints.extend(manifest.estimates.iter().flat_map(|one| certain_choices(manifest, one)));
     let lists = decimal_commas(&manifest.source);
@@ -65,21 +64,6 @@ fn large_sigma(manifest: &Manifest) -> Option<String> {
          feature says next to nothing; {large} % is written {}",
         share(large)
     ))
-}
-
-/// A hint for a search for the highest rate of something that is rarely wanted.
-fn highest_rate(analysis: &Analysis) -> Option<String> {
-    let AnalysisKind::Selection(selection) = &analysis.kind else { return None };
-    let is_rate = analysis.metric.unit() == MetricUnit::Share;
-    (is_rate && selection.rule != SelectionRule::LowestMean).then(|| {
-        format!(
-            "analysis {} selects the settings with the highest {}; `rule = \"{}\"` selects those with the \
-             lowest",
-            printable(&analysis.name),
-            analysis.metric,
-            SelectionRule::LowestMean.word()
-        )
-    })
 }
 
 /// A hint for trials without an effect that are too few to judge others.

@@ -6,7 +6,6 @@ use std::sync::Arc;
 use super::optima;
 use super::race::race;
 use super::section::ReportedExperiment;
-use super::winner::winners;
 use crate::analyse::declared::{carry_out, condense, reproduce, summarise_arms, varying};
 use crate::job::metric::LOWER_QUARTILE_RETURN;
 use crate::job::{Condition, DataPart, RecordedEpisodes, distinct};
@@ -73,7 +72,6 @@ pub fn assemble(
             question: manifest.question.clone(),
             hypothesis: manifest.hypothesis.clone(),
             manifest: manifest.source.chars().map(escaped).collect(),
-            winners: winners(reader, manifest, words.return_unit, &findings)?,
             race: race(reader, manifest, words.return_unit)?,
             findings: findings.into_iter().zip(queries.iter().map(sql)).collect(),
             styles: manifest.analyses.iter().map(|analysis| analysis.figure).collect(),

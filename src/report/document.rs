@@ -234,7 +234,6 @@ fn shown<'e>(
         scenes,
         wholes,
         sql,
-        winners: experiment.winners[at].as_deref(),
     }
 }
 
@@ -304,10 +303,6 @@ fn write_finding(shown: &ShownFinding<'_>, files: &mut Vec<ReportFile>) {
     write_table(&format!("tables/{}", shown.stem), &shown.table, files);
     let name = format!("sql/{}.sql", shown.stem);
     files.push(ReportFile { name, bytes: shown.sql.as_bytes().to_vec() });
-    if let Some(winners) = shown.winners {
-        let name = format!("tables/{}.toml", shown.stem);
-        files.push(ReportFile { name, bytes: winners.as_bytes().to_vec() });
-    }
 }
 
 /// Adds the files of a figure.

@@ -21,11 +21,11 @@ mod race_figure;
 mod reproduction;
 mod scene;
 mod section;
+mod shrinkage;
 mod split;
 mod symbols;
 mod table;
 mod tables;
-mod winner;
 mod words;
 
 pub use assemble::{AssembleError, AssemblyWork, assemble};

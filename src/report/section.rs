@@ -27,8 +27,6 @@ pub struct ReportedExperiment {
     pub jobs: Vec<JobRecord>,
     /// The findings of its analyses, each with the query for its data.
     pub findings: Vec<(Finding, String)>,
-    /// The best settings that each analysis chose, as TOML; `None` unless it is a selection with a winner.
-    pub winners: Vec<Option<String>>,
     /// The races of its search, if it is one.
     pub race: Option<ReportedRace>,
     /// The style of the figures of each analysis.
@@ -116,8 +114,6 @@ pub struct ShownFinding<'e> {
     pub caption: String,
     pub table: DataTable,
     pub sql: &'e str,
-    /// The best settings as TOML, if the finding chooses any.
-    pub winners: Option<&'e str>,
     /// Whether the table is initially open.
     pub is_table: bool,
     /// Whether the figure is missing for lack of results.

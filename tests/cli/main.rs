@@ -32,7 +32,6 @@ mod reading;
 mod release_store;
 mod reporting;
 mod same_bits;
-mod searching;
 mod sharing;
 mod signals;
 mod simulating;

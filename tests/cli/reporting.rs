@@ -54,10 +54,6 @@ y = "environment.delta_d"
 name = "choices"
 kind = "action_choice"
 [[analysis]]
-name = "chosen"
-kind = "selection"
-reporting_seeds = 3
-[[analysis]]
 name = "error"
 kind = "inference_error"
 "#;
@@ -136,9 +132,6 @@ fn two_reports_of_one_store_are_equal_to_the_byte_and_hold_every_analysis() {
     );
     // Settings are ranked at each place. Here, each of the two agents has only one setting, which is
     // first at all eight places.
-    let chosen = text("report/tables/every-kind-chosen.csv");
-    let firsts = chosen.lines().filter(|line| line.contains(" delta_d=0.") && line.contains(",1,"));
-    assert_eq!((firsts.count(), chosen.lines().count()), (16, 17), "{chosen}");
     let manual = include_str!("../../docs/report.md");
     for name in names.iter().filter(|name| name.starts_with("report/tables/")) {
         let Some(header) = name.ends_with(".csv").then(|| text(name)) else { continue };
@@ -287,8 +280,7 @@ fn the_query_beside_a_figure_reads_its_rows() {
         let rows = answer.stdout.lines().count() - 1;
         assert!(rows > 0, "{name}: {sql}");
         // 2 agents, 2 scenarios, 2 sigmas, 2 values of delta_d and 2 seeds.
-        if ["every-kind-gain.sql", "every-kind-map.sql", "every-kind-chosen.sql"].contains(&&*name)
-        {
+        if ["every-kind-gain.sql", "every-kind-map.sql"].contains(&&*name) {
             assert_eq!(rows, 32, "{name}: {sql}");
         }
     }

@@ -111,7 +111,6 @@ fn shipped() -> Vec<(&'static str, u64)> {
         ("experiments/oralytics/updates.toml", 100),
         ("experiments/paper/context_error.toml", 144),
         ("experiments/paper/disengagement.toml", 192),
-        ("experiments/paper/hyperparameters.toml", 780),
         ("experiments/paper/learning_curves.toml", 18),
         // All that the races may come to: 2 agents × 64 arms × 19 seeds, and 2 agents with 10 fresh seeds.
         ("experiments/paper/search.toml", 2452),
@@ -225,20 +224,6 @@ fn the_readings_differ_from_the_published_settings_in_one_thing_each() {
     }
     // Three scenarios at one sigma, and one of these scenarios at two more sigmas.
     assert_eq!(published, 2 * (3 + 2) * 10, "two agents, ten seeds");
-}
-
-#[test]
-fn the_search_for_hyper_parameters_uses_no_seed_that_is_reported() {
-    let seeds =
-        |path: &str| -> Vec<u64> { manifest::load(Path::new(path)).unwrap().seeds().collect() };
-    let searched = seeds("experiments/paper/hyperparameters.toml");
-    // None of the searched agents can act in a trial.
-    let has_trial = |path: &str| std::fs::read_to_string(path).unwrap().contains("\n[trial]\n");
-    let others = shipped();
-    let others = others.iter().filter(|(path, _)| !path.contains("hyperparameters"));
-    for (path, _) in others.filter(|(path, _)| !has_trial(path)) {
-        assert!(seeds(path).iter().all(|seed| !searched.contains(seed)), "{path}");
-    }
 }
 
 #[test]
@@ -409,7 +394,6 @@ fn deep_or_repetitive_texts_are_refused_and_do_not_hang() {
 
 /// Analyses that demand much work.
 const CURVE: &str = "name = NAME\nkind = \"curve\"";
-const SELECTION: &str = "name = NAME\nkind = \"selection\"\nreporting_seeds = 10_000_000";
 
 /// A small manifest that demands much work from its agents and from the tables in `rest`.
 fn small_bomb(top: &str, environment: &str, agents: usize, rest: &str) -> String {
@@ -464,7 +448,6 @@ fn small_manifests_that_ask_for_too_much_are_refused_before_it_is_done() {
                 &each("analysis", &format!("{CURVE}\nwhere.{}", sigma_in(million))),
             ),
         ),
-        (values.to_owned(), small_bomb("seeds = 1", "sigma = 1", 1, &each("analysis", SELECTION))),
         // Jobs: of one agent, and of many agents.
         (jobs.to_owned(), small_bomb("seeds = 10_000_000", &format!("sigma = {million}"), 1, "")),
         (

@@ -289,7 +289,7 @@ class Report:
     index: Path
     #: What is missing.
     notes: list[str]
-    #: The best settings that selections chose, as TOML.
+    #: The winners of searches, as TOML.
     winners: list[str]
 
     def _repr_html_(self) -> str:

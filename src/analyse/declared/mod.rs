@@ -19,7 +19,6 @@ mod pairs;
 mod published;
 mod recovery;
 mod reproduction;
-mod selection;
 mod summary;
 
 pub use action_choice::{ActionPanel, BinShares};
@@ -33,7 +32,6 @@ pub use learning_curve::{HighestEnd, LearningFigure, LearningLine, LearningPanel
 pub use operating::{FEW_TRIALS, OperatingFigure, OperatingRow, Sought, Term};
 pub use recovery::{RecoveryRow, ScenarioOptimum};
 pub use reproduction::{Comparison, Distance, Reproduction, reproduce};
-pub use selection::{Candidate, RangeEnd, Ranking};
 pub use summary::{AgentSummary, ArmSummary, share_of_optimum, summarise_agents, summarise_arms};
 
 use std::collections::HashSet;
@@ -72,8 +70,6 @@ pub enum FindingContent {
     HeatMap(Vec<HeatFigure>),
     /// Shares of actions, one panel per arm.
     ActionChoice(Vec<ActionPanel>),
-    /// Ranked settings, one ranking per agent.
-    Selection(Vec<Ranking>),
     /// Recovered shares of a loss.
     Recovery(Vec<RecoveryRow>),
     /// The behaviour of estimates over trials.
@@ -93,7 +89,6 @@ impl FindingContent {
             | FindingContent::LearningCurve(_)
             | FindingContent::HeatMap(_)
             | FindingContent::ActionChoice(_)
-            | FindingContent::Selection(_)
             | FindingContent::Recovery(_)
             | FindingContent::Operating(_)
             | FindingContent::Learned(_)
@@ -191,9 +186,6 @@ fn content_of(
         }
         AnalysisKind::ActionChoice(choice) => {
             FindingContent::ActionChoice(action_choice::panels(choice.bins.0, jobs))
-        }
-        AnalysisKind::Selection(selection) => {
-            FindingContent::Selection(selection::rankings(selection.rule, metric, jobs))
         }
         AnalysisKind::Recovery(recovery) => {
             FindingContent::Recovery(recovery::rows(recovery, jobs))

@@ -4,10 +4,8 @@ use serde_json::{Value as Json, json};
 
 use crate::job::Condition;
 use crate::key::{Kind, Parameter, Value};
-use crate::manifest::limits::MOST_JOBS;
-use crate::manifest::parameter::seed_of;
 use crate::manifest::table::{Field, Need, TableReader};
-use crate::manifest::text::written::{condition, list, quoted};
+use crate::manifest::text::written::{condition, quoted};
 use crate::manifest::value::sweep::{Node, number, whole};
 
 /// A family of contrasts whose p values are corrected together.
@@ -60,36 +58,6 @@ impl Field for Bins {
 
     fn written(value: &Bins, key: &'static str) -> Vec<(&'static str, String)> {
         vec![(key, value.0.to_string())]
-    }
-}
-
-/// Seeds on which selected settings are evaluated.
-impl Field for Vec<u64> {
-    type Value = Vec<u64>;
-
-    fn schema(_: Option<Kind>) -> Json {
-        json!({ "anyOf": [
-            { "type": "integer", "minimum": 1, "maximum": MOST_JOBS },
-            {
-                "type": "array",
-                "minItems": 1,
-                "uniqueItems": true,
-                "items": { "$ref": "#/$defs/seed" },
-            },
-        ] })
-    }
-
-    fn read(table: &mut TableReader<'_, '_>, key: &str, _: Option<Kind>) -> Option<Vec<u64>> {
-        let node = table.node(key)?;
-        // A few characters can request millions of seeds, and a manifest can have a thousand analyses.
-        let count = whole(node).map(|count| usize::try_from(count).unwrap_or(usize::MAX));
-        let fits = count.is_none_or(|count| table.reader.count_in(key, count, node));
-        let seeds = if fits { table.reader.seeds(key, node) } else { Vec::new() };
-        Some(seeds.iter().map(seed_of).collect())
-    }
-
-    fn written(value: &Vec<u64>, key: &'static str) -> Vec<(&'static str, String)> {
-        vec![(key, list(value))]
     }
 }
 

@@ -121,15 +121,6 @@ kinds! {
         bins: Bins = Bins(5);
     }
 
-    /// The hyper-parameters selected for each agent.
-    Selection = "selection", [METRIC], [], {
-        /// how settings are ranked
-        rule: SelectionRule = SelectionRule::HighestMean, in SelectionRule::KIND;
-        /// seeds for reporting the chosen settings; none may be a seed of this manifest
-        reporting_seeds: Vec<u64>, missing "list the seeds of the manifests that report the chosen settings; results on the \
-            seeds of the search are biased upwards";
-    }
-
     /// The share of the distance to the optimum that some arms recover relative to others.
     Recovery = "recovery", [], [], {
         /// the arms that recover part of the loss
@@ -243,18 +234,6 @@ choices! {
     }
 }
 
-choices! {
-    /// How settings of hyper-parameters are ranked.
-    pub enum SelectionRule {
-        /// By the mean over seeds.
-        HighestMean = "highest_mean",
-        /// By the lower end of the 95 % interval of the mean over seeds.
-        HighestLowerBound = "highest_lower_bound",
-        /// By the mean over seeds, the lowest first.
-        LowestMean = "lowest_mean",
-    }
-}
-
 impl AnalysisKind {
     /// The declaration of the kind.
     pub(in crate::manifest) fn declaration(&self) -> &'static KindDeclaration {
@@ -294,11 +273,6 @@ pub(in crate::manifest) trait Rules {
     /// The sides of the difference; `None` if it shows no difference.
     fn sides(&self) -> Option<&Sides> {
         None
-    }
-
-    /// Seeds that it needs in addition to the seeds of the manifest.
-    fn reporting_seeds(&self) -> &[u64] {
-        &[]
     }
 
     /// Whether it shows the rate at which the most likely context is wrong.
@@ -360,12 +334,6 @@ impl Rules for ActionChoice {
 
     fn lacking(&self, family: &Family) -> Option<&'static str> {
         contexts_of(family)
-    }
-}
-
-impl Rules for Selection {
-    fn reporting_seeds(&self) -> &[u64] {
-        &self.reporting_seeds
     }
 }
 

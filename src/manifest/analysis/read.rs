@@ -1,6 +1,5 @@
 //! Reads `[[analysis]]`, and checks each analysis against the rest of the manifest.
 
-use std::cell::LazyCell;
 use std::collections::HashSet;
 
 use toml::de::DeTable;
@@ -62,9 +61,24 @@ impl Reader<'_> {
             self.faults.add(fault.help(format!("expected one of {}", words.join(", "))));
             return None;
         };
+        if node.get_ref().as_str() == Some("selection") {
+            self.no_selection(table.get("reporting_seeds"), node);
+            return None;
+        }
         let word = self.word("kind", &words, node);
         let word = word.or_else(|| near(node.get_ref().as_str()?, words))?;
         KINDS.iter().find(|kind| kind.word == word)
+    }
+
+    /// Reports an analysis of an earlier release, with what is written in its place.
+    fn no_selection(&mut self, reporting_seeds: Option<&Node>, node: &Node) {
+        let fresh = reporting_seeds.map_or_else(|| "10".to_owned(), |seeds| self.found(seeds));
+        let help = format!(
+            "replace it, and the manifest's `seeds`, by `search = {{ samples = 16, rungs = [2, 4], keep = 0.5, fresh = {fresh} }}`, \
+             and each list of an agent by a draw such as {{ choices = [0.001, 0.01] }}"
+        );
+        let message = "`kind`: \"selection\" has given way to [search], which finds the best settings by a race";
+        self.faults.add(Fault::at(node.span().into(), message).help(help));
     }
 
     /// A metric that an analysis can have.
@@ -168,7 +182,6 @@ pub(in crate::manifest) fn lost(
     if !comparisons_fit(draft, manifest, faults) {
         return Vec::new();
     }
-    let seeds = LazyCell::new(|| manifest.seeds().collect());
     let mut lost = Vec::new();
     for analysis in &draft.analyses {
         let mut faults = FaultList::default();
@@ -186,7 +199,6 @@ pub(in crate::manifest) fn lost(
             jobs::of(draft, manifest, analysis, &mut faults);
         }
         checked.axes(&mut faults);
-        checked.seeds(&seeds, &mut faults);
         if !faults.is_empty() {
             lost.push((analysis.place, faults));
         }
@@ -366,21 +378,6 @@ impl Checked<'_> {
             let message = format!("`{}` is not swept: it has one value", panel.value);
             faults
                 .add(Fault::at(panel.span, message).help("panels need a key with several values"));
-        }
-    }
-
-    /// Reports a selection that reports on seeds of its search.
-    fn seeds(
-        &self,
-        seeds: &LazyCell<HashSet<u64>, impl FnOnce() -> HashSet<u64>>,
-        faults: &mut FaultList,
-    ) {
-        let reported = self.analysis.analysis.kind.rules().reporting_seeds();
-        let shared = reported.iter().find(|seed| seeds.contains(seed));
-        if let (Some(seed), false) = (shared, self.draft.is_invalid(Parameter::SEED)) {
-            let message = format!("seed {seed} is used both for the search and for the report");
-            let help = "search on seeds that are not reported, such as seeds = [101, 102]";
-            faults.add(Fault::at(self.analysis.span, message).help(help));
         }
     }
 }

@@ -10,7 +10,6 @@ mod learned;
 mod learning_curve;
 mod operating;
 mod recovery;
-mod selection;
 
 use super::data_table::{DataTable, p_value, shown, shown_ends, signed};
 use super::figure::{Looks, NumberFormat, Panels, Style};
@@ -88,7 +87,6 @@ pub(super) fn drawn(content: &FindingContent) -> &dyn Drawn {
         FindingContent::LearningCurve(figure) => figure,
         FindingContent::HeatMap(figures) => figures,
         FindingContent::ActionChoice(panels) => panels,
-        FindingContent::Selection(rankings) => rankings,
         FindingContent::Recovery(rows) => rows,
         FindingContent::Operating(figure) => figure,
         FindingContent::Learned(figure) => figure,
@@ -227,8 +225,8 @@ mod tests {
 
     use super::*;
     use crate::analyse::declared::{
-        ActionPanel, BinShares, Candidate, ContrastFigure, ContrastRow, CurveFigure, CurveLine,
-        JobCounts, LearningFigure, LearningLine, LearningPanel, LinePoint, Ranking,
+        ActionPanel, BinShares, ContrastFigure, ContrastRow, CurveFigure, CurveLine, JobCounts,
+        LearningFigure, LearningLine, LearningPanel, LinePoint,
     };
     use crate::analyse::{Corrected, Sample, SeedPairing, Undefined};
     use crate::job::ParticipantRange;
@@ -522,26 +520,5 @@ mod tests {
         assert!(line[0].1 == line[1].1 && line[1].0 - line[0].0 > 100.0, "{line:?}");
         let tips = scene.marks.iter().filter_map(|mark| mark.tip.as_ref());
         assert_eq!(tips.filter(|tip| tip.contains("which lacks rate: 50")).count(), 2);
-    }
-
-    #[test]
-    fn the_caption_of_a_search_counts_the_settings_tried() {
-        let candidate = |rate: f64, values: &[(u64, f64)]| {
-            let sample = sample(values, 0);
-            Candidate {
-                settings: vec![("agent.learning_rate".to_owned(), Scalar::Real(rate))],
-                mean: sample.mean(),
-                interval: sample.interval(),
-                sample,
-            }
-        };
-        let candidates = vec![
-            candidate(0.1, &[(1, 90.0), (2, 92.0)]),
-            candidate(0.2, &[(1, 50.0), (2, 52.0)]),
-            candidate(0.3, &[]),
-        ];
-        let ranking = Ranking { place: name(), rule: "highest_mean", candidates };
-        let said = said(FindingContent::Selection(vec![ranking]), ALL);
-        assert!(said.contains("learning_rate=0.1: 91 (best of 2 settings tried"), "{said}");
     }
 }

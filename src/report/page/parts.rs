@@ -51,12 +51,6 @@ pub fn figure_card(shown: &ShownFinding<'_>, legend: &Legend) -> Markup {
             p.links {
                 (table_links(&format!("tables/{}", shown.stem), &shown.table)) " "
                 (links(&format!("sql/{}", shown.stem), &[("sql", "SQL")]))
-                @if shown.winners.is_some() {
-                    " " (links(&format!("tables/{}", shown.stem), &[("toml", "TOML")]))
-                }
-            }
-            @if let Some(winners) = shown.winners {
-                details open { summary { "Best settings as TOML" } pre { (winners) } }
             }
             details open[shown.is_table] {
                 summary { "Numbers (" (shown.table.rows.len()) " rows)" }
