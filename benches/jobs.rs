@@ -21,7 +21,9 @@ use jitai::experiment::{self, Filter};
 use jitai::job::Evaluation;
 use jitai::job::Job;
 use jitai::job::{CurvePoint, Outcome};
-use jitai::job::{Decision, EstimateDeclaration, Messages, Phase, StandardErrors, Treatment};
+use jitai::job::{
+    Decision, EstimateDeclaration, Estimator, Messages, Phase, StandardErrors, Treatment,
+};
 use jitai::rng::{Purpose, Stream};
 use jitai::train::{
     self, Checkpoints, ReadCheckpoint, TrainingControl, TrainingProgress, Uncontrolled,
@@ -249,7 +251,7 @@ fn wcls(bencher: Bencher<'_, '_>) {
     let decisions: Vec<Decision> = (0..70 * 140).map(&mut decision).collect();
     let declaration = Arc::new(EstimateDeclaration {
         control: names.clone(),
-        estimator: "wcls".to_owned(),
+        estimator: Estimator::Wcls,
         less_costs: false,
         moderators: names[..2].to_vec(),
         name: "effect".to_owned(),

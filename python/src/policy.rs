@@ -504,10 +504,10 @@ fn read(spec: ObservationSpec, given: &PyReadonlyArray2<'_, f64>) -> PyResult<Ro
     let mut read = Rows { spec, letters: Vec::new(), moments: Vec::new(), states: Vec::new() };
     let one_hot = read.spec.one_hot;
     for (row, entries) in values.chunks_exact(inputs).enumerate().take(rows) {
-        if let Some(place) = entries.iter().position(|entry| !(*entry as f32).is_finite()) {
+        if let Some(index) = entries.iter().position(|entry| !(*entry as f32).is_finite()) {
             return Err(PyValueError::new_err(format!(
                 "observations: entry {place} of row {row} is {}, not a finite number",
-                entries[place]
+                entries[index]
             )));
         }
         let (features, times) = entries.split_at(width);

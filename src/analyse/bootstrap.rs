@@ -133,12 +133,12 @@ fn groups(conditions: &[&Sample], sorted: &[f64]) -> Vec<Vec<SeedValues>> {
     let mut seeds: BTreeMap<u64, (usize, SeedValues)> = BTreeMap::new();
     // The group of each condition: the first condition that it is linked to.
     let mut group_of: Vec<usize> = (0..conditions.len()).collect();
-    for (place, sample) in conditions.iter().enumerate() {
+    for (index, sample) in conditions.iter().enumerate() {
         for (seed, value) in sample.seeds().iter().zip(sample.values()) {
             let rank = sorted.partition_point(|other| other.total_cmp(value).is_lt()) as u32;
-            let (first, ranks) = seeds.entry(*seed).or_insert((place, Vec::new()));
-            ranks.push((rank, place));
-            let (one, other) = (group_of[*first], group_of[place]);
+            let (first, ranks) = seeds.entry(*seed).or_insert((index, Vec::new()));
+            ranks.push((rank, index));
+            let (one, other) = (group_of[*first], group_of[index]);
             if one != other {
                 let (kept, merged) = (one.min(other), one.max(other));
                 group_of.iter_mut().filter(|group| **group == merged).for_each(|it| *it = kept);

@@ -57,12 +57,12 @@ fn numbers(contrast: &Contrast, unit: f64) -> Vec<Result<f64, Undefined>> {
 
 fn assert_equal(ours: &[Result<f64, Undefined>], theirs: &[Result<f64, Undefined>], what: &str) {
     assert_eq!(ours.len(), theirs.len());
-    for (place, pair) in ours.iter().zip(theirs).enumerate() {
+    for (index, pair) in ours.iter().zip(theirs).enumerate() {
         match pair {
             (Ok(a), Ok(b)) => {
-                assert!((a - b).abs() <= 1e-9 * (1.0 + a.abs()), "{what}, {place}: {a} and {b}");
+                assert!((a - b).abs() <= 1e-9 * (1.0 + a.abs()), "{what}, {index}: {a} and {b}");
             }
-            (a, b) => assert_eq!(a, b, "{what}, {place}"),
+            (a, b) => assert_eq!(a, b, "{what}, {index}"),
         }
     }
 }
@@ -73,9 +73,9 @@ fn shifts_and_scales_change_nothing_but_the_unit() {
         let (first, second) = arms(seed);
         let shifted = contrasts(&map(&first, |x| x + 64.0), &map(&second, |x| x + 64.0));
         let scaled = contrasts(&map(&first, |x| x * 1024.0), &map(&second, |x| x * 1024.0));
-        for (place, plain) in contrasts(&first, &second).iter().enumerate() {
-            assert_equal(&numbers(&shifted[place], 1.0), &numbers(plain, 1.0), "shifted");
-            assert_equal(&numbers(&scaled[place], 1024.0), &numbers(plain, 1.0), "scaled");
+        for (index, plain) in contrasts(&first, &second).iter().enumerate() {
+            assert_equal(&numbers(&shifted[index], 1.0), &numbers(plain, 1.0), "shifted");
+            assert_equal(&numbers(&scaled[index], 1024.0), &numbers(plain, 1.0), "scaled");
         }
     }
 }
@@ -87,9 +87,9 @@ fn swapped_arms_change_the_sign_and_keep_the_p_values() {
         let swapped = contrasts(&second, &first);
         // Negated values give the swapped contrast: y - x = (-x) - (-y).
         let mirrored = contrasts(&map(&first, |x| -x), &map(&second, |x| -x));
-        for (place, plain) in contrasts(&first, &second).iter().enumerate() {
-            let swapped = &swapped[place];
-            assert_equal(&numbers(swapped, 1.0), &numbers(&mirrored[place], 1.0), "mirrored");
+        for (index, plain) in contrasts(&first, &second).iter().enumerate() {
+            let swapped = &swapped[index];
+            assert_equal(&numbers(swapped, 1.0), &numbers(&mirrored[index], 1.0), "mirrored");
             assert_eq!(swapped.difference, plain.difference.map(|difference| -difference));
             let p = |contrast: &Contrast| [contrast.test.map(|t| t.p), contrast.permutation_p];
             assert_equal(&p(swapped), &p(plain), "p values");

@@ -126,14 +126,14 @@ fn corrections_for_families_with_ties_and_with_undefined_tests() {
     for case in cases("multiplicity") {
         let p = case["p"].as_array().unwrap().iter();
         let family: Vec<_> = p.map(|p| p.as_f64().ok_or(Undefined::NoSeeds)).collect();
-        for (place, corrected) in correct(&family).iter().enumerate() {
+        for (index, corrected) in correct(&family).iter().enumerate() {
             let Ok(ours) = corrected else {
                 assert_eq!(*corrected, Err(Undefined::NoSeeds));
-                assert!(case["holm"][place].is_null());
+                assert!(case["holm"][index].is_null());
                 continue;
             };
-            assert_near(ours.holm, number(&case["holm"][place]), "Holm");
-            let theirs = number(&case["benjamini_hochberg"][place]);
+            assert_near(ours.holm, number(&case["holm"][index]), "Holm");
+            let theirs = number(&case["benjamini_hochberg"][index]);
             assert_near(ours.benjamini_hochberg, theirs, "Benjamini-Hochberg");
         }
     }

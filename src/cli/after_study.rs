@@ -117,8 +117,8 @@ fn decisions(
         return Err(Error::Usage(format!("--after-study: {why}")));
     }
     let features = distinct(declaration.control.iter().chain(&declaration.moderators));
-    let place = |name: &&String| names.iter().position(|known| known == *name);
-    let places: Vec<Option<usize>> = features.iter().map(place).collect();
+    let index = |name: &&String| names.iter().position(|known| known == *name);
+    let places: Vec<Option<usize>> = features.iter().map(index).collect();
     let letters = trace.decisions.first().map_or(0, |one| one.observed.len());
     let mut text =
         "person,calendar_t,in_study,policy_num,action,probability,reward,seen_outcome,learned"
@@ -148,8 +148,8 @@ fn decisions(
                 u8::from(is_seen)
             );
             one.observed.iter().for_each(|value| text += &format!(",{value}"));
-            for place in &places {
-                let value = place.map_or(f64::from(of.step), |place| of.state[place]);
+            for index in &places {
+                let value = index.map_or(f64::from(of.step), |index| of.state[index]);
                 text += &format!(",{value}");
             }
             text.push('\n');

@@ -87,7 +87,7 @@ impl OnEnd {
         let plain = |failure: &Failure| (failure.kind.word(), without_numbers(&failure.message));
         self.change(|Facts { failures, .. }| {
             match failures.iter().position(|(_, other, _)| plain(other) == plain(failure)) {
-                Some(place) => failures[place].2 += 1,
+                Some(index) => failures[index].2 += 1,
                 None if failures.len() < FAILURES => failures.push((key, failure.clone(), 1)),
                 None => {}
             }

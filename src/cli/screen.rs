@@ -166,7 +166,7 @@ impl Progress {
             KeyCode::Right | KeyCode::Char('m') => choice.metric = (choice.metric + 1) % metrics,
             KeyCode::Left => choice.metric = (choice.metric + metrics - 1) % metrics,
             KeyCode::Char(' ') => match choice.beside.iter().position(|arm| *arm == choice.arm) {
-                Some(place) => drop(choice.beside.remove(place)),
+                Some(index) => drop(choice.beside.remove(index)),
                 None if choice.beside.len() < COLOURS.len() - 1 => choice.beside.push(choice.arm),
                 None => {}
             },
@@ -249,7 +249,7 @@ fn arms(view: &View, choice: &ViewChoice, area: Rect) -> Paragraph<'static> {
     let room = usize::from(area.width).saturating_sub(18);
     let heading = format!("  {:room$} {:>6} {:>8}", "arm", "jobs", "return");
     let all: Vec<&str> = view.arms.iter().map(|arm| arm.name.as_str()).collect();
-    let line = |(place, arm): (usize, &ArmView)| {
+    let line = |(index, arm): (usize, &ArmView)| {
         let ArmView { name, counts, mean_return } = arm;
         let name = shortened(name, &all, room);
         let gap = " ".repeat(room.saturating_sub(name.width()));
@@ -258,8 +258,8 @@ fn arms(view: &View, choice: &ViewChoice, area: Rect) -> Paragraph<'static> {
         let jobs = format!("{done}/{}", counts.total());
         let sign = if counts.running > 0 { "▸" } else { " " };
         let text = format!("{sign} {name}{gap} {jobs:>6} {value:>8}");
-        match colour(view, place) {
-            _ if place == choice.arm => Line::styled(text, Modifier::REVERSED),
+        match colour(view, index) {
+            _ if index == choice.arm => Line::styled(text, Modifier::REVERSED),
             Some(colour) => Line::styled(text, colour),
             None => Line::from(text),
         }
@@ -355,18 +355,18 @@ fn below(view: &View, failures: bool) -> Vec<Line<'static>> {
         0 => String::new(),
         more => format!(", and {more} more"),
     };
-    let running = view.running.iter().take(LINES).enumerate().map(|(place, job)| {
+    let running = view.running.iter().take(LINES).enumerate().map(|(index, job)| {
         let part = match job.part {
             Some(part) => format!("{:>4}", format!("{:.0}%", 100.0 * part)),
             None => "   …".to_owned(),
         };
-        let more = if place == LINES - 1 { more(view.running.len()) } else { String::new() };
+        let more = if index == LINES - 1 { more(view.running.len()) } else { String::new() };
         Line::styled(format!("{part} {}{more}", job.name), Color::Cyan)
     });
     lines.extend(running);
     if !failures {
-        lines.extend(view.failures.iter().take(LINES).enumerate().map(|(place, failure)| {
-            let more = if place == LINES - 1 { more(view.failures.len()) } else { String::new() };
+        lines.extend(view.failures.iter().take(LINES).enumerate().map(|(index, failure)| {
+            let more = if index == LINES - 1 { more(view.failures.len()) } else { String::new() };
             let FailureView { name, reason, jobs } = failure;
             Line::styled(format!("failed {jobs}×: {name}: {reason}{more}"), Color::Red)
         }));
@@ -406,7 +406,7 @@ fn shortened(name: &str, all: &[&str], room: usize) -> String {
             }
             _ => 0,
         };
-        let is_shared = |(place, c): (usize, char)| (c, place < shared || c == ' ');
+        let is_shared = |(index, c): (usize, char)| (c, index < shared || c == ' ');
         letters.extend(word.chars().enumerate().map(is_shared));
     }
     let columns = |letters: &[(char, bool)]| {

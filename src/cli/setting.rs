@@ -67,9 +67,9 @@ fn with_all(environment: StepCount, given: &[Given]) -> Result<StepCount, Error>
             let line = faults.position(fault).map_or(usize::MAX, |position| position.line);
             line.saturating_sub(first_line).min(given.len() - 1)
         };
-        let place = faults.list().iter().map(option_of).min().unwrap_or_default();
-        let of_option = faults.list().iter().filter(|fault| option_of(fault) == place);
-        refused(&given[place].option, &said(of_option))
+        let index = faults.list().iter().map(option_of).min().unwrap_or_default();
+        let of_option = faults.list().iter().filter(|fault| option_of(fault) == index);
+        refused(&given[index].option, &said(of_option))
     })?;
     let environment = manifest.sections[SectionName::Environment].iter();
     for (key, _) in environment.filter(|(_, values)| values.len() > 1) {

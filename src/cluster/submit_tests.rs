@@ -329,8 +329,8 @@ fn a_job_that_brings_down_three_tasks_fails_and_can_be_tried_again() {
         let chunks: Vec<Vec<JobKey>> =
             (0..submission.intent.chunks).map(|chunk| submission.chunk(chunk).unwrap()).collect();
         let killer = *killer.get_or_insert(chunks[0][0]);
-        let place = chunks.iter().position(|chunk| chunk.contains(&killer)).unwrap();
-        lab.attempt(&submission, place as u32, None);
+        let index = chunks.iter().position(|chunk| chunk.contains(&killer)).unwrap();
+        lab.attempt(&submission, index as u32, None);
         // The task with the killer died, and no other task had started.
         *lab.engine.alive.borrow_mut() = Ok(Vec::new());
         let largest = chunks.iter().map(Vec::len).max().unwrap();

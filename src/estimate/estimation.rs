@@ -64,7 +64,7 @@ impl Feature {
                 "`{STEP}` is the number of steps before the decision and a number of the program's state; give that \
                  another name"
             )),
-            Some(place) => Ok(Feature::State(place)),
+            Some(index) => Ok(Feature::State(index)),
             None if name == STEP => Ok(Feature::Step),
             None => {
                 let known: Vec<&str> = state_names.iter().map(String::as_str).collect();
@@ -296,12 +296,12 @@ impl Estimation {
         // An environment with one action has no terms.
         let names = if names.is_empty() { vec![CONSTANT.to_owned()] } else { names };
         let effects = self.effects();
-        let effect = |place: usize| match &effects {
-            Ok(effects) => Result::clone(&effects[place]),
+        let effect = |index: usize| match &effects {
+            Ok(effects) => Result::clone(&effects[index]),
             Err(why) => Err(why.clone()),
         };
         let terms = names.into_iter().enumerate();
-        let terms = terms.map(|(place, term)| Estimate { term, effect: effect(place) });
+        let terms = terms.map(|(index, term)| Estimate { term, effect: effect(index) });
         Estimates { declaration: self.declaration.clone(), terms: terms.collect() }
     }
 
@@ -335,9 +335,9 @@ impl Estimation {
         let columns = self.sums.columns;
         let df = (fit.people - columns) as f64;
         let first = 1 + layout.control.len();
-        let effect = |place: usize| {
+        let effect = |index: usize| {
             let effect = Effect {
-                value: fit.coefficients[place],
+                value: fit.coefficients[index],
                 standard_error: f64::NAN,
                 degrees_of_freedom: df,
                 low: f64::NAN,
@@ -348,8 +348,8 @@ impl Estimation {
                 truth: None,
                 treatment_variance: self.treatment_variance(),
             };
-            let standard_error = fit.covariance[place * columns + place].sqrt();
-            if standard_error <= fit.rounding[place] {
+            let standard_error = fit.covariance[index * columns + index].sqrt();
+            if standard_error <= fit.rounding[index] {
                 let size = if standard_error == 0.0 { "0" } else { "rounding alone" };
                 return Err(format!(
                     "its standard error is {size}: the outcome does not vary beyond what the features explain"

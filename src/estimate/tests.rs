@@ -351,7 +351,7 @@ impl Estimation {
         let fit = self.sums().fit(Correction::None).unwrap();
         let size = fit.coefficients.len();
         let first = 1 + self.declaration().control.len();
-        let error = |place: usize| fit.covariance[place * size + place].sqrt();
-        (first..size).map(|place| (fit.coefficients[place], error(place))).collect()
+        let error = |index: usize| fit.covariance[index * size + index].sqrt();
+        (first..size).map(|index| (fit.coefficients[index], error(index))).collect()
     }
 }

@@ -60,15 +60,15 @@ impl Sums {
             self.numbers.resize((person + 1) * stride, 0.0);
         }
         let own = &mut self.numbers[person * stride..(person + 1) * stride];
-        let mut place = 0;
+        let mut index = 0;
         for (i, value) in row.iter().enumerate() {
             let weighted = weight * value;
-            for (sum, other) in own[place..=place + i].iter_mut().zip(row) {
+            for (sum, other) in own[index..=index + i].iter_mut().zip(row) {
                 *sum += weighted * other;
             }
-            place += i + 1;
+            index += i + 1;
         }
-        for (sum, value) in own[place..].iter_mut().zip(row) {
+        for (sum, value) in own[index..].iter_mut().zip(row) {
             *sum += weight * value * outcome;
         }
         for (sum, value) in
@@ -124,7 +124,7 @@ impl Sums {
         let size = scores.coefficients.len();
         // Independent residuals of size r give a coefficient the standard error r √A, A its place in the bread.
         let residual = ROUNDING * (squares / weights).sqrt();
-        let of_place = |place: usize| residual * scores.bread[place * size + place].sqrt();
+        let of_place = |index: usize| residual * scores.bread[index * size + index].sqrt();
         let rounding = (0..size).map(of_place).collect();
         let Scores { coefficients, residual_sd, of_people, .. } = scores;
         Ok(Fit { coefficients, covariance, people: of_people.len(), residual_sd, rounding })

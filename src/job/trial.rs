@@ -103,16 +103,16 @@ struct Columns(Vec<Vec<u64>>);
 /// Reads these columns of a CSV file; others are not read.
 fn columns(text: &str, wanted: &[&str]) -> Result<Columns, String> {
     let begin = |names: &csv::StringRecord| {
-        let place = |name: &&str| {
-            let place = names.iter().position(|found| found == *name);
-            place.ok_or_else(|| format!("column `{name}` is missing"))
+        let index = |name: &&str| {
+            let index = names.iter().position(|found| found == *name);
+            index.ok_or_else(|| format!("column `{name}` is missing"))
         };
-        let places: Vec<usize> = wanted.iter().map(place).collect::<Result<_, _>>()?;
+        let places: Vec<usize> = wanted.iter().map(index).collect::<Result<_, _>>()?;
         Ok((places, Vec::new()))
     };
     let push = |(places, rows): &mut (Vec<usize>, Vec<Vec<u64>>), record: &csv::StringRecord| {
-        let number = |(place, name): (&usize, &&str)| {
-            let written = &record[*place];
+        let number = |(index, name): (&usize, &&str)| {
+            let written = &record[*index];
             let number = written.parse().ok().filter(|number: &u64| *number <= i64::MAX as u64);
             number.ok_or_else(|| format!("`{name}`: expected a whole number, found {written}"))
         };
@@ -272,15 +272,15 @@ impl Trial {
         let Some(file) = columns_in(&self.people_file)? else { return Ok(None) };
         let mut of_people = vec![None; self.people as usize];
         for row in file.0.iter().filter(|row| row.get(2).is_none_or(|of| *of == seed)) {
-            let place = usize::try_from(row[0]).ok().and_then(|person| of_people.get_mut(person));
-            let place = place.ok_or_else(|| {
+            let index = usize::try_from(row[0]).ok().and_then(|person| of_people.get_mut(person));
+            let index = index.ok_or_else(|| {
                 format!("seed {seed} has a person {}; people are numbered from 0", row[0])
             })?;
-            if place.is_some() {
+            if index.is_some() {
                 return Err(format!("seed {seed} has two rows for person {}", row[0]));
             }
             // A row that no file has is reported as such.
-            *place = Some(u32::try_from(row[1]).unwrap_or(u32::MAX));
+            *index = Some(u32::try_from(row[1]).unwrap_or(u32::MAX));
         }
         let missing = of_people.iter().position(Option::is_none);
         match missing {

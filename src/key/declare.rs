@@ -89,11 +89,11 @@ pub trait Keyed: Sized {
     fn with_settings(&self, settings: &Map<String, Json>) -> Result<Self, SettingError> {
         let mut values = self.to_values();
         for (name, json) in settings {
-            let place = Self::KEYS.iter().position(|key| key.name == name);
-            let place = place.ok_or_else(|| SettingError::Unknown(name.clone()))?;
-            let kind = Self::KEYS[place].kind;
+            let index = Self::KEYS.iter().position(|key| key.name == name);
+            let index = index.ok_or_else(|| SettingError::Unknown(name.clone()))?;
+            let kind = Self::KEYS[index].kind;
             let value = kind.value(json).filter(|value| kind.admits(value));
-            values[place] = value.ok_or_else(|| SettingError::Value {
+            values[index] = value.ok_or_else(|| SettingError::Value {
                 name: name.clone(),
                 expected: kind.expectation(),
                 found: json.to_string(),

@@ -43,26 +43,26 @@ pub(super) fn check(
         (0..manifest.agents.len()).map(|agent| Grid::of(&manifest, agent)).collect();
     for constraint in (manifest.family().constraints)() {
         let certain = grids.iter().enumerate();
-        let mut certain = certain.filter(|(place, grid)| {
-            is_certain(draft, *place, grid, constraint.parameters, &broken)
+        let mut certain = certain.filter(|(index, grid)| {
+            is_certain(draft, *index, grid, constraint.parameters, &broken)
         });
         // No key of an agent is involved: one agent's violation stands for all.
-        if let Some((place, grid)) = certain.find(|(_, grid)| grid.violation(constraint).is_some())
+        if let Some((index, grid)) = certain.find(|(_, grid)| grid.violation(constraint).is_some())
         {
-            hold(draft, Concerned::Environment(place), grid, constraint, faults);
+            hold(draft, Concerned::Environment(index), grid, constraint, faults);
         }
     }
     let agents = manifest.agents.iter().zip(&grids).enumerate();
-    for (place, (declared, grid)) in agents {
+    for (index, (declared, grid)) in agents {
         for constraint in declared.algorithm.constraints() {
-            if is_certain(draft, place, grid, constraint.parameters, &broken) {
-                hold(draft, Concerned::Agent(place), grid, constraint, faults);
+            if is_certain(draft, index, grid, constraint.parameters, &broken) {
+                hold(draft, Concerned::Agent(index), grid, constraint, faults);
             }
         }
         for (keys, violation) in grid.too_large().into_iter().chain(grid.unsuited()) {
             let parameters: Vec<Parameter> = keys.parameters().collect();
-            if is_certain(draft, place, grid, &parameters, &broken) {
-                report(draft, Concerned::Agent(place), &keys, violation, faults);
+            if is_certain(draft, index, grid, &parameters, &broken) {
+                report(draft, Concerned::Agent(index), &keys, violation, faults);
             }
         }
     }

@@ -96,15 +96,15 @@ fn given_or<T>(given: Option<Vec<T>>, harmless: impl Fn() -> T) -> Vec<T> {
 /// Reports the keys of a section that are missing, and marks them as faulty.
 fn require(settings: &mut Settings, faults: &mut FaultList) {
     let section = settings.section;
-    for (place, key) in section.keys().iter().enumerate() {
-        if settings.given.contains_key(&place) || key.default().is_some() {
+    for (index, key) in section.keys().iter().enumerate() {
+        if settings.given.contains_key(&index) || key.default().is_some() {
             continue;
         }
         let span = settings.span.unwrap_or(Span { start: 0, end: 0 });
         let message = format!("missing key `{}` in {}", key.name, section.header());
         let help = format!("it is {}: {}", key.kind.expectation(), key.doc());
         faults.add(Fault::at(span, message).help(help));
-        settings.mark_invalid(place, span);
+        settings.mark_invalid(index, span);
     }
 }
 
@@ -132,8 +132,8 @@ fn draws(settings: &Settings) -> Vec<(Parameter, Draw)> {
 
 fn parameters(settings: &Settings) -> Parameters {
     let section = settings.section;
-    let value = |(place, key): (usize, &Key)| {
-        let given = settings.given.get(&place).map(|values| values.value.clone());
+    let value = |(index, key): (usize, &Key)| {
+        let given = settings.given.get(&index).map(|values| values.value.clone());
         given_or(given, || key.default().unwrap_or_else(|| harmless(key.kind)))
     };
     Parameters::new(section, section.keys().iter().enumerate().map(value).collect())

@@ -91,8 +91,8 @@ impl Settings {
     }
 
     /// Marks the key at this index of the table as present but invalid.
-    pub fn mark_invalid(&mut self, place: usize, span: Span) {
-        self.given.entry(place).or_insert(Located { value: Vec::new(), span });
+    pub fn mark_invalid(&mut self, index: usize, span: Span) {
+        self.given.entry(index).or_insert(Located { value: Vec::new(), span });
     }
 
     pub fn override_with(&mut self, other: Settings) {

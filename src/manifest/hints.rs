@@ -27,11 +27,11 @@ const FEW_ROLLOUTS: u64 = 50;
 /// Hints on a valid manifest, as fragments.
 pub fn hints(manifest: &Manifest) -> Vec<String> {
     let mut hints: Vec<String> = large_sigma(manifest).into_iter().collect();
-    for (place, agent) in manifest.agents.iter().enumerate() {
+    for (index, agent) in manifest.agents.iter().enumerate() {
         hints.extend(layers_like_a_sweep(manifest, agent));
         hints.extend(keys_without_effect(manifest, agent));
         hints.extend(minibatch_of_one_step(agent));
-        hints.extend(few_rollouts(manifest, place));
+        hints.extend(few_rollouts(manifest, index));
         let of = format!("agent {}", printable(&agent.name));
         hints.extend(missing_programs(manifest, &of, &agent.parameters));
     }
@@ -156,7 +156,7 @@ fn long_windows(manifest: &Manifest, analysis: &Analysis) -> Vec<String> {
 }
 
 /// A hint for a budget of PPO that ends after a few rollouts.
-fn few_rollouts(manifest: &Manifest, place: usize) -> Option<String> {
+fn few_rollouts(manifest: &Manifest, index: usize) -> Option<String> {
     const EPISODES: Parameter = Parameter::Agent("episodes");
     const HORIZON: Parameter = Parameter::Environment("horizon");
     const UNPAID_LAST_STEP: Parameter = Parameter::Environment("unpaid_last_step");
@@ -181,12 +181,12 @@ fn few_rollouts(manifest: &Manifest, place: usize) -> Option<String> {
             })
         },
     };
-    let agent = &manifest.agents[place];
+    let agent = &manifest.agents[index];
     // How long the episodes of a program can be is not known yet.
     if agent.algorithm.name() != "ppo" || manifest.family().is_external() {
         return None;
     }
-    match Grid::of(manifest, place).violation(&FEW)?.1 {
+    match Grid::of(manifest, index).violation(&FEW)?.1 {
         Violation::Contradiction(says) => Some(format!("agent {} {says}", printable(&agent.name))),
         Violation::Impossible { .. } | Violation::TooLarge(_) => None,
     }

@@ -115,7 +115,7 @@ impl Parameters {
     /// One value for each key, at the index that `choose` returns for the key's place.
     pub(super) fn chosen(&self, choose: impl Fn(usize) -> usize) -> Vec<Value> {
         let values = self.values.iter().enumerate();
-        values.map(|(place, values)| values[choose(place)].clone()).collect()
+        values.map(|(index, values)| values[choose(index)].clone()).collect()
     }
 
     /// One condition per swept key: that the key has one of its values.

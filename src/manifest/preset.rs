@@ -63,9 +63,9 @@ mod tests {
     fn the_paper_preset_spells_out_the_defaults() {
         for agent in draft("paper").agents {
             let section = agent.settings.section;
-            for (place, key) in section.keys().iter().enumerate() {
+            for (index, key) in section.keys().iter().enumerate() {
                 let (key, default, before) = (key.name, key.default(), key.before());
-                let given = agent.settings.given.get(&place).map(|values| values.value.clone());
+                let given = agent.settings.given.get(&index).map(|values| values.value.clone());
                 match given {
                     Some(values) => assert_eq!(values, [default.unwrap()], "{key}"),
                     // A key that was added later has its value of earlier jobs.

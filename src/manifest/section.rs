@@ -248,12 +248,12 @@ mod tests {
         for section in Section::all() {
             let some = section.keys().iter().map(|key| extremes(key.kind)[0].clone());
             let some: Vec<Value> = some.collect();
-            for (place, key) in section.keys().iter().enumerate() {
+            for (index, key) in section.keys().iter().enumerate() {
                 let given = [key.default(), key.before()].into_iter().flatten();
                 for value in extremes(key.kind).into_iter().chain(given) {
                     assert!(key.kind.admits(&value), "{} = {value}", key.name);
                     let mut values = some.clone();
-                    values[place] = value.clone();
+                    values[index] = value.clone();
                     assert!(fit(section, values), "{} = {value}", key.name);
                 }
             }

@@ -26,8 +26,8 @@ impl Factors {
     /// The factors of a manifest's agents; agents with the same factors are grouped.
     pub fn of(manifest: &Manifest) -> Vec<Factors> {
         let mut all: Vec<Factors> = Vec::new();
-        for (place, agent) in manifest.agents.iter().enumerate() {
-            let grid = Grid::of(manifest, place);
+        for (index, agent) in manifest.agents.iter().enumerate() {
+            let grid = Grid::of(manifest, index);
             let named = |(parameters, length): (&[Parameter], usize)| (name(parameters), length);
             let each: Vec<(String, usize)> = grid.factors().map(named).collect();
             let cells: u64 = each.iter().map(|(_, length)| *length as u64).product();

@@ -104,11 +104,11 @@ impl Races {
     ) -> Result<Option<Races>, E> {
         let Some(search) = &manifest.search else { return Ok(None) };
         let mut races = Races { races: Vec::new(), references: Vec::new() };
-        for (place, agent) in manifest.agents.iter().enumerate() {
-            if Grid::of(manifest, place).count() == 0 {
+        for (index, agent) in manifest.agents.iter().enumerate() {
+            if Grid::of(manifest, index).count() == 0 {
                 continue;
             }
-            let mut course = Course { manifest, search, place, scores: &mut scores };
+            let mut course = Course { manifest, search, place: index, scores: &mut scores };
             if agent.draws.is_empty() {
                 let fresh = course.fresh(0, None)?;
                 races.references.push(Reference { agent: agent.name.clone(), fresh });
@@ -150,8 +150,8 @@ pub fn at_stage<E>(
 pub fn race_jobs(manifest: &Manifest) -> Option<RaceJobs> {
     let search = manifest.search.as_ref()?;
     let mut jobs = RaceJobs::default();
-    for (place, agent) in manifest.agents.iter().enumerate() {
-        let count = Grid::of(manifest, place).count();
+    for (index, agent) in manifest.agents.iter().enumerate() {
+        let count = Grid::of(manifest, index).count();
         if agent.draws.is_empty() {
             jobs = RaceJobs { least: jobs.least + count, most: jobs.most + count };
             continue;
@@ -182,7 +182,7 @@ pub fn race_line(manifest: &Manifest) -> Option<String> {
     let (search, jobs) = (manifest.search.as_ref()?, race_jobs(manifest)?);
     let raced = manifest.agents.iter().enumerate();
     let raced = raced
-        .filter(|(place, agent)| !agent.draws.is_empty() && Grid::of(manifest, *place).count() > 0);
+        .filter(|(index, agent)| !agent.draws.is_empty() && Grid::of(manifest, *index).count() > 0);
     let names: Vec<String> = raced.map(|(_, agent)| printable(&agent.name)).collect();
     let (samples, last) = (search.samples, counted(search.race_seeds(), "seed"));
     Some(format!(

@@ -38,8 +38,8 @@ impl Settings {
     /// All dotted names and values, in the order of the names.
     pub fn iter(&self) -> impl Iterator<Item = (&str, &Scalar)> {
         let mut own = self.own.iter().peekable();
-        self.base.named.iter().enumerate().map(move |(place, (name, value))| {
-            let own = own.next_if(|(at, _)| *at == place);
+        self.base.named.iter().enumerate().map(move |(index, (name, value))| {
+            let own = own.next_if(|(at, _)| *at == index);
             (name.as_str(), own.map_or(value, |(_, own)| own))
         })
     }
@@ -65,9 +65,9 @@ impl Settings {
         places.into_iter().map(|place| other.base.named[place].0.as_str()).collect()
     }
 
-    fn at(&self, place: usize) -> &Scalar {
-        let own = self.own.iter().find(|(at, _)| *at == place);
-        own.map_or(&self.base.named[place].1, |(_, own)| own)
+    fn at(&self, index: usize) -> &Scalar {
+        let own = self.own.iter().find(|(at, _)| *at == index);
+        own.map_or(&self.base.named[index].1, |(_, own)| own)
     }
 }
 

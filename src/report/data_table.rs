@@ -209,18 +209,18 @@ impl DataTable {
     pub fn shown_columns(&self) -> impl Iterator<Item = usize> {
         let columns = self.columns.iter().enumerate();
         let shown = columns.filter(|(_, column)| column.reach == Reach::Everywhere);
-        shown.map(|(place, _)| place).filter(|place| !self.is_unpublished(*place))
+        shown.map(|(index, _)| index).filter(|index| !self.is_unpublished(*index))
     }
 
     /// Whether a column is for published numbers but has none.
-    fn is_unpublished(&self, place: usize) -> bool {
+    fn is_unpublished(&self, index: usize) -> bool {
         let is_missing = |entry: &TableEntry| *entry == TableEntry::published(None);
-        !self.rows.is_empty() && self.rows.iter().all(|row| is_missing(&row[place]))
+        !self.rows.is_empty() && self.rows.iter().all(|row| is_missing(&row[index]))
     }
 
     /// Whether a column holds numbers and no text.
-    pub fn is_numeric(&self, place: usize) -> bool {
-        let mut entries = self.rows.iter().map(|row| &row[place]);
+    pub fn is_numeric(&self, index: usize) -> bool {
+        let mut entries = self.rows.iter().map(|row| &row[index]);
         entries.clone().any(|entry| matches!(entry, TableEntry::Number { .. }))
             && entries
                 .all(|entry| !matches!(entry, TableEntry::Text { shown, .. } if !shown.is_empty()))

@@ -195,21 +195,21 @@ impl Stems {
 /// The comparisons of all experiments, with each published number once.
 fn merged(experiments: &[ReportedExperiment]) -> Reproduction {
     let mut merged = Reproduction::default();
-    fn place(one: &Comparison) -> impl PartialEq {
+    fn index(one: &Comparison) -> impl PartialEq {
         let Comparison { subject, metric, agent, scenario, settings, published, .. } = one;
         (subject, metric, agent, scenario, settings, published)
     }
     for one in experiments.iter().filter_map(|experiment| experiment.reproduction.as_ref()) {
         for comparison in &one.comparisons {
-            let is_same = |known: &Comparison| place(known) == place(comparison);
+            let is_same = |known: &Comparison| index(known) == index(comparison);
             if !merged.comparisons.iter().any(is_same) {
                 merged.comparisons.push(comparison.clone());
             }
         }
     }
     let subjects: Vec<String> = merged.subjects().into_iter().map(str::to_owned).collect();
-    let place = |one: &Comparison| subjects.iter().position(|subject| *subject == one.subject);
-    merged.comparisons.sort_by_key(place);
+    let index = |one: &Comparison| subjects.iter().position(|subject| *subject == one.subject);
+    merged.comparisons.sort_by_key(index);
     merged
 }
 

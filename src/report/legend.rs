@@ -30,13 +30,13 @@ impl Legend {
         let mut seen = HashSet::new();
         let all = scenes.flat_map(|(_, scene)| &scene.series).flatten();
         for (name, value) in all.filter(|facet| seen.insert(*facet)) {
-            let place = legend.facets.iter().position(|(known, _)| known == name);
-            let place = place.unwrap_or_else(|| {
+            let index = legend.facets.iter().position(|(known, _)| known == name);
+            let index = index.unwrap_or_else(|| {
                 legend.facets.push((name.clone(), Vec::new()));
                 legend.facets.len() - 1
             });
             let color = looks.color_of(name, value);
-            legend.facets[place].1.push(LegendValue { value: value.clone(), color });
+            legend.facets[index].1.push(LegendValue { value: value.clone(), color });
         }
         legend.facets.retain(|(_, values)| values.len() > 1);
         let facets = legend.facets.iter().enumerate();

@@ -39,11 +39,13 @@ impl Queued {
     }
 }
 
+/// The estimates of a job, and the digest of its results if it was trained again.
+type OfJob = (Vec<Estimates>, Option<[u8; 32]>);
+
 /// What a worker has computed of a job that lacks estimates.
 pub(super) struct Computed {
-    /// The estimates, and the digest of the job's results if it was trained again; `None` if it was stopped, the reason
-    /// if there are none.
-    estimates: Result<Option<(Vec<Estimates>, Option<[u8; 32]>)>, String>,
+    /// `None` if it was stopped, the reason if there are none.
+    estimates: Result<Option<OfJob>, String>,
     /// How training again ended; `None` if the decisions were read.
     pub(super) trained: Option<Outcome>,
 }

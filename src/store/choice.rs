@@ -28,9 +28,9 @@ pub(super) fn insert(
 ) -> rusqlite::Result<()> {
     let rows = blocks(decisions).map(|steps| {
         let mut bits = 0_i64;
-        for (place, decision) in steps.iter().enumerate() {
+        for (index, decision) in steps.iter().enumerate() {
             let step = decision.chosen | u8::from(decision.can_send) << 2;
-            bits |= i64::from(step) << (BITS * place);
+            bits |= i64::from(step) << (BITS * index);
         }
         Ok([row_id(run, &steps[0])?.into(), bits.into(), probabilities(steps)?.into()])
     });

@@ -64,7 +64,7 @@ fn insert_steps(
     steps: &[Decision],
 ) -> rusqlite::Result<()> {
     let mut bits = 0_i64;
-    for (place, decision) in steps.iter().enumerate() {
+    for (index, decision) in steps.iter().enumerate() {
         let &[context, probability, likely, habituation, disengagement] = &*decision.state else {
             let error = format!("a decision does not have the state {STATE:?}: {decision:?}");
             return Err(Error::ToSqlConversionFailure(error.into()));
@@ -73,7 +73,7 @@ fn insert_steps(
             | u8::from(likely != 0.0) << 1
             | u8::from(decision.available) << 2
             | decision.action << 3;
-        bits |= i64::from(step) << (BITS * place);
+        bits |= i64::from(step) << (BITS * index);
         let numbers = [
             probability,
             habituation,
@@ -85,7 +85,7 @@ fn insert_steps(
             let error = format!("a decision has a number that is not finite: {decision:?}");
             return Err(Error::ToSqlConversionFailure(error.into()));
         }
-        for (number, column) in numbers.into_iter().zip(4 + NUMBERS * place..) {
+        for (number, column) in numbers.into_iter().zip(4 + NUMBERS * index..) {
             insert.raw_bind_parameter(column, number)?;
         }
     }

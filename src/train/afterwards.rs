@@ -77,13 +77,13 @@ impl Afterwards {
                 continue;
             };
             let truths = of.truths.iter().map(Some).chain(std::iter::repeat(None));
-            for (place, (term, truth)) in terms.iter_mut().zip(truths).enumerate() {
+            for (index, (term, truth)) in terms.iter_mut().zip(truths).enumerate() {
                 let Ok(effect) = &mut term.effect else { continue };
                 effect.truth = truth.copied().filter(|truth| truth.abs() < 1e300);
                 let effect = *effect;
                 term.effect = match &of.errors {
                     None => Ok(effect),
-                    Some(Ok(errors)) => with_standard_error(effect, errors[place]),
+                    Some(Ok(errors)) => with_standard_error(effect, errors[index]),
                     Some(Err(why)) => Err(why.clone()),
                 };
             }

@@ -141,8 +141,8 @@ resumable!([] CurvePoint { parts episode, metric, value });
 
 impl Resumable for MetricName {
     fn save(&self, out: &mut StateWriter<'_>) -> io::Result<()> {
-        let place = metrics_of(MetricPlace::Curve).position(|metric| metric == *self);
-        out.one(place.expect("every metric of a curve is listed") as u8)
+        let index = metrics_of(MetricPlace::Curve).position(|metric| metric == *self);
+        out.one(index.expect("every metric of a curve is listed") as u8)
     }
 
     fn restore(&mut self, from: &mut StateReader<'_>) -> Result<(), StateError> {

@@ -44,7 +44,7 @@ enum Course {
     /// In batches of episodes, with these participants; `None` if all have the same parameters.
     Batches(Option<People>),
     /// By the calendar of a trial.
-    Trial(Study),
+    Trial(Box<Study>),
 }
 
 /// The participants of a test. Their parameters do not depend on what happens in it.
@@ -114,7 +114,7 @@ impl Test {
                     lanes = Box::new(Reported::new(lanes, reports));
                 }
                 episodes = trial.people;
-                Course::Trial(study)
+                Course::Trial(Box::new(study))
             }
         };
         Test {
@@ -166,7 +166,7 @@ impl Test {
             Course::Batches(_) => drive(lanes, agent, streams, &mut pausing, &mut Lockstep)?,
             Course::Trial(study) => {
                 study.assign(lanes);
-                drive(lanes, agent, streams, &mut pausing, study)?;
+                drive(lanes, agent, streams, &mut pausing, &mut **study)?;
                 if study.is_over() {
                     study.end(lanes);
                     observers.ended(lanes.statuses());
@@ -229,10 +229,10 @@ impl Test {
             if let Course::Trial(_) = course {
                 lanes.participant(lane, &mut values);
                 let (phase, episode) = (Phase::Test, lane as u32 + 1);
-                participants.extend(values.drain(..).map(|(place, value)| ParticipantValue {
+                participants.extend(values.drain(..).map(|(index, value)| ParticipantValue {
                     phase,
                     episode,
-                    parameter: place as u8,
+                    parameter: index as u8,
                     value,
                 }));
             }

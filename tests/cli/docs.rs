@@ -306,11 +306,11 @@ fn the_query_of_figure_1_of_bots_has_the_published_values() {
     let rounds = published["rounds"].as_array().unwrap();
     let updated = rounds.iter().find(|one| one["legend"].as_str() == Some("TS(Update)")).unwrap();
     let column = |name: &str| updated[name].as_array().unwrap();
-    for (place, row) in rows.iter().enumerate() {
+    for (index, row) in rows.iter().enumerate() {
         let numbers: Vec<f64> = row.iter().map(|cell| cell.parse().unwrap()).collect();
-        assert_eq!(Some(numbers[0] as i64), column("batch")[place].as_integer());
-        assert_eq!(Some(numbers[1]), column("value")[place].as_float());
-        assert_eq!(Some(numbers[2]), column("half_height")[place].as_float());
+        assert_eq!(Some(numbers[0] as i64), column("batch")[index].as_integer());
+        assert_eq!(Some(numbers[1]), column("value")[index].as_float());
+        assert_eq!(Some(numbers[2]), column("half_height")[index].as_float());
     }
     assert_eq!(rows.len(), column("batch").len());
 }

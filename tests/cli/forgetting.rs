@@ -117,7 +117,7 @@ fn the_latest_change_of_a_manifest_is_the_last_one_whatever_the_clock_said() {
     let status = folder.jitai(["status"]).succeeded();
     status.prints("(the latest of 2 changes)").prints("  - seeds = 3\n  + seeds = 4\n");
     let changes = folder.jitai(["status", "--format", "json"]).succeeded().json();
-    let added = |place: usize| changes[0]["manifest_changes"][place]["added"][0].clone();
+    let added = |index: usize| changes[0]["manifest_changes"][index]["added"][0].clone();
     assert_eq!((added(0), added(1)), ("seeds = 3".into(), "seeds = 4".into()));
     folder.jitai(["export", "--out", "export"]).succeeded();
     let mut rows = csv::Reader::from_path(folder.path("export/manifest.csv")).unwrap();

@@ -59,8 +59,8 @@ fn learned_effects_stand_beside_those_of_trials_without_an_effect() {
     assert_eq!(rows.len(), 2, "{csv}");
     let headers = csv::Reader::from_reader(csv.as_bytes()).headers().unwrap().clone();
     let cell = |row: usize, name: &str| {
-        let place = headers.iter().position(|one| one == name).unwrap();
-        rows[row][place].to_owned()
+        let index = headers.iter().position(|one| one == name).unwrap();
+        rows[row][index].to_owned()
     };
     let number = |row: usize, name: &str| cell(row, name).parse::<f64>().unwrap();
     for row in 0..2 {

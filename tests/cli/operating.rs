@@ -57,9 +57,9 @@ estimates = ["any"]
 /// The column of a CSV file, by row.
 fn column(csv: &str, name: &str) -> Vec<String> {
     let mut reader = csv::Reader::from_reader(csv.as_bytes());
-    let place = reader.headers().unwrap().iter().position(|one| one == name);
-    let place = place.unwrap_or_else(|| panic!("no column {name} in {csv}"));
-    reader.records().map(|row| row.unwrap()[place].to_owned()).collect()
+    let index = reader.headers().unwrap().iter().position(|one| one == name);
+    let index = index.unwrap_or_else(|| panic!("no column {name} in {csv}"));
+    reader.records().map(|row| row.unwrap()[index].to_owned()).collect()
 }
 
 fn numbers(csv: &str, name: &str) -> Vec<f64> {
@@ -77,7 +77,7 @@ fn characteristics_are_those_of_the_rows_of_estimates() {
         folder.number("SELECT count(*) FROM estimate WHERE name = 'any' AND truth IS NULL"),
         60
     );
-    for (place, people) in ["5", "40"].iter().enumerate() {
+    for (index, people) in ["5", "40"].iter().enumerate() {
         let of = |what: &str| -> f64 {
             let sql = format!(
                 "SELECT {what} FROM estimate JOIN parameter USING (job_key)
@@ -87,7 +87,7 @@ fn characteristics_are_those_of_the_rows_of_estimates() {
         };
         // The effect of message 1 is 64 in every state.
         let truth = of("avg(truth)");
-        assert!((truth - 64.0).abs() < [40.0, 8.0][place], "{truth}");
+        assert!((truth - 64.0).abs() < [40.0, 8.0][index], "{truth}");
         let held = format!("avg({truth:?} BETWEEN low AND high)");
         for (name, what) in [
             ("truth", "avg(truth)"),
@@ -96,10 +96,10 @@ fn characteristics_are_those_of_the_rows_of_estimates() {
             ("coverage", held.as_str()),
             ("power", "avg(low > 0 OR high < 0)"),
         ] {
-            let (found, expected) = (numbers(&csv, name)[place], of(what));
+            let (found, expected) = (numbers(&csv, name)[index], of(what));
             assert!((found - expected).abs() < 1e-9, "{name}: {found}, expected {expected}");
         }
-        let errors = [numbers(&csv, "bias_low")[place], numbers(&csv, "bias_high")[place]];
+        let errors = [numbers(&csv, "bias_low")[index], numbers(&csv, "bias_high")[index]];
         assert!(errors[0] < 0.0 && errors[1] > 0.0, "an unbiased estimate: {errors:?}");
     }
     let powers = numbers(&csv, "power");

@@ -178,8 +178,8 @@ fn a_report_says_how_much_of_a_loss_is_won_back() {
     assert_eq!(rows.len(), 2, "one for each sigma: {table}");
     for row in rows {
         let number = |name: &str| -> f64 {
-            let place = header.iter().position(|column| *column == name).unwrap();
-            row[place].parse().unwrap_or_else(|_| panic!("{name}: {table}"))
+            let index = header.iter().position(|column| *column == name).unwrap();
+            row[index].parse().unwrap_or_else(|_| panic!("{name}: {table}"))
         };
         let (with, without) = (number("return_with"), number("return_without"));
         let share = (with - without) / (number("optimum") - without);

@@ -546,9 +546,9 @@ fn no_changed_state_panics(chosen: impl Fn(&str) -> bool) {
             (false, true) => 1,
             (false, false) => bytes.div_ceil(CHANGED) | 1,
         };
-        for place in (state..checkpoint.len() - SEAL).step_by(stride) {
+        for index in (state..checkpoint.len() - SEAL).step_by(stride) {
             let mut changed = checkpoint[..checkpoint.len() - SEAL].to_vec();
-            changed[place] ^= 0xff;
+            changed[index] ^= 0xff;
             let seal = Sha256::digest(&changed);
             changed.extend(&seal[..]);
             // Whether the text is accepted or not, nothing panics, and memory is allocated only for

@@ -309,10 +309,10 @@ fn the_store_shows_every_decision_to_the_bit_and_counts_them_as_results() {
     let drawn = results.decisions.iter().find(|decision| decision.step == 3).unwrap();
     let pattern = drawn.state[1].to_be_bytes();
     let places = bytes.windows(8).enumerate().filter(|(_, window)| *window == pattern);
-    let places: Vec<usize> = places.map(|(place, _)| place).collect();
+    let places: Vec<usize> = places.map(|(index, _)| index).collect();
     // SQLite may have left a copy where it split a page.
     assert!(!places.is_empty());
-    places.iter().for_each(|place| bytes[place + 7] ^= 1);
+    places.iter().for_each(|index| bytes[index + 7] ^= 1);
     fs::write(&path, bytes).unwrap();
     let examined = examine(&path, &|_, _| Ok(())).unwrap();
     assert_eq!(examined.intact, 0);

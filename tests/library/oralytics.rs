@@ -68,7 +68,7 @@ fn histories(of_person: &[&Decision]) -> Vec<(Vec<bool>, f64)> {
     let mut lane = simulation(official(), 1);
     lane.begin(0, 0);
     let mut fitting = vec![(lane, vec![true], 0.0_f64)];
-    for (place, decision) in of_person.iter().enumerate() {
+    for (index, decision) in of_person.iter().enumerate() {
         for (lane, _, error) in &mut fitting {
             let [_, brushing, dosage, app, ..] = lane.seen(0);
             let errors = [brushing, dosage, app].into_iter().zip(decision.seen);
@@ -77,7 +77,7 @@ fn histories(of_person: &[&Decision]) -> Vec<(Vec<bool>, f64)> {
         fitting.retain(|(_, _, error)| *error < 1e-9);
         let mut next: Vec<(Brushing, Vec<bool>, f64)> = Vec::new();
         for (lane, opened, error) in fitting {
-            let begins_day = place % 2 == 1 && place < 139;
+            let begins_day = index % 2 == 1 && index < 139;
             for opens in if begins_day { &[true, false][..] } else { &[true] } {
                 let (mut lane, mut opened) = (lane.clone(), opened.clone());
                 let reward = lane.force(0, decision.action, decision.seconds, *opens);

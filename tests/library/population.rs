@@ -307,8 +307,8 @@ fn the_view_names_every_parameter_by_its_place() {
     let raw = rusqlite::Connection::open(&path).unwrap();
     let sql = "SELECT sql FROM sqlite_schema WHERE name = 'participant'";
     let view: String = raw.query_row(sql, [], |row| row.get(0)).unwrap();
-    for (place, name) in ParticipantSampler::all_names().enumerate() {
-        assert!(view.contains(&format!("WHEN {place} THEN '{name}'\n")), "{place} {name}");
+    for (index, name) in ParticipantSampler::all_names().enumerate() {
+        assert!(view.contains(&format!("WHEN {index} THEN '{name}'\n")), "{index} {name}");
     }
 }
 

@@ -43,7 +43,7 @@ fn every_value_of_the_official_trajectories_is_repeated_exactly() {
     let file: Value = serde_json::from_str(include_str!("../data/step_count/golden.json")).unwrap();
     let cases = file["cases"].as_array().unwrap();
     assert_eq!(cases.len(), 9);
-    for (place, case) in cases.iter().enumerate() {
+    for (index, case) in cases.iter().enumerate() {
         let mut parameters = case["parameters"].as_object().unwrap().clone();
         parameters.insert("horizon".to_owned(), case["horizon"].clone());
         let environment = official(number(case, "sigma"), &parameters);
@@ -52,7 +52,7 @@ fn every_value_of_the_official_trajectories_is_repeated_exactly() {
         lane.reset(LaneSet::All, &mut streams);
         let mut observation = lane.observation_spec().observations();
         for (t, step) in case["steps"].as_array().unwrap().iter().enumerate() {
-            let what = format!("case {place}, step {t}");
+            let what = format!("case {index}, step {t}");
             assert_eq!(lane.statuses()[0], EpisodeStatus::Running, "{what}");
             let context = step["context"].as_u64().unwrap() as u8;
             let draw = ContextDraw::new(context, number(step, "p0"));
@@ -71,13 +71,13 @@ fn every_value_of_the_official_trajectories_is_repeated_exactly() {
             assert_eq!(reward[0], number(step, "reward"), "{what}");
         }
         let end = &case["final"];
-        assert_eq!(lane.habituation()[0], number(end, "habituation"), "case {place}");
-        assert_eq!(lane.disengagement()[0], number(end, "disengagement"), "case {place}");
+        assert_eq!(lane.habituation()[0], number(end, "habituation"), "case {index}");
+        assert_eq!(lane.disengagement()[0], number(end, "disengagement"), "case {index}");
         let disengaged = lane.statuses()[0] == EpisodeStatus::Terminated;
-        assert_eq!(disengaged, case["disengaged"].as_bool().unwrap(), "case {place}");
+        assert_eq!(disengaged, case["disengaged"].as_bool().unwrap(), "case {index}");
         if !disengaged {
             // The horizon is reached; the next call pays nothing and ends the episode.
-            assert_eq!(lane.statuses()[0], EpisodeStatus::Running, "case {place}");
+            assert_eq!(lane.statuses()[0], EpisodeStatus::Running, "case {index}");
             let mut reward = [f64::NAN];
             lane.apply_actions(&[Action::UNTAILORED], &mut reward);
             assert_eq!((reward[0], lane.statuses()[0]), (0.0, EpisodeStatus::Truncated));
@@ -158,8 +158,8 @@ fn compare_all(what: &str, draws: &mut [f64], theirs: &Value, levels: &[Value]) 
         compare(&format!("{what} of the law"), ours, number(law, name), 0.0, error * share);
     }
     for (i, level) in levels.iter().enumerate() {
-        let place = level.as_f64().unwrap() * (n - 1.0);
-        let (_, ours, _) = draws.select_nth_unstable_by(place.round() as usize, f64::total_cmp);
+        let index = level.as_f64().unwrap() * (n - 1.0);
+        let (_, ours, _) = draws.select_nth_unstable_by(index.round() as usize, f64::total_cmp);
         let error = theirs["quantile_se"][i].as_f64().unwrap();
         let quantile = theirs["quantiles"][i].as_f64().unwrap();
         compare(&format!("{what}, quantile {level}"), *ours, quantile, error, error * share);
@@ -173,9 +173,9 @@ fn moments_and_quantiles_of_a_step_are_those_of_the_official_code_and_of_the_for
     let levels = file["levels"].as_array().unwrap();
     let cells = file["cells"].as_array().unwrap();
     assert_eq!(cells.len(), 21);
-    for (place, cell) in cells.iter().enumerate() {
-        let what = |name: &str| format!("cell {place}, {name}");
-        let mut ours = sample(cell, 100 + place as u64);
+    for (index, cell) in cells.iter().enumerate() {
+        let what = |name: &str| format!("cell {index}, {name}");
+        let mut ours = sample(cell, 100 + index as u64);
         compare_all(&what("h"), &mut ours.habituation, &cell["next_habituation"], levels);
         compare_all(&what("d"), &mut ours.disengagement, &cell["next_disengagement"], levels);
         compare_all(&what("reward"), &mut ours.reward, &cell["reward"], levels);

@@ -42,11 +42,11 @@ struct Table {
 impl Table {
     /// The table with its columns in this order, and its rows sorted.
     fn arranged(&self, columns: &[String]) -> Table {
-        let place = |name: &String| {
+        let index = |name: &String| {
             let found = self.columns.iter().position(|column| column == name);
             found.unwrap_or_else(|| panic!("no column {name} in {:?}", self.columns))
         };
-        let places: Vec<usize> = columns.iter().map(place).collect();
+        let places: Vec<usize> = columns.iter().map(index).collect();
         let arrange = |row: &Vec<String>| places.iter().map(|at| row[*at].clone()).collect();
         let mut rows: Vec<Vec<String>> = self.rows.iter().map(arrange).collect();
         rows.sort_by_key(|row| row.iter().map(|cell| coarse(cell)).collect::<Vec<_>>());
@@ -342,8 +342,8 @@ fn standard_errors_after_a_study_are_those_of_lifejacket() {
         let size = covariance.len().isqrt();
         let rows = theirs.as_array().unwrap();
         assert_eq!(rows.len(), size);
-        for (place, row) in rows.iter().enumerate() {
-            let ours = covariance[place * size + place].sqrt();
+        for (index, row) in rows.iter().enumerate() {
+            let ours = covariance[index * size + index].sqrt();
             let [after, nominal] =
                 ["after_study", "nominal"].map(|name| row[name].as_f64().unwrap());
             assert!((ours / after - 1.0).abs() < 1e-6, "{agent}: {ours}, {row}");

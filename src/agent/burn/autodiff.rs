@@ -48,7 +48,7 @@ impl<P: PolicyGradient> AutodiffPolicy<P> {
     /// **Errors**: an array is missing or of another shape.
     pub fn trained(policy: P, shape: Shape, weights: &Weights) -> Result<Self, WeightsError> {
         let shapes = policy.shapes(shape).into_iter().enumerate();
-        let matrices = shapes.map(|(place, shape)| weights.tensor(&name(place), &shape).cloned());
+        let matrices = shapes.map(|(index, shape)| weights.tensor(&name(index), &shape).cloned());
         let matrices = matrices.collect::<Result<Vec<WeightTensor>, _>>()?;
         Ok(AutodiffPolicy { matrices: trainer(&matrices, 0.0), policy })
     }
@@ -65,7 +65,7 @@ fn tensors(matrices: &[Param<Tensor<2>>]) -> Vec<Tensor<2>> {
 }
 
 /// The name of the weight matrix at this index.
-fn name(place: usize) -> String {
+fn name(index: usize) -> String {
     format!("matrix.{place}")
 }
 
@@ -103,7 +103,7 @@ impl<P: PolicyGradient> ReinforceEngine for AutodiffPolicy<P> {
 
     fn weights(&self) -> Weights {
         let matrices = tensors(self.matrices.module()).into_iter().enumerate();
-        let tensors = matrices.map(|(place, matrix)| (name(place), WeightTensor::of_burn(matrix)));
+        let tensors = matrices.map(|(index, matrix)| (name(index), WeightTensor::of_burn(matrix)));
         Weights { tensors: tensors.collect(), ..Weights::default() }
     }
 }
@@ -178,8 +178,8 @@ mod tests {
         let sum: f32 = before.iter().map(|logit| logit.exp()).sum();
         assert!((loss + 3.0 * (before[2].exp() / sum).ln()).abs() < 1e-5, "{loss}");
         let after = &policy.weights().tensors["matrix.0"].values;
-        for (place, (after, before)) in after.iter().zip(&before).enumerate() {
-            let step = if place == 2 { 0.01 } else { -0.01 };
+        for (index, (after, before)) in after.iter().zip(&before).enumerate() {
+            let step = if index == 2 { 0.01 } else { -0.01 };
             assert!((after - before - step).abs() < 1e-5, "{place}: {before} {after}");
         }
     }

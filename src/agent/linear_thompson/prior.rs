@@ -125,7 +125,7 @@ impl Prior {
             ));
         }
         let regressions =
-            posterior.mean.iter().zip(&matrices).enumerate().map(|(place, (mean, matrix))| {
+            posterior.mean.iter().zip(&matrices).enumerate().map(|(index, (mean, matrix))| {
                 let matrix = DMatrix::from_iterator(
                     shape.1,
                     shape.1,
@@ -134,7 +134,7 @@ impl Prior {
                 let says = || {
                     format!(
                         "`posterior.{name}`: matrix {} is not symmetric and positive definite",
-                        place + 1
+                        index + 1
                     )
                 };
                 let largest = matrix.amax();

@@ -103,8 +103,8 @@ impl BanditSums {
     /// Adds a decision with its reward to sums.
     pub fn add(&self, decision: Made<'_>, reward: f64, sums: &mut [f64]) {
         let noise = self.parameters.noise_sd * self.parameters.noise_sd;
-        let (place, row) = self.regressors(decision);
-        let own = &mut sums[place * self.of_one()..(place + 1) * self.of_one()];
+        let (index, row) = self.regressors(decision);
+        let own = &mut sums[index * self.of_one()..(index + 1) * self.of_one()];
         let mut at = 0;
         for (i, one) in row.iter().enumerate() {
             for other in &row[..=i] {
@@ -208,8 +208,8 @@ impl SmoothPolicy<'_> {
     }
 
     /// The mean and the standard deviation of a prediction of a regression.
-    fn normal(&mut self, place: usize, row: &[f64]) -> (f64, f64) {
-        let one = &mut self.factored[place];
+    fn normal(&mut self, index: usize, row: &[f64]) -> (f64, f64) {
+        let one = &mut self.factored[index];
         let mean = one.predict(row);
         let whitened = one.whiten(row);
         (mean, whitened.iter().map(|value| value * value).sum::<f64>().sqrt())

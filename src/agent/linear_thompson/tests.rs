@@ -29,11 +29,11 @@ fn data(steps: usize, width: usize, stream: &mut Stream) -> Vec<(Vec<f64>, f64)>
 
 /// The covariance of a regression, from whitened unit vectors.
 fn covariance(factored: &mut Factored, width: usize) -> Vec<f64> {
-    let unit = |place: usize| -> Vec<f64> {
-        (0..width).map(|other| if place == other { 1.0 } else { 0.0 }).collect()
+    let unit = |index: usize| -> Vec<f64> {
+        (0..width).map(|other| if index == other { 1.0 } else { 0.0 }).collect()
     };
     let rows: Vec<Vec<f64>> =
-        (0..width).map(|place| factored.whiten(&unit(place)).to_vec()).collect();
+        (0..width).map(|index| factored.whiten(&unit(index)).to_vec()).collect();
     rows.iter().flat_map(|one| rows.iter().map(|other| dot(one, other))).collect()
 }
 
@@ -96,7 +96,7 @@ fn drawn_coefficients_have_the_mean_and_the_covariance_of_the_posterior() {
         let mut drawn = [(); WIDTH].map(|()| normal(&mut stream));
         factored.draw(&mut drawn);
         for one in 0..WIDTH {
-            let centred = |place: usize| drawn[place] - factored.mean()[place];
+            let centred = |index: usize| drawn[index] - factored.mean()[index];
             sums[one] += centred(one);
             (0..WIDTH)
                 .for_each(|other| products[WIDTH * one + other] += centred(one) * centred(other));

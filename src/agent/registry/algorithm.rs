@@ -576,8 +576,8 @@ impl Agent {
 
     /// The value of one of the algorithm's keys.
     fn value(&self, name: &str) -> Option<&Value> {
-        let place = self.algorithm.keys.iter().position(|key| key.name == name)?;
-        self.values.get(place)
+        let index = self.algorithm.keys.iter().position(|key| key.name == name)?;
+        self.values.get(index)
     }
 
     /// Episodes of training; see [`AlgorithmParameters::episodes`].

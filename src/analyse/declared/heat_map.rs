@@ -257,10 +257,10 @@ mod tests {
         // Two rows of four columns; the mean of the last tile is the second largest, and it is no neighbour.
         let means = [1.0, 2.0, 4.0, 8.0, 30.0, 20.0, 9.0, 29.0];
         let tiles: Vec<HeatTile> = (0..8)
-            .map(|place| HeatTile {
-                x: (place % 4) as f64,
-                y: (place / 4) as f64,
-                value: Ok(means[place]),
+            .map(|index| HeatTile {
+                x: (index % 4) as f64,
+                y: (index / 4) as f64,
+                value: Ok(means[index]),
                 interval: Err(Undefined::NoSeeds),
                 seeds: 3,
                 published: None,
@@ -268,12 +268,12 @@ mod tests {
             .collect();
         // The seeds shift all tiles, those around the largest by other amounts.
         let factors = [1.2, 1.3, 1.0, 1.0, 1.01, 0.5, 1.0, 1.0];
-        let sample = |place: usize, more: f64| {
+        let sample = |index: usize, more: f64| {
             let of =
-                |(seed, shift): (u64, f64)| (seed, means[place] + more + factors[place] * shift);
+                |(seed, shift): (u64, f64)| (seed, means[index] + more + factors[index] * shift);
             Sample::new([(1, -9.0), (2, 0.0), (3, 9.0)].map(of), 0, 0).unwrap()
         };
-        let samples: Vec<Sample> = (0..8).map(|place| sample(place, 0.0)).collect();
+        let samples: Vec<Sample> = (0..8).map(|index| sample(index, 0.0)).collect();
         let found = lead(&tiles, &samples).unwrap();
         assert_eq!((found.tiles, found.is_paired, found.neighbours), ([4, 5], true, 3));
         // Differences of 10 and -4.59, 0, 4.59, with two degrees of freedom: 4.3027 standard errors of 2.65.
@@ -284,9 +284,9 @@ mod tests {
         assert_eq!((found.tested, found.behind), (3, 2));
         assert_eq!(lead(&tiles, &[]), None);
         // A neighbour that is behind by the same amount for every seed is the closest, without an interval.
-        let make_sample = |place: usize| match place {
+        let make_sample = |index: usize| match index {
             5 => sample(4, -10.0),
-            _ => sample(place, 0.0),
+            _ => sample(index, 0.0),
         };
         let found = lead(&tiles, &(0..8).map(make_sample).collect::<Vec<_>>()).unwrap();
         assert_eq!((found.tiles[1], found.interval), (5, Err(Undefined::NoVariance)));

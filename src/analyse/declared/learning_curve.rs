@@ -113,10 +113,10 @@ pub fn figure(window: u32, jobs: &[&JobRecord]) -> LearningFigure {
 
 fn over_seeds(curves: &[Vec<(u32, f64)>]) -> Vec<(u32, f64, Option<Interval>)> {
     let shortest = curves.iter().map(Vec::len).min().unwrap_or(0);
-    let point = |place: usize| {
-        let values: Vec<f64> = curves.iter().map(|curve| curve[place].1).collect();
+    let point = |index: usize| {
+        let values: Vec<f64> = curves.iter().map(|curve| curve[index].1).collect();
         let mean = values.iter().sum::<f64>() / values.len() as f64;
-        (curves[0][place].0, mean, mean_interval(&values).ok())
+        (curves[0][index].0, mean, mean_interval(&values).ok())
     };
     (0..shortest).map(point).collect()
 }

@@ -40,8 +40,8 @@ pub static FAMILY: Family = Family {
 /// The places of a scenario's features among all features.
 fn shown(scenario: &Scenario) -> Result<Vec<usize>, ScenarioError> {
     let Some(names) = scenario.names() else { return Ok((0..SEEN.len()).collect()) };
-    let place = |name: &str| SEEN.iter().position(|(known, ..)| *known == name);
-    names.map(|name| place(name).ok_or_else(|| ScenarioError::Unknown(name.into()))).collect()
+    let index = |name: &str| SEEN.iter().position(|(known, ..)| *known == name);
+    names.map(|name| index(name).ok_or_else(|| ScenarioError::Unknown(name.into()))).collect()
 }
 
 /// The parameters of a test bed.
@@ -101,8 +101,8 @@ impl Model for OralyticsModel {
     }
 
     fn meanings(&self, scenario: &Scenario) -> Vec<Meaning> {
-        let meaning = |place: usize| {
-            let (meaning, unit) = MEANINGS[place];
+        let meaning = |index: usize| {
+            let (meaning, unit) = MEANINGS[index];
             Meaning { meaning: meaning.to_owned(), unit: unit.to_owned(), scale: 1.0 }
         };
         shown(scenario).unwrap_or_default().into_iter().map(meaning).collect()

@@ -188,8 +188,8 @@ mod tests {
         let weights = |seed: f64| {
             let mut weights = [0.0; FEATURES];
             let named = MOMENTS.iter().map(|(feature, ..)| *feature).chain([Feature::One]);
-            for (place, feature) in named.enumerate() {
-                weights[feature as usize] = seed * (place as f64 + 0.3).sin();
+            for (index, feature) in named.enumerate() {
+                weights[feature as usize] = seed * (index as f64 + 0.3).sin();
             }
             weights
         };
@@ -209,8 +209,8 @@ mod tests {
         let (two, three) = ([0.0, 1.0], [-0.75, 0.0, 0.75]);
         let values: [&[f64]; 6] = [&two, &three, &three, &two, &two, &three];
         let mut squares = DMatrix::zeros(7, 7);
-        for place in 0..216 {
-            let mut rest = place;
+        for index in 0..216 {
+            let mut rest = index;
             let moment = values.iter().map(|values| {
                 let value = values[rest % values.len()];
                 rest /= values.len();

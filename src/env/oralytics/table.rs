@@ -83,10 +83,10 @@ impl Table {
                 "person" | "start_day" | "end_day" => f64::NAN,
                 _ if written.is_empty() => f64::NAN,
                 "model" => {
-                    let place = MODELS.iter().position(|model| *model == written);
+                    let index = MODELS.iter().position(|model| *model == written);
                     let [zero, square] = MODELS;
                     let says = || format!("`model`: expected {zero} or {square}, found {written}");
-                    is_square = Some(place.ok_or_else(says)? == 1);
+                    is_square = Some(index.ok_or_else(says)? == 1);
                     f64::NAN
                 }
                 _ => {
@@ -117,8 +117,8 @@ impl Table {
 
     /// A person's number in a column; `None` if the column is missing or empty.
     pub(super) fn number(&self, person: usize, column: &str) -> Option<f64> {
-        let place = self.columns.iter().position(|name| name == column)?;
-        Some(self.numbers[person * self.columns.len() + place]).filter(|number| !number.is_nan())
+        let index = self.columns.iter().position(|name| name == column)?;
+        Some(self.numbers[person * self.columns.len() + index]).filter(|number| !number.is_nan())
     }
 }
 

@@ -201,13 +201,13 @@ const ROW_WORD: usize = 0;
 impl ParticipantSampler {
     /// A sampler of the population's participants.
     pub fn new(population: &Population) -> Self {
-        let place = |name: &str| COLUMNS.iter().position(|column| column.name == name);
+        let index = |name: &str| COLUMNS.iter().position(|column| column.name == name);
         let distributions = population.distributions().into_iter().cloned().enumerate();
         let single = distributions.filter(|(_, distribution)| distribution.range().is_some());
-        let given = (0..COLUMNS.len()).filter(|place| population.gives(COLUMNS[*place].name));
+        let given = (0..COLUMNS.len()).filter(|index| population.gives(COLUMNS[*index].name));
         ParticipantSampler {
             rows: population.rows.clone(),
-            row_places: population.rows.columns().iter().filter_map(|name| place(name)).collect(),
+            row_places: population.rows.columns().iter().filter_map(|name| index(name)).collect(),
             single: single.collect(),
             given: given.collect(),
         }
@@ -234,20 +234,20 @@ impl ParticipantSampler {
     /// their places.
     pub(super) fn fill(&self, stream: &mut Stream, values: &mut [f64]) {
         let words = stream.next_participant();
-        let share = |place: usize| open_unit_from_bits(words[place]);
+        let share = |index: usize| open_unit_from_bits(words[index]);
         // `mu` is set before `mu_0` and `mu_1`, which override it.
         let mut drawn = [f64::NAN; COLUMNS.len()];
         let row = self.rows.row(share(ROW_WORD));
-        for (place, value) in self.row_places.iter().zip(row) {
-            drawn[*place] = *value;
+        for (index, value) in self.row_places.iter().zip(row) {
+            drawn[*index] = *value;
         }
-        for (place, distribution) in &self.single {
-            if let Some(value) = distribution.quantile(share(ROW_WORD + 1 + place)) {
-                drawn[*place] = value;
+        for (index, distribution) in &self.single {
+            if let Some(value) = distribution.quantile(share(ROW_WORD + 1 + index)) {
+                drawn[*index] = value;
             }
         }
-        for (place, value) in self.given.iter().zip(values) {
-            *value = drawn[*place];
+        for (index, value) in self.given.iter().zip(values) {
+            *value = drawn[*index];
         }
     }
 

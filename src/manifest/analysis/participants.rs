@@ -81,8 +81,8 @@ impl Reader<'_> {
             return None;
         }
         let parameter = parameter?;
-        let place = names.iter().position(|name| *name == parameter)? as u8;
-        Some(Located { value: ParticipantRange { parameter, place, from, to }, span: here })
+        let index = names.iter().position(|name| *name == parameter)? as u8;
+        Some(Located { value: ParticipantRange { parameter, place: index, from, to }, span: here })
     }
 
     fn share(&mut self, name: &str, node: &Node) -> Option<f64> {

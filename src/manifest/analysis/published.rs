@@ -178,13 +178,13 @@ fn read(text: &str) -> Result<Vec<PublishedRow>, (usize, String)> {
     let header = reader.headers().map_err(broken)?.clone();
     let at = header.position().map_or(0, |position| position.byte() as usize);
     let mut parameters = Vec::new();
-    for (place, name) in header.iter().enumerate() {
+    for (index, name) in header.iter().enumerate() {
         // A file can be of any family.
         let of_families = Family::all().iter().find_map(|family| named(family, name));
         let parameter = of_families.filter(|one| !matches!(one, Parameter::Job(_)));
         match parameter {
             _ if COLUMNS.contains(&name) => {}
-            Some(parameter) => parameters.push((place, parameter)),
+            Some(parameter) => parameters.push((index, parameter)),
             None => {
                 let meant = nearest(name, COLUMNS);
                 let help =
@@ -215,8 +215,8 @@ fn row(
     record: &StringRecord,
 ) -> Result<PublishedRow, String> {
     let cell = |name: &str| {
-        let place = header.iter().position(|known| known == name)?;
-        record.get(place).filter(|text| !text.is_empty())
+        let index = header.iter().position(|known| known == name)?;
+        record.get(index).filter(|text| !text.is_empty())
     };
     let number = |name: &str, text: &str| {
         let number = text.parse::<f64>().ok().filter(|number| number.is_finite());
@@ -237,8 +237,8 @@ fn row(
             Some(MetricName::named(name).ok_or_else(|| format!("there is no metric {name:?}"))?)
         }
     };
-    let given = parameters.iter().filter_map(|(place, parameter)| {
-        let text = record.get(*place).filter(|text| !text.is_empty())?;
+    let given = parameters.iter().filter_map(|(index, parameter)| {
+        let text = record.get(*index).filter(|text| !text.is_empty())?;
         Some(scalar(*parameter, text).map(|value| (*parameter, value)))
     });
     let n = optional("n", |n| n >= 1.0 && n.fract() == 0.0, "a whole number above 0")?;

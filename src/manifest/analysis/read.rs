@@ -31,7 +31,7 @@ impl Reader<'_> {
     /// Reads `[[analysis]]`.
     pub fn analyses(&mut self, draft: &mut Draft, node: &Node) {
         let mut names = HashSet::new();
-        for (place, (span, written)) in self.tables("analysis", node).into_iter().enumerate() {
+        for (index, (span, written)) in self.tables("analysis", node).into_iter().enumerate() {
             let kind = self.kind(span, &respelt(written, &SHARED));
             let word = kind.map(|kind| format!(" of kind \"{}\"", kind.word)).unwrap_or_default();
             let title = format!("an [[analysis]]{word}");
@@ -49,7 +49,7 @@ impl Reader<'_> {
                 table: &table,
                 needs: Vec::new(),
             };
-            draft.analyses.push(analysis(place, kind, table));
+            draft.analyses.push(analysis(index, kind, table));
         }
     }
 

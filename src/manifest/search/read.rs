@@ -138,7 +138,7 @@ impl Reader<'_> {
     /// left out, so that the first settings do not depend on the number of samples.
     fn draw_settings(&mut self, agent: &mut AgentDraft, search: &Search) -> Option<()> {
         let draws: Vec<(usize, Located<Draw>)> =
-            agent.settings.draws.iter().map(|(place, draw)| (*place, draw.clone())).collect();
+            agent.settings.draws.iter().map(|(index, draw)| (*index, draw.clone())).collect();
         let first = draws.first()?;
         let is_left = draws.len() as u64 * search.samples as u64 <= self.values_left;
         if !is_left {
@@ -166,9 +166,9 @@ impl Reader<'_> {
             );
             return None;
         }
-        for (column, (place, draw)) in draws.iter().enumerate() {
+        for (column, (index, draw)) in draws.iter().enumerate() {
             let value = settings.iter().map(|setting| setting[column].clone()).collect();
-            agent.settings.given.insert(*place, Located { value, span: draw.span });
+            agent.settings.given.insert(*index, Located { value, span: draw.span });
         }
         Some(())
     }

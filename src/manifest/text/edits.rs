@@ -29,7 +29,7 @@ impl Edits {
     /// The span in the original text, and the index of the last change that the span touches.
     pub fn original(&self, mut span: Span) -> (Span, Option<usize>) {
         let mut touched = None;
-        for (place, edit) in self.0.iter().enumerate().rev() {
+        for (index, edit) in self.0.iter().enumerate().rev() {
             let end = edit.start + edit.new;
             // A change that leaves nothing touches the span around its place.
             let touches = match edit.new {
@@ -37,7 +37,7 @@ impl Edits {
                 _ => span.start < end && edit.start < span.end,
             };
             if touched.is_none() && touches {
-                touched = Some(place);
+                touched = Some(index);
             }
             let back = |offset: usize, within: usize| match offset {
                 _ if offset >= end => offset - edit.new + edit.old,

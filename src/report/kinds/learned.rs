@@ -28,12 +28,12 @@ impl Drawn for LearnedFigure {
         let x = ("day of the trial".to_owned(), NumberFormat::Plain, scale);
         let y = ("effect / standard deviation".to_owned(), NumberFormat::Plain);
         let axes = axes_of(&charts, x, y, sheet.style);
-        let stem = |place: usize| match charts.len() {
+        let stem = |index: usize| match charts.len() {
             1 => sheet.stem.to_owned(),
-            _ => format!("{}-{}", sheet.stem, place + 1),
+            _ => format!("{}-{}", sheet.stem, index + 1),
         };
         let scenes = draw(&charts, &axes, sheet.style);
-        scenes.into_iter().enumerate().map(|(place, scene)| (stem(place), scene)).collect()
+        scenes.into_iter().enumerate().map(|(index, scene)| (stem(index), scene)).collect()
     }
 
     fn table(&self, title: &str, _: Measure, names: &Names) -> DataTable {

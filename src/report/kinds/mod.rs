@@ -252,8 +252,8 @@ mod tests {
 
     /// The entry of a column in the first row.
     fn entry<'t>(table: &'t DataTable, name: &str) -> &'t TableEntry {
-        let place = table.columns.iter().position(|column| column.name == name);
-        &table.rows[0][place.unwrap()]
+        let index = table.columns.iter().position(|column| column.name == name);
+        &table.rows[0][index.unwrap()]
     }
 
     fn is_shown(table: &DataTable, name: &str) -> bool {

@@ -68,8 +68,8 @@ const KEPT_WHOLE: usize = 9;
 fn sentences(text: &str) -> Markup {
     let is_whole = |word: &str| word.contains('-') && word.chars().count() <= KEPT_WHOLE;
     html! {
-        @for (place, word) in text.replace(" %", "\u{a0}%").split(' ').enumerate() {
-            @if place > 0 { " " }
+        @for (index, word) in text.replace(" %", "\u{a0}%").split(' ').enumerate() {
+            @if index > 0 { " " }
             @if is_whole(word) { span.whole { (word) } } @else { (symbols(word)) }
         }
     }
@@ -135,9 +135,9 @@ pub fn switches(legend: &Legend) -> Markup {
                 @for (facet, (name, values)) in legend.facets.iter().enumerate() {
                     fieldset {
                         legend { (symbols(name)) }
-                        @for (place, LegendValue { value, color }) in values.iter().enumerate() {
+                        @for (index, LegendValue { value, color }) in values.iter().enumerate() {
                             label {
-                                input type="checkbox" checked data-toggle=(legend.class(facet, place));
+                                input type="checkbox" checked data-toggle=(legend.class(facet, index));
                                 @if let Some(color) = color { span.dot style=(dot(*color)) {} }
                                 (symbols(value))
                             }
@@ -172,8 +172,8 @@ pub fn table_links(stem: &str, table: &DataTable) -> Markup {
 /// Links to files of one stem, by extension.
 fn links(stem: &str, files: &[(&str, &str)]) -> Markup {
     html! {
-        @for (place, (extension, name)) in files.iter().enumerate() {
-            @if place > 0 { " " }
+        @for (index, (extension, name)) in files.iter().enumerate() {
+            @if index > 0 { " " }
             a href={ (stem) "." (extension) } { (name) }
         }
     }
@@ -245,7 +245,7 @@ fn thinned(rows: &[Vec<TableEntry>], every: usize) -> impl Iterator<Item = &Vec<
     };
     rows.chunk_by(same_words).flat_map(move |rows| {
         let last = rows.len() - 1;
-        let kept = move |(place, _): &(usize, _)| place % every == 0 || *place == last;
+        let kept = move |(index, _): &(usize, _)| index % every == 0 || *index == last;
         rows.iter().enumerate().filter(kept).map(|(_, row)| row)
     })
 }

@@ -162,7 +162,7 @@ impl Page {
         if mode == 0 {
             self.fill(&Fill { color: *color, opacity: 1.0 });
         }
-        let place = WEIGHTS.iter().position(|known| known == weight).unwrap_or(0);
+        let index = WEIGHTS.iter().position(|known| known == weight).unwrap_or(0);
         let mut pen = match anchor {
             Anchor::Start => 0.0,
             Anchor::Middle => -width_of(text, *size, *weight) / 2.0,
@@ -175,7 +175,7 @@ impl Page {
             let (mut open, mut is_first) = (None, true);
             for character in run.text.chars() {
                 let Letter { block, glyph, advance } = weight.letter(character);
-                let font = place + WEIGHTS.len() * block;
+                let font = index + WEIGHTS.len() * block;
                 if open != Some(font) {
                     // The page's y axis points down, the y axis of letters points up.
                     let matrix = match direction {

@@ -386,9 +386,9 @@ impl Target {
 impl CopiedRun {
     fn origin(&self) -> Origin {
         let column = |name: &str| {
-            let place = SESSION.iter().position(|column| *column == name);
-            let row = self.session_row.as_ref().zip(place);
-            match row.map(|(row, place)| &row.identity[place]) {
+            let index = SESSION.iter().position(|column| *column == name);
+            let row = self.session_row.as_ref().zip(index);
+            match row.map(|(row, index)| &row.identity[index]) {
                 Some(Value::Text(text)) => text.clone(),
                 _ => "unknown".to_owned(),
             }

@@ -110,10 +110,10 @@ impl Chosen<'_> {
                 if let Some(with) = with {
                     sized("probabilities", with.len())?;
                 }
-                for (place, lane) in self.running.iter().enumerate() {
+                for (index, lane) in self.running.iter().enumerate() {
                     let row = &mut self.probabilities[*lane * width..][..width];
-                    self.actions[*lane] = action(Some(actions[place]), width, *lane)?;
-                    let with = probability(with.map_or(1.0, |with| with[place]), *lane)?;
+                    self.actions[*lane] = action(Some(actions[index]), width, *lane)?;
+                    let with = probability(with.map_or(1.0, |with| with[index]), *lane)?;
                     of_one(self.actions[*lane], with, row);
                 }
             }

@@ -107,11 +107,11 @@ fn a_condition_selects_the_same_jobs_in_memory_and_in_sql() {
     let jobs = || plan::jobs(&manifest);
     let named = jobs().map(|planned| (planned.agent, planned.job));
     sample.store.register(&experiment("sweep"), named).unwrap();
-    for (place, planned) in jobs().enumerate() {
+    for (index, planned) in jobs().enumerate() {
         let Outcome::Completed(results) = completed() else { panic!("it completes") };
         let weights = results.weights.clone().filter(|_| planned.job.agent.episodes() > 0);
         // Some jobs stay without a run.
-        if place % 5 != 0 {
+        if index % 5 != 0 {
             sample.run(&planned.job, &Outcome::Completed(Results { weights, ..results }));
         }
     }

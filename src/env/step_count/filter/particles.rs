@@ -423,17 +423,17 @@ impl Particles {
         let most = places.len() - 1;
         places.fill(0);
         // Marks the first place of every particle. One without a place is replaced by the next.
-        let (mut weight, mut place, mut last) = (0.0, 0, first as u32);
+        let (mut weight, mut index, mut last) = (0.0, 0, first as u32);
         for (of, (zero, one)) in self.zero[..self.count].iter().zip(&self.one).enumerate() {
             last = if *zero + *one > 0.0 { of as u32 } else { last };
-            places[usize::min(place, most)] = last;
+            places[usize::min(index, most)] = last;
             weight += zero + one;
-            place = (weight * (most as f64 / sum) - start + 1.0) as usize;
+            index = (weight * (most as f64 / sum) - start + 1.0) as usize;
         }
         let mut of = 0;
-        for place in places {
-            of = u32::max(of, *place);
-            *place = of;
+        for index in places {
+            of = u32::max(of, *index);
+            *index = of;
         }
     }
 

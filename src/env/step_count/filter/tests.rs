@@ -291,10 +291,10 @@ fn assert_come_true(e: &StepCount, scenario: &str, episodes: usize, most: f64) -
             residuals.add(lane, bin, f64::from(u8::from(happens)) - probability);
         }
         let pairs = [(habituation, lanes.habituation()[lane]), (risk, truth)];
-        for (place, ([mean, deviation], truth)) in pairs.into_iter().enumerate() {
-            means.add(lane, 2 * place, truth - mean[lane]);
+        for (index, ([mean, deviation], truth)) in pairs.into_iter().enumerate() {
+            means.add(lane, 2 * index, truth - mean[lane]);
             let square = (truth - mean[lane]).powi(2);
-            means.add(lane, 2 * place + 1, square - deviation[lane].powi(2));
+            means.add(lane, 2 * index + 1, square - deviation[lane].powi(2));
         }
         steps += 1;
     });

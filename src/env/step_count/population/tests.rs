@@ -25,7 +25,7 @@ fn drawn(population: &Population, stream: &mut Stream, count: usize) -> Vec<Vec<
 
 #[test]
 fn every_parameter_reaches_its_field() {
-    for (place, column) in COLUMNS.iter().enumerate() {
+    for (index, column) in COLUMNS.iter().enumerate() {
         let mut values = Population::default().to_values();
         let key = Population::KEYS.iter().position(|key| key.name == column.name).unwrap();
         // A value within the range of every parameter that equals no default.
@@ -33,7 +33,7 @@ fn every_parameter_reaches_its_field() {
         let population = Population::from_values(&values).unwrap();
         assert_eq!(population.names().collect::<Vec<_>>(), [column.name]);
         let mut person = StepCount::paper(0.6);
-        SETTERS[place](&mut person, 0.625);
+        SETTERS[index](&mut person, 0.625);
         let changed: Vec<String> = StepCount::paper(0.6)
             .to_json()
             .into_iter()
@@ -71,15 +71,15 @@ fn draws_have_the_distributions_that_were_asked_for() {
     let mut stream = Stream::new(3, Purpose::Environment);
     let sampler = ParticipantSampler::new(&people());
     let all: Vec<&str> = ParticipantSampler::all_names().collect();
-    let names: Vec<&str> = sampler.places().iter().map(|place| all[*place]).collect();
+    let names: Vec<&str> = sampler.places().iter().map(|index| all[*index]).collect();
     assert_eq!(names, ["delta_d", "mu", "mu_1", "initial_disengagement"]);
     let rows = drawn(&people(), &mut stream, count);
     for (column, name) in names.iter().enumerate() {
         let mut values: Vec<f64> = rows.iter().map(|row| row[column]).collect();
         values.sort_by(f64::total_cmp);
-        let place = COLUMNS.iter().position(|known| known.name == *name).unwrap();
+        let index = COLUMNS.iter().position(|known| known.name == *name).unwrap();
         for share in [0.05, 0.3, 0.5, 0.9] {
-            let expected = people().distributions()[place].quantile(share).unwrap();
+            let expected = people().distributions()[index].quantile(share).unwrap();
             let below = values.partition_point(|value| *value < expected) as f64 / count as f64;
             let upto = values.partition_point(|value| *value <= expected) as f64 / count as f64;
             // Four standard errors of a proportion.
