@@ -17,7 +17,7 @@ use ::parquet::file::writer::{SerializedColumnWriter, SerializedFileWriter};
 use ::parquet::schema::types::{Type, TypePtr};
 
 use crate::cli::output::as_sql;
-use crate::store::{ColumnType, Value};
+use crate::store::{ColumnType, SqlValue};
 
 /// Number of rows per call of the encoder.
 const BATCH: usize = 8192;
@@ -82,16 +82,16 @@ impl Values {
         }
     }
 
-    fn push(&mut self, value: &Value<'_>) {
+    fn push(&mut self, value: &SqlValue<'_>) {
         match value {
-            Value::Null => {}
-            Value::Integer(number) => match self {
+            SqlValue::Null => {}
+            SqlValue::Integer(number) => match self {
                 Values::None => *self = Values::Integers(vec![*number]),
                 Values::Integers(numbers) => numbers.push(*number),
                 Values::Reals(numbers) => numbers.push(*number as f64),
                 Values::Texts(texts) => texts.push(&number.to_string()),
             },
-            Value::Real(number) => match self {
+            SqlValue::Real(number) => match self {
                 Values::None => *self = Values::Reals(vec![*number]),
                 Values::Integers(wholes) => {
                     let wholes = wholes.iter().map(|whole| *whole as f64);
@@ -100,8 +100,8 @@ impl Values {
                 Values::Reals(numbers) => numbers.push(*number),
                 Values::Texts(texts) => texts.push(&number.to_string()),
             },
-            Value::Text(text) => self.push_text(text),
-            Value::Blob(bytes) => self.push_text(&as_sql(bytes)),
+            SqlValue::Text(text) => self.push_text(text),
+            SqlValue::Blob(bytes) => self.push_text(&as_sql(bytes)),
         }
     }
 
@@ -178,9 +178,9 @@ impl Columns {
     }
 
     /// Adds a row, one value per column.
-    pub(super) fn row(&mut self, values: &[Value<'_>]) {
+    pub(super) fn row(&mut self, values: &[SqlValue<'_>]) {
         for (column, value) in self.0.iter_mut().zip(values) {
-            column.levels.push(i16::from(*value != Value::Null));
+            column.levels.push(i16::from(*value != SqlValue::Null));
             column.values.push(value);
         }
     }
@@ -213,12 +213,12 @@ impl Columns {
 #[cfg(test)]
 mod tests {
     use ::parquet::file::reader::{FileReader, SerializedFileReader};
-    use ::parquet::record::OutputField;
+    use ::parquet::record::Field;
 
     use super::*;
 
     /// The physical types and the rows of a file.
-    fn read(columns: Columns) -> (Vec<PhysicalType>, Vec<Vec<OutputField>>) {
+    fn read(columns: Columns) -> (Vec<PhysicalType>, Vec<Vec<Field>>) {
         let mut bytes = Vec::new();
         columns.write(&mut bytes).unwrap();
         let mut file = tempfile::tempfile().unwrap();
@@ -237,22 +237,22 @@ mod tests {
     fn a_column_has_the_narrowest_type_that_holds_its_values() {
         let mut columns =
             Columns::new(&["whole", "number", "mixed", "empty"], &[ColumnType::Undeclared; 4]);
-        columns.row(&[Value::Integer(-3), Value::Integer(1), Value::Real(0.5), Value::Null]);
-        columns.row(&[Value::Null, Value::Real(2.5), Value::Text("[1]"), Value::Null]);
+        columns.row(&[
+            SqlValue::Integer(-3),
+            SqlValue::Integer(1),
+            SqlValue::Real(0.5),
+            SqlValue::Null,
+        ]);
+        columns.row(&[SqlValue::Null, SqlValue::Real(2.5), SqlValue::Text("[1]"), SqlValue::Null]);
         let (types, rows) = read(columns);
         let text = PhysicalType::BYTE_ARRAY;
         assert_eq!(types, [PhysicalType::INT64, PhysicalType::DOUBLE, text, text]);
-        let string = |text: &str| OutputField::Str(text.to_owned());
+        let string = |text: &str| Field::Str(text.to_owned());
         assert_eq!(
             rows,
             [
-                vec![
-                    OutputField::Long(-3),
-                    OutputField::Double(1.0),
-                    string("0.5"),
-                    OutputField::Null
-                ],
-                vec![OutputField::Null, OutputField::Double(2.5), string("[1]"), OutputField::Null],
+                vec![Field::Long(-3), Field::Double(1.0), string("0.5"), Field::Null],
+                vec![Field::Null, Field::Double(2.5), string("[1]"), Field::Null],
             ]
         );
     }
@@ -263,14 +263,14 @@ mod tests {
         let rows = 2 * BATCH as i64 + 7;
         for row in 0..rows {
             let word = format!("word {}", row % 3);
-            let number = if row % 5 == 0 { Value::Null } else { Value::Integer(row) };
-            columns.row(&[number, Value::Text(&word)]);
+            let number = if row % 5 == 0 { SqlValue::Null } else { SqlValue::Integer(row) };
+            columns.row(&[number, SqlValue::Text(&word)]);
         }
         let (_, found) = read(columns);
         assert_eq!(found.len() as i64, rows);
         for (row, fields) in (0..).zip(found) {
-            let number = if row % 5 == 0 { OutputField::Null } else { OutputField::Long(row) };
-            assert_eq!(fields, [number, OutputField::Str(format!("word {}", row % 3))]);
+            let number = if row % 5 == 0 { Field::Null } else { Field::Long(row) };
+            assert_eq!(fields, [number, Field::Str(format!("word {}", row % 3))]);
         }
     }
 
@@ -283,16 +283,18 @@ mod tests {
             [PhysicalType::BYTE_ARRAY, PhysicalType::INT64, PhysicalType::DOUBLE];
         let mut columns = Columns::new(&names, &types);
         assert_eq!(read(Columns::new(&names, &types)).0, [long, double, text, text]);
-        columns.row(&[Value::Null; 4]);
+        columns.row(&[SqlValue::Null; 4]);
         assert_eq!(read(columns).0, [long, double, text, text]);
         let mut columns = Columns::new(&names, &types);
-        columns.row(&[Value::Real(0.5), Value::Integer(2), Value::Integer(3), Value::Real(1.5)]);
+        columns.row(&[
+            SqlValue::Real(0.5),
+            SqlValue::Integer(2),
+            SqlValue::Integer(3),
+            SqlValue::Real(1.5),
+        ]);
         let (types, rows) = read(columns);
         assert_eq!(types, [double, double, text, double]);
-        let three = OutputField::Str("3".to_owned());
-        assert_eq!(
-            rows,
-            [[OutputField::Double(0.5), OutputField::Double(2.0), three, OutputField::Double(1.5)]]
-        );
+        let three = Field::Str("3".to_owned());
+        assert_eq!(rows, [[Field::Double(0.5), Field::Double(2.0), three, Field::Double(1.5)]]);
     }
 }

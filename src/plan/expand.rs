@@ -1,26 +1,10 @@
-//! Expands a manifest into its jobs.
+//! The jobs of one agent, cell by cell of its grid.
 
 use std::sync::Arc;
 
-use super::staged::Staged;
 use crate::job::{Job, PlannedJob};
 use crate::key::{PerSection, SectionName};
 use crate::manifest::{Cell, Grid, Manifest, Stage};
-
-/// The number of jobs that [`jobs`] yields, without expanding them.
-pub fn count(manifest: &Manifest) -> u64 {
-    Staged::whole(manifest).count()
-}
-
-/// The jobs of a manifest, one at a time; of a search, all that its races may come to.
-///
-/// Agents come in the order of the manifest. The jobs of an agent are ordered by scenario; then by swept keys
-/// of environment, agent and evaluation, in the order of their tables; then by seed. Seeds advance fastest.
-/// Parameters of a zip advance together, at the place of the first one. Two agents with equal content give
-/// equal jobs, each with its own agent's name.
-pub fn jobs(manifest: &Manifest) -> impl Iterator<Item = PlannedJob> + use<'_> {
-    Staged::whole(manifest).jobs()
-}
 
 /// The jobs of the agent at this index of the manifest's list, up to a stage of its race, in the order of the cells of
 /// its grid.
@@ -32,11 +16,6 @@ pub(super) fn of_agent(
     let grid = Grid::at(manifest, agent, stage);
     let name = Arc::from(manifest.agents[agent].name.as_str());
     AgentJobs { next: grid.first(), typed: None, grid, name }
-}
-
-/// All of a manifest's jobs, in the order of [`jobs`].
-pub fn expand(manifest: &Manifest) -> Vec<PlannedJob> {
-    jobs(manifest).collect()
 }
 
 /// The remaining jobs of one agent.
@@ -89,12 +68,12 @@ impl Iterator for AgentJobs<'_> {
 
 #[cfg(test)]
 mod tests {
-    use super::*;
     use crate::agent::{Agent, DuelingDqn, Reinforce, Trunk};
     use crate::env::StepCount;
-    use crate::job::JobKey;
+    use crate::job::{Job, JobKey, PlannedJob};
     use crate::key::Keyed;
     use crate::manifest::{Manifest, parse};
+    use crate::plan::{count, expand, jobs};
 
     fn manifest(text: &str) -> Manifest {
         parse("test", text.as_bytes()).unwrap()

@@ -2,7 +2,7 @@
 
 use std::fmt;
 
-use super::expand::count;
+use super::staged::count;
 use crate::job::counted;
 use crate::key::Parameter;
 use crate::key::printable;

@@ -17,7 +17,6 @@ mod staged;
 mod swept;
 
 pub use earlier::{ChangedDefault, under_earlier_default};
-pub use expand::{count, expand, jobs};
 pub use factors::Factors;
 pub use filter::{Filter, FilterError};
 pub use race::{
@@ -25,5 +24,5 @@ pub use race::{
 };
 pub use rung::{Entrant, Fate, Lead, Rung};
 pub use shard::{Shard, ShardError};
-pub use staged::Staged;
+pub use staged::{Staged, count, expand, jobs};
 pub use swept::{Swept, headlines};

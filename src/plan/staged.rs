@@ -40,7 +40,7 @@ impl<'m> Staged<'m> {
         stages.map(|(agent, stage)| Grid::at(self.manifest, agent, stage.clone()).count()).sum()
     }
 
-    /// The jobs, one at a time, in the order of [`super::jobs`].
+    /// The jobs, one at a time, in the order of [`jobs`].
     pub fn jobs(&self) -> impl Iterator<Item = PlannedJob> + use<'m> {
         let manifest = self.manifest;
         let stages = self.stages.clone().into_iter().enumerate();
@@ -61,4 +61,24 @@ impl PartialEq for Staged<'_> {
     fn eq(&self, other: &Self) -> bool {
         ptr::eq(self.manifest, other.manifest) && self.stages == other.stages
     }
+}
+
+/// The number of jobs that [`jobs`] yields, without expanding them.
+pub fn count(manifest: &Manifest) -> u64 {
+    Staged::whole(manifest).count()
+}
+
+/// The jobs of a manifest, one at a time; of a search, all that its races may come to.
+///
+/// Agents come in the order of the manifest. The jobs of an agent are ordered by scenario; then by swept keys
+/// of environment, agent and evaluation, in the order of their tables; then by seed. Seeds advance fastest.
+/// Parameters of a zip advance together, at the place of the first one. Two agents with equal content give
+/// equal jobs, each with its own agent's name.
+pub fn jobs(manifest: &Manifest) -> impl Iterator<Item = PlannedJob> + use<'_> {
+    Staged::whole(manifest).jobs()
+}
+
+/// All of a manifest's jobs, in the order of [`jobs`].
+pub fn expand(manifest: &Manifest) -> Vec<PlannedJob> {
+    jobs(manifest).collect()
 }

@@ -66,7 +66,7 @@ fn tensors(matrices: &[Param<Tensor<2>>]) -> Vec<Tensor<2>> {
 
 /// The name of the weight matrix at this index.
 fn name(index: usize) -> String {
-    format!("matrix.{place}")
+    format!("matrix.{index}")
 }
 
 impl<P: PolicyGradient> ActionNetwork for AutodiffPolicy<P> {
@@ -180,7 +180,7 @@ mod tests {
         let after = &policy.weights().tensors["matrix.0"].values;
         for (index, (after, before)) in after.iter().zip(&before).enumerate() {
             let step = if index == 2 { 0.01 } else { -0.01 };
-            assert!((after - before - step).abs() < 1e-5, "{place}: {before} {after}");
+            assert!((after - before - step).abs() < 1e-5, "{index}: {before} {after}");
         }
     }
 
