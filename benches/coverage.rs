@@ -5,7 +5,7 @@
 use std::f64::consts::TAU;
 
 use jitai::statistics::{
-    Design, Sample, detectable, interquartile_mean, paired_t_test, recovered, share_interval,
+    Sample, SeedPairing, detectable, interquartile_mean, paired_t_test, recovered, share_interval,
     t_test, unpaired_t_test,
 };
 use rand::{RngExt, SeedableRng};
@@ -70,10 +70,10 @@ fn paired_level(rng: &mut ChaCha8Rng, seeds: u64, correlation: f64) -> [f64; 4] 
     for _ in 0..ROUNDS {
         let both = conditions(rng, 2, seeds, correlation);
         let (first, second) = (sample(&both[0], 0.0, 1.0), sample(&both[1], 0.0, 1.0));
-        let test = t_test(&first, &second, Design::Matched).expect("they vary");
+        let test = t_test(&first, &second, SeedPairing::Matched).expect("they vary");
         for (place, (level, shift)) in levels.into_iter().zip(shifts).enumerate() {
             let shifted = sample(&both[0], shift, 1.0);
-            let found = t_test(&shifted, &second, Design::Matched).expect("they vary");
+            let found = t_test(&shifted, &second, SeedPairing::Matched).expect("they vary");
             hits[place] += usize::from(test.p < level);
             hits[2 + place] += usize::from(found.p < level);
         }
@@ -94,7 +94,7 @@ fn of_middle(rng: &mut ChaCha8Rng, count: usize, seeds: u64, correlation: f64) -
 }
 
 /// The share of intervals of a recovered share of 0.8 that hold it. The loss is five deviations.
-fn of_recovery(rng: &mut ChaCha8Rng, seeds: u64, correlation: f64, design: Design) -> f64 {
+fn of_recovery(rng: &mut ChaCha8Rng, seeds: u64, correlation: f64, design: SeedPairing) -> f64 {
     let (mut held, mut defined) = (0, 0);
     for _ in 0..ROUNDS {
         let both = conditions(rng, 2, seeds, correlation);
@@ -145,7 +145,7 @@ fn main() {
     println!("correlation  seeds  paired   unpaired");
     for correlation in CORRELATIONS {
         for seeds in [3, 5, 10, 20] {
-            let [paired, unpaired] = [Design::Matched, Design::Independent]
+            let [paired, unpaired] = [SeedPairing::Matched, SeedPairing::Independent]
                 .map(|design| of_recovery(&mut rng, seeds, correlation, design));
             println!("{correlation:11}  {seeds:5}  {paired:4.1} %   {unpaired:4.1} %");
         }

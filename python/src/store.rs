@@ -166,7 +166,7 @@ fn query_error(error: QueryError) -> PyErr {
 }
 
 /// A column of a result.
-struct ViewColumn {
+struct Column {
     name: String,
     declared: ColumnType,
     values: Values,
@@ -252,15 +252,15 @@ fn as_real(whole: i64) -> Option<f64> {
     (-LARGEST_EXACT..=LARGEST_EXACT).contains(&whole).then_some(whole as f64)
 }
 
-impl ViewColumn {
-    fn new(name: &str, declared: ColumnType) -> ViewColumn {
+impl Column {
+    fn new(name: &str, declared: ColumnType) -> Column {
         let values = match declared {
             ColumnType::Integer => Values::Integers(Vec::new()),
             ColumnType::Real => Values::Reals(Vec::new()),
             ColumnType::Text => Values::Cells(Vec::new()),
             ColumnType::Several | ColumnType::Undeclared => Values::Nulls,
         };
-        ViewColumn { name: name.to_owned(), declared, values, nulls: Vec::new() }
+        Column { name: name.to_owned(), declared, values, nulls: Vec::new() }
     }
 
     fn push(&mut self, value: SqlValue<'_>) {
@@ -368,11 +368,7 @@ fn extended<T>(mut values: Vec<T>, last: T) -> Vec<T> {
     values
 }
 
-fn answer(
-    reader: &Reader,
-    sql: &str,
-    values: &[(Option<String>, Cell)],
-) -> PyResult<Vec<ViewColumn>> {
+fn answer(reader: &Reader, sql: &str, values: &[(Option<String>, Cell)]) -> PyResult<Vec<Column>> {
     let values: Vec<(Option<&str>, SqlValue<'_>)> =
         values.iter().map(|(name, value)| (name.as_deref(), value.as_sql())).collect();
     // A frame would need other names than the query gives.
@@ -381,7 +377,7 @@ fn answer(
             "several columns are called `{name}`; name each of them, as in `a.{name} AS {name}_of_a`"
         )));
     }
-    let mut columns: Vec<ViewColumn> = Vec::new();
+    let mut columns: Vec<Column> = Vec::new();
     reader
         .query_with(sql, &values, |part| {
             match part {
@@ -389,7 +385,7 @@ fn answer(
                     let written = reader.written_out(sql, &values);
                     let types = reader.column_types(&written, names.len());
                     let pairs = names.iter().zip(types);
-                    columns = pairs.map(|(name, kind)| ViewColumn::new(name, kind)).collect();
+                    columns = pairs.map(|(name, kind)| Column::new(name, kind)).collect();
                 }
                 Answer::Row(values) => {
                     let pairs = columns.iter_mut().zip(values);

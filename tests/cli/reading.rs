@@ -437,7 +437,7 @@ mod parquet {
             let arguments = ["export", "--store", store, "--out", &out, "--format", "parquet"];
             folder.jitai(arguments).succeeded();
             for column in jitai::store::columns() {
-                let jitai::store::Column { view, name, kind, .. } = column;
+                let jitai::store::ViewColumn { view, name, kind, .. } = column;
                 let (found, _) = read(&folder.path(&format!("{out}/{view}.parquet")));
                 let found = found.iter().find(|(known, _)| known == name).unwrap().1;
                 let expected = match kind {
