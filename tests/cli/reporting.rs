@@ -107,7 +107,7 @@ fn two_reports_of_one_store_are_equal_to_the_byte_and_hold_every_analysis() {
     assert!(one.contains_key("report/figures/every-kind-choices-part-2.svg"), "{names:?}");
     let page = String::from_utf8(one["report/index.html"].clone()).unwrap();
     let captions: Vec<&str> = page.split("<p class=\"seen\">").skip(1).collect();
-    assert_eq!(captions.len(), 7, "a caption for every kind");
+    assert_eq!(captions.len(), 6, "a caption for every kind");
     for caption in captions {
         let caption = caption.split("</p>").next().unwrap().trim_end_matches("</span>");
         let sentences = caption.matches(". ").count() + 1;
@@ -130,8 +130,6 @@ fn two_reports_of_one_store_are_equal_to_the_byte_and_hold_every_analysis() {
         ),
         "{paired}"
     );
-    // Settings are ranked at each place. Here, each of the two agents has only one setting, which is
-    // first at all eight places.
     let manual = include_str!("../../docs/report.md");
     for name in names.iter().filter(|name| name.starts_with("report/tables/")) {
         let Some(header) = name.ends_with(".csv").then(|| text(name)) else { continue };

@@ -62,7 +62,7 @@ impl Reader<'_> {
             return None;
         };
         if node.get_ref().as_str() == Some("selection") {
-            self.no_selection(table.get("reporting_seeds"), node);
+            self.no_selection(node);
             return None;
         }
         let word = self.word("kind", &words, node);
@@ -71,13 +71,10 @@ impl Reader<'_> {
     }
 
     /// Reports an analysis of an earlier release, with what is written in its place.
-    fn no_selection(&mut self, reporting_seeds: Option<&Node>, node: &Node) {
-        let fresh = reporting_seeds.map_or_else(|| "10".to_owned(), |seeds| self.found(seeds));
-        let help = format!(
-            "replace it, and the manifest's `seeds`, by `search = {{ samples = 16, rungs = [2, 4], keep = 0.5, fresh = {fresh} }}`, \
-             and each list of an agent by a draw such as {{ choices = [0.001, 0.01] }}"
-        );
+    fn no_selection(&mut self, node: &Node) {
         let message = "`kind`: \"selection\" has given way to [search], which finds the best settings by a race";
+        let help = "replace it, and the manifest's `seeds`, by `search = { samples = 16, rungs = [2, 4], keep = 0.5, fresh = 10 }`, \
+                    with the `reporting_seeds` as `fresh`, and each list of an agent by a draw such as { choices = [0.001, 0.01] }";
         self.faults.add(Fault::at(node.span().into(), message).help(help));
     }
 
