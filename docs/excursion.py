@@ -3,7 +3,8 @@
     python docs/excursion.py [STORE [EXPERIMENT]]
 
 reads the decisions of the agent `random` of an experiment (`trial` by default) and prints the effect of
-sending any message, against none, on the reward of the same step, with its 95 % interval over people;
+sending any message, against none, on the reward of the same step, before what messages cost, with its
+95 % interval over people;
 then how often the intervals of many small trials, cut from the same decisions, hold the exact effect.
 
 Source: Boruvka, Almirall, Witkiewitz and Murphy, "Assessing time-varying causal effect moderation in
