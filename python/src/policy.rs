@@ -506,7 +506,7 @@ fn read(spec: ObservationSpec, given: &PyReadonlyArray2<'_, f64>) -> PyResult<Ro
     for (row, entries) in values.chunks_exact(inputs).enumerate().take(rows) {
         if let Some(index) = entries.iter().position(|entry| !(*entry as f32).is_finite()) {
             return Err(PyValueError::new_err(format!(
-                "observations: entry {place} of row {row} is {}, not a finite number",
+                "observations: entry {index} of row {row} is {}, not a finite number",
                 entries[index]
             )));
         }
