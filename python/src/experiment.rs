@@ -1,5 +1,6 @@
 //! Experiments: manifests that are checked, planned, run and reported in this process.
 
+use std::collections::HashSet;
 use std::num::NonZeroUsize;
 use std::path::{Path, PathBuf};
 use std::sync::Mutex;
@@ -380,6 +381,7 @@ fn swept(asked: &Asked, stop: &AtomicBool, events: &Sender<Json>) -> PyResult<Js
         workers: asked.options.workers,
         log: None,
         ran: 0,
+        estimating: HashSet::new(),
         done: 0,
         progressed: Instant::now(),
     };
@@ -404,6 +406,8 @@ struct Sent<'a> {
     log: Option<EventLog>,
     /// Number of jobs that ran to their end.
     ran: usize,
+    /// The workers that add estimates of completed jobs.
+    estimating: HashSet<usize>,
     /// Number of jobs that need no more work.
     done: usize,
     progressed: Instant,
@@ -421,6 +425,12 @@ impl Sent<'_> {
 impl EventSink for Sent<'_> {
     fn on_event(&mut self, event: Event<'_>) {
         match &event {
+            Event::Started { worker, .. } => {
+                match event.is_of_run() {
+                    true => self.estimating.remove(worker),
+                    false => self.estimating.insert(*worker),
+                };
+            }
             Event::Ended { outcome: experiment::Outcome::Interrupted, .. } => {}
             Event::Ended { .. } | Event::Skipped { .. } if event.is_of_run() => {
                 self.done += 1;
@@ -431,7 +441,9 @@ impl EventSink for Sent<'_> {
                 let part = |of: &experiment::TrainingProgress| {
                     f64::from(of.episode) / f64::from(of.episodes.max(1))
                 };
-                let parts: f64 = progress.iter().flatten().map(part).sum();
+                let runs = progress.iter().enumerate();
+                let runs = runs.filter(|(worker, _)| !self.estimating.contains(worker));
+                let parts: f64 = runs.filter_map(|(_, of)| of.as_ref()).map(part).sum();
                 self.send(json!({ "event": "progress", "done": self.done as f64 + parts }));
             }
             Event::FewerWorkers { started, reason } => {

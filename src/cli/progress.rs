@@ -67,7 +67,8 @@ struct Bars {
 }
 
 impl Progress {
-    /// Progress of the jobs in `queue`; `speeds` come from earlier sweeps.
+    /// Progress of the jobs in `queue` on this number of workers, which may have other work, too; `speeds` come from
+    /// earlier sweeps.
     pub(super) fn new(
         style: ProgressForm,
         queue: &[Queued],
@@ -75,7 +76,6 @@ impl Progress {
         speeds: Speeds,
         swept: Swept,
     ) -> Self {
-        let workers = workers.min(queue.len());
         let bars = (style == ProgressForm::Bars && !queue.is_empty())
             .then(|| Bars::new(queue.len(), workers));
         let mut unbegun = Left::default();
@@ -310,6 +310,10 @@ fn worker_line(progress: Option<TrainingProgress>, name: &str) -> String {
 
 impl EventSink for Progress {
     fn on_event(&mut self, event: Event<'_>) {
+        // Programs read one event of all estimates.
+        if self.style == ProgressForm::Json && !event.is_of_run() {
+            return;
+        }
         self.emit(&event);
         match event {
             Event::Started { worker, queued } => self.begin(worker, queued),

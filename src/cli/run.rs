@@ -218,7 +218,10 @@ impl Caller for Console<'_> {
         };
         if !queue.is_empty() {
             let swept = Swept::of(selection.manifests());
-            self.shown = Some(self.arguments.shown(&queue, (Speeds::of(reader)?, swept)));
+            let jobs = remaining.lacking.len() + remaining.queue.len();
+            let workers = self.arguments.options().workers.get().min(jobs);
+            self.shown =
+                Some(self.arguments.shown((&queue, workers), (Speeds::of(reader)?, swept)));
         }
         Ok(())
     }
@@ -293,13 +296,17 @@ impl Arguments {
     }
 
     /// The progress of a queue.
-    fn shown(&self, queue: &[Queued], (speeds, swept): (Speeds, Swept)) -> Progress {
+    fn shown(
+        &self,
+        (queue, workers): (&[Queued], usize),
+        (speeds, swept): (Speeds, Swept),
+    ) -> Progress {
         let style = match self.format {
             Format::Json => ProgressForm::Json,
             Format::Text if self.quiet => ProgressForm::Quiet,
             Format::Text => ProgressForm::for_stderr(),
         };
-        Progress::new(style, queue, self.options().workers.get(), speeds, swept)
+        Progress::new(style, queue, workers, speeds, swept)
     }
 }
 

@@ -135,6 +135,10 @@ impl End {
                 let completed = counted(completed, "job");
                 format!("stopped: {completed} completed, {left} left; {resume}")
             }
+            Cause::Failure if left == 0 && self.lacking_estimates() > 0 => {
+                let jobs = counted(self.lacking_estimates(), "completed job");
+                format!("{ran}; halted after the first failure; estimates of {jobs} left")
+            }
             Cause::Failure if left == 0 => {
                 format!("{ran}; halted after the first failure, before the next stage")
             }
@@ -143,7 +147,7 @@ impl End {
             }
             Cause::NothingLeft if self.queued == 0 && self.ran_before == 0 && failed == 0 => {
                 match completed {
-                    0 => "nothing to run: this shard has no jobs".to_owned(),
+                    0 => "nothing to run: none of these jobs is wanted yet".to_owned(),
                     1 => "nothing to run: the job is completed".to_owned(),
                     _ => format!("nothing to run: all {completed} jobs are completed"),
                 }

@@ -202,8 +202,20 @@ fn estimate(
 ) -> Report {
     slot.worked.restart();
     slot.deadline.set(queued.time_limit.unwrap_or(Duration::MAX));
+    let compute = || compute(queued, reader, slot, shared);
+    let computed = panic::catch(compute).unwrap_or_else(Computed::without);
+    Report { worker, work: WorkDone::Estimated(computed), wall: slot.worked.look() }
+}
+
+/// The estimates of a job that lacks them.
+fn compute(
+    queued: &Queued,
+    reader: &mut Option<Reader>,
+    slot: &Arc<Slot>,
+    shared: &Shared<'_>,
+) -> Computed {
     let Queued { job, estimates, folder, .. } = queued;
-    let computed = if queued.trains() {
+    if queued.trains() {
         let control = SlotControl { slot, halt: shared.halt, keeps: None, estimates, folder };
         let outcome = match caught(slot, || (shared.train)(job, &control)) {
             Outcome::Interrupted if slot.deadline.rings() => Outcome::Failed(Failure {
@@ -223,8 +235,7 @@ fn estimate(
             Ok(open) => Computed::read(reader.insert(open), queued, shared.halt),
             Err(error) => Computed::without(error.to_string()),
         }
-    };
-    Report { worker, work: WorkDone::Estimated(computed), wall: slot.worked.look() }
+    }
 }
 
 struct SlotControl<'a> {
@@ -259,7 +270,7 @@ impl TrainingControl for SlotControl<'_> {
     }
 
     fn report_is_due(&self) -> bool {
-        self.slot.curve.rings()
+        self.keeps.is_some() && self.slot.curve.rings()
     }
 
     fn stop_requested(&self) -> bool {

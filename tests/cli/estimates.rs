@@ -95,6 +95,28 @@ fn adding_an_estimate_to_completed_jobs_that_recorded_decisions_trains_nothing()
 }
 
 #[test]
+fn estimates_of_completed_jobs_and_new_jobs_share_the_workers() {
+    for text in [recorded(), MANIFEST.to_owned()] {
+        for format in ["text", "json"] {
+            let folder = Folder::completed(&text);
+            let more = text.replace("seeds = 2", "seeds = 3");
+            assert_ne!(more, text);
+            folder.write("sweep.toml", format!("{more}{ESTIMATES}"));
+            let run = ["run", "sweep.toml", "--workers", "6", "--format", format];
+            let ran = folder.jitai(run).succeeded();
+            assert_eq!(folder.runs(), 6, "{}", ran.stderr);
+            let lacking = "SELECT count(*) FROM job
+                WHERE key NOT IN (SELECT job_key FROM estimate WHERE estimate IS NOT NULL)";
+            assert_eq!(folder.number(lacking), 0, "{}", ran.stderr);
+            let started = ran.stdout.matches("\"event\":\"started\"").count();
+            assert_eq!(started, if format == "json" { 2 } else { 0 }, "{}", ran.stdout);
+            let whole = Folder::completed(&format!("{more}{ESTIMATES}"));
+            assert_eq!(estimates(&whole), estimates(&folder));
+        }
+    }
+}
+
+#[test]
 fn the_reward_is_less_the_cost_of_messages() {
     let both = "\n[[estimate]]\nname = \"net\"\n\n[[estimate]]\nname = \"gross\"\noutcome = \"gross_reward\"\n";
     let with = |cost: &str| recorded().replace("sigma = 0.4", &format!("sigma = 0.4\n{cost}"));

@@ -166,7 +166,7 @@ fn run_shards_of(folder: &Folder, shards: &[&str], store: &str) {
 fn shards_beyond_the_jobs_are_empty_and_faulty_ones_are_refused() {
     let folder = Folder::with(&manifest("sweep", "0.6", "1", Effort::Trivial));
     let run = folder.jitai(["run", "sweep.toml", "--shard", "5/5"]).succeeded();
-    run.says("nothing to run: this shard has no jobs");
+    run.says("nothing to run: none of these jobs is wanted yet");
     folder.jitai(["plan", "sweep.toml", "--shard", "5/5"]).succeeded();
     for (shard, expected) in [
         ("0/4", "shards are counted from 1 to 4, found 0"),
