@@ -272,15 +272,16 @@ impl Trial {
         let Some(file) = columns_in(&self.people_file)? else { return Ok(None) };
         let mut of_people = vec![None; self.people as usize];
         for row in file.0.iter().filter(|row| row.get(2).is_none_or(|of| *of == seed)) {
-            let index = usize::try_from(row[0]).ok().and_then(|person| of_people.get_mut(person));
-            let index = index.ok_or_else(|| {
+            let row_of_person =
+                usize::try_from(row[0]).ok().and_then(|person| of_people.get_mut(person));
+            let row_of_person = row_of_person.ok_or_else(|| {
                 format!("seed {seed} has a person {}; people are numbered from 0", row[0])
             })?;
-            if index.is_some() {
+            if row_of_person.is_some() {
                 return Err(format!("seed {seed} has two rows for person {}", row[0]));
             }
             // A row that no file has is reported as such.
-            *index = Some(u32::try_from(row[1]).unwrap_or(u32::MAX));
+            *row_of_person = Some(u32::try_from(row[1]).unwrap_or(u32::MAX));
         }
         let missing = of_people.iter().position(Option::is_none);
         match missing {

@@ -195,13 +195,13 @@ impl Stems {
 /// The comparisons of all experiments, with each published number once.
 fn merged(experiments: &[ReportedExperiment]) -> Reproduction {
     let mut merged = Reproduction::default();
-    fn index(one: &Comparison) -> impl PartialEq {
+    fn cell(one: &Comparison) -> impl PartialEq {
         let Comparison { subject, metric, agent, scenario, settings, published, .. } = one;
         (subject, metric, agent, scenario, settings, published)
     }
     for one in experiments.iter().filter_map(|experiment| experiment.reproduction.as_ref()) {
         for comparison in &one.comparisons {
-            let is_same = |known: &Comparison| index(known) == index(comparison);
+            let is_same = |known: &Comparison| cell(known) == cell(comparison);
             if !merged.comparisons.iter().any(is_same) {
                 merged.comparisons.push(comparison.clone());
             }

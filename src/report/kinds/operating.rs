@@ -207,7 +207,7 @@ impl OperatingFigure {
         for (at, arm) in known.iter().enumerate() {
             let rows = self.rows.iter().filter(|row| row.name == **arm && row.term == *term);
             let name = arm_label(&arms[at]);
-            let index = |row: &OperatingRow| {
+            let draw = |row: &OperatingRow| {
                 let (x, found) = (row.x?, what.of(row).ok()?);
                 let interval = found.interval.ok().map(|ends| (ends.low, ends.high));
                 let value = match what {
@@ -223,7 +223,7 @@ impl OperatingFigure {
                 );
                 Some(Place { x, y: found.value, interval, is_single: false, tip })
             };
-            let points: Vec<Place> = rows.filter_map(index).collect();
+            let points: Vec<Place> = rows.filter_map(draw).collect();
             // The level stands once, in the look of the first line with points.
             let is_drawn = lines.iter().any(|line| !line.reference.is_empty());
             let level = level.filter(|_| !is_drawn && !points.is_empty());
