@@ -98,8 +98,15 @@ fn show(reader: &Reader, arguments: &Arguments) -> Result<(), Error> {
     let mut columns = counts::COLUMNS.map(str::to_owned).to_vec();
     if format == Format::Json {
         columns.extend(
-            ["failures", "manifest_changes", "races", "failed_estimates", "filtered"]
-                .map(str::to_owned),
+            [
+                "failures",
+                "manifest_changes",
+                "races",
+                "failed_estimates",
+                "filtered",
+                "mixed_programs",
+            ]
+            .map(str::to_owned),
         );
     }
     let mut rows = OutputRows::new(format, &columns, io::stdout().lock())?;
@@ -127,9 +134,9 @@ fn show(reader: &Reader, arguments: &Arguments) -> Result<(), Error> {
                 "{name}: {of}, of which {ended} have ended, with {running} running; the seconds left are theirs"
             ));
         }
-        for said in reader.mixed_programs(&experiment)? {
-            programs.push(format!("{}: {said}", printable(&experiment)));
-        }
+        let mixed = reader.mixed_programs(&experiment)?;
+        let name = printable(&experiment);
+        programs.extend(mixed.iter().map(|said| format!("{name}: {said}")));
         let mut fields = counts::fields(&experiment, &counts, seconds);
         if format == Format::Json {
             fields.push(OutputField::Nested(failed.described(&experiment)));
@@ -149,6 +156,7 @@ fn show(reader: &Reader, arguments: &Arguments) -> Result<(), Error> {
                 })
             });
             fields.push(OutputField::Nested(described.unwrap_or_default()));
+            fields.push(OutputField::Nested(json!(mixed)));
         }
         rows.row(&fields)?;
     }

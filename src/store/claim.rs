@@ -157,7 +157,7 @@ impl Reader {
                 "SELECT file.key, count(DISTINCT file.value) FROM experiment
                  JOIN experiment_job AS held ON held.experiment = experiment.id
                  JOIN job ON job.id = held.job
-                 JOIN run ON run.job = job.id AND run.status = 'completed'
+                 JOIN run ON run.job = job.id AND run.status = 'completed' AND run.programs IS NOT NULL
                  JOIN json_each(run.programs) AS file
                  WHERE experiment.name = ?1
                  GROUP BY file.key, json_extract(canonical, '$.agent.version', '$.environment.version')

@@ -428,6 +428,8 @@ fn a_program_that_changed_under_its_version_is_named() {
     let mixed = "jobs with 2 contents of counter.py stand side by side";
     let status = folder.jitai(["status"]).succeeded();
     assert!(status.stdout.contains(mixed), "{}", status.stdout);
+    let status = folder.jitai(["status", "--format", "json"]).succeeded();
+    assert!(status.stdout.contains(mixed), "{}", status.stdout);
     folder.jitai(["report", "sweep.toml", "--out", "report"]).succeeded().says(mixed);
     // Copies know the files, too, and results do not depend on them.
     let copy = Folder::new();
