@@ -191,6 +191,12 @@ fn what_the_engine_holds_is_not_submitted_again() {
     lab.engine.hold(2, TaskPhase::Running);
     let draft = lab.draft();
     assert_eq!((draft.jobs(), draft.held), (12, 8));
+    // The experiment may still get results, until its tasks have ended.
+    let count_open = |name| lab.cluster().look().unwrap().open(name).count();
+    let name = &lab.manifests[0].name;
+    assert_eq!((count_open(name), count_open("another")), (1, 0));
+    submission.stop(Stop::Cancelled).unwrap();
+    assert_eq!(count_open(name), 0);
 }
 
 #[test]
