@@ -117,8 +117,7 @@ pub struct DeclaredFeature {
     pub meaning: Option<String>,
 }
 
-/// The answer to [`ToEnvironment::Reset`] or [`ToEnvironment::StepRequest`]; all lists are \[lanes of the
-/// message\].
+/// The answer to [`ToEnvironment::Reset`] or [`ToEnvironment::Step`]; all lists are \[lanes of the message\].
 #[derive(Debug, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Observed {
