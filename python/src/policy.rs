@@ -446,8 +446,9 @@ impl TrainedPolicy {
                 network.choice.probabilities(&values, actions)
             }
             By::Bandit(bandit) => {
-                let mut of = |row| bandit.choose(Actions::AsTrained, part.row(row), 0).1.to_vec();
-                (0..part.count()).flat_map(&mut of).collect()
+                let mut probabilities =
+                    |row| bandit.choose(Actions::AsTrained, part.row(row), 0).1.to_vec();
+                (0..part.count()).flat_map(&mut probabilities).collect()
             }
             By::Rule(rule) => {
                 let mut probabilities = vec![0.0; part.count() * actions];

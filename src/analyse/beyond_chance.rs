@@ -169,10 +169,10 @@ fn quantile(p: f64) -> f64 {
 /// Pearson's correlation; 0 of fewer than four pairs or without variance.
 fn correlation(pairs: &[(f64, f64)]) -> f64 {
     let n = pairs.len() as f64;
-    let mean = |of: fn(&(f64, f64)) -> f64| pairs.iter().map(of).sum::<f64>() / n;
+    let mean = |number: fn(&(f64, f64)) -> f64| pairs.iter().map(number).sum::<f64>() / n;
     let (one, other) = (mean(|pair| pair.0), mean(|pair| pair.1));
-    let sum = |of: &dyn Fn(f64, f64) -> f64| -> f64 {
-        pairs.iter().map(|(x, y)| of(x - one, y - other)).sum()
+    let sum = |product: &dyn Fn(f64, f64) -> f64| -> f64 {
+        pairs.iter().map(|(x, y)| product(x - one, y - other)).sum()
     };
     let found = sum(&|x, y| x * y) / (sum(&|x, _| x * x) * sum(&|_, y| y * y)).sqrt();
     if pairs.len() > 3 && found.is_finite() { found } else { 0.0 }

@@ -55,7 +55,8 @@ impl Operating {
     /// **Source**: Morris, White and Crowther, "Using simulation studies to evaluate statistical methods", Statistics
     /// in Medicine 38, 2019, table 6, for the measures; intervals of shares are Wilson's.
     pub fn of(trials: &[TrialEstimate]) -> Operating {
-        let all = |of: fn(&TrialEstimate) -> f64| -> Vec<f64> { trials.iter().map(of).collect() };
+        let all =
+            |value: fn(&TrialEstimate) -> f64| -> Vec<f64> { trials.iter().map(value).collect() };
         let truths: Option<Vec<f64>> = trials.iter().map(|trial| trial.truth).collect();
         let truths = truths.ok_or(Undefined::NoTruth);
         let truth = truths.as_deref().map_err(|reason| *reason).and_then(mean);

@@ -121,7 +121,7 @@ fn weights_make_a_difference_of_weighted_means() {
     // Without features, the estimate is Hájek's whatever the numerator.
     let mean = |action: u8| {
         let own = || decisions.iter().filter(|one| one.action == action);
-        let sum = |of: fn(&Decision) -> f64| own().map(of).sum::<f64>();
+        let sum = |value: fn(&Decision) -> f64| own().map(value).sum::<f64>();
         sum(|one| one.reward / one.action_probability()) / sum(|one| 1.0 / one.action_probability())
     };
     for numerator in [0.1, 0.5, 0.9] {

@@ -519,7 +519,7 @@ mod tests {
 
     #[test]
     fn versions_are_higher_in_the_jobs_alone_whose_results_changed() {
-        let of = |change: &dyn Fn(&mut StepCount)| {
+        let raised = |change: &dyn Fn(&mut StepCount)| {
             let versions = jobs().into_iter().map(|mut job| {
                 let before = job.versions();
                 job.environment.change(change);
@@ -528,8 +528,8 @@ mod tests {
             });
             versions.collect::<Vec<_>>()
         };
-        assert_eq!(of(&|_| {}), [(0, 0); 3]);
-        assert_eq!(of(&|environment| environment.unpaid_last_step = true), [(1, 0); 3]);
+        assert_eq!(raised(&|_| {}), [(0, 0); 3]);
+        assert_eq!(raised(&|environment| environment.unpaid_last_step = true), [(1, 0); 3]);
         let of_beliefs = |scenario: &str, noise: f64| {
             let environment = StepCount {
                 parameter_spread: noise,
@@ -548,7 +548,7 @@ mod tests {
             ["F-E-R", "F-E", "F-S", "F"].map(|letters| of_beliefs(letters, 0.5)),
             [1, 1, 1, 0]
         );
-        assert_eq!(of(&|environment| environment.availability = 0.9), [(0, 1), (0, 1), (0, 0)]);
+        assert_eq!(raised(&|environment| environment.availability = 0.9), [(0, 1), (0, 1), (0, 0)]);
         let in_trial = |change: &dyn Fn(&mut Trial)| {
             let required = [Value::Integer(4), Value::Integer(50)];
             let mut trial = Trial::with_required(&required);

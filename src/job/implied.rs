@@ -19,7 +19,11 @@ pub struct ImpliedParameter {
 
 /// All such parameters of this program.
 pub fn implied_parameters() -> Vec<ImpliedParameter> {
-    fn of(section: &str, algorithm: Option<&'static str>, keys: &[Key]) -> Vec<ImpliedParameter> {
+    fn in_section(
+        section: &str,
+        algorithm: Option<&'static str>,
+        keys: &[Key],
+    ) -> Vec<ImpliedParameter> {
         let implied = |key: &Key| {
             let value = Scalar::from(&key.before()?);
             Some(ImpliedParameter { name: format!("{section}.{}", key.name), algorithm, value })
@@ -27,11 +31,11 @@ pub fn implied_parameters() -> Vec<ImpliedParameter> {
         keys.iter().filter_map(implied).collect()
     }
     let algorithms = Algorithm::all().into_iter();
-    let of_agents = algorithms.map(|one| of("agent", Some(one.name()), one.keys()));
+    let of_agents = algorithms.map(|one| in_section("agent", Some(one.name()), one.keys()));
     let of_all = [
-        of("environment", None, Family::first().keys),
-        of("population", None, Family::first().people),
-        of("evaluation", None, Evaluation::KEYS),
+        in_section("environment", None, Family::first().keys),
+        in_section("population", None, Family::first().people),
+        in_section("evaluation", None, Evaluation::KEYS),
     ];
     of_all.into_iter().chain(of_agents).flatten().collect()
 }

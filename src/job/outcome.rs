@@ -100,7 +100,7 @@ impl Decision {
 
     /// The first number that no store accepts; see [`Results::unusable_number`].
     fn unusable_number(&self, state_names: &[String]) -> Option<String> {
-        let of = |name: &str, value: f64| {
+        let described = |name: &str, value: f64| {
             let phase = match self.phase {
                 Phase::Train => "training",
                 Phase::Test => "test",
@@ -111,13 +111,13 @@ impl Decision {
         let state = (0..).zip(&self.state).find(|(_, value)| !value.is_finite());
         if let Some((place, value)) = state {
             let name = state_names.get::<usize>(place).map_or("a state", String::as_str);
-            return Some(of(name, *value));
+            return Some(described(name, *value));
         }
         if !self.reward.is_finite() {
-            return Some(of("the reward", self.reward));
+            return Some(described("the reward", self.reward));
         }
         let taken = self.action_probability();
-        (!(0.0..=1.0).contains(&taken)).then(|| of("the action probability", taken))
+        (!(0.0..=1.0).contains(&taken)).then(|| described("the action probability", taken))
     }
 
     /// The probability with which the action was taken, in (0, 1]: 1 where no message could be sent.

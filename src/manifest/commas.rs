@@ -74,8 +74,10 @@ fn takes_whole_numbers(key: &str) -> bool {
     let is_whole =
         |kind| matches!(kind, Kind::Integer { .. } | Kind::Widths { .. } | Kind::Counts { .. });
     let name = key.rsplit('.').next().unwrap_or(key).trim();
-    let of = |section: Section| section.find(name).is_some_and(|(_, key)| is_whole(key.kind));
-    ["seed", "seeds", "reporting_seeds"].contains(&key) || Section::all().into_iter().any(of)
+    let has_whole_key =
+        |section: Section| section.find(name).is_some_and(|(_, key)| is_whole(key.kind));
+    ["seed", "seeds", "reporting_seeds"].contains(&key)
+        || Section::all().into_iter().any(has_whole_key)
 }
 
 #[cfg(test)]

@@ -123,23 +123,24 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         fs::write(folder.path().join("people.csv"), "delta_d\r\n0.1\r\n0.2\r\n").unwrap();
         let text = "format = 1\n# A comment.\npopulation.rows = \"people.csv\"\n";
-        let of = |text: &str| Manifest {
+        let written = |text: &str| Manifest {
             source: text.to_owned(),
             path: folder.path().join("m.toml").display().to_string(),
             named_runs: vec![("run:3f".to_owned(), "{\"posterior\": 1}".to_owned())],
             ..parse("t", VALID.as_bytes()).unwrap()
         };
-        let whole = self_contained(&of(text)).unwrap();
+        let whole = self_contained(&written(text)).unwrap();
         let read: toml::Table = toml::from_str(&whole).unwrap();
         let rows = read["population"]["rows"].as_str().unwrap();
         assert!(rows.starts_with("delta_d") && rows.ends_with("0.2\n"), "{rows:?}");
         assert!(whole.contains("# A comment."));
         let inline = "population.rows = [{ delta_d = 0.1 }]\n";
-        assert_eq!(self_contained(&of(inline)).unwrap(), inline);
-        let missing = self_contained(&of("population.rows = \"other.csv\""));
+        assert_eq!(self_contained(&written(inline)).unwrap(), inline);
+        let missing = self_contained(&written("population.rows = \"other.csv\""));
         assert!(missing.unwrap_err().contains("other.csv"));
         let agents = "[[agent]]\nprior_from = \"none\"\n[[agent]]\nprior_from = [\"run:3f\", \"people.csv\"]\n";
-        let whole: toml::Table = toml::from_str(&self_contained(&of(agents)).unwrap()).unwrap();
+        let whole: toml::Table =
+            toml::from_str(&self_contained(&written(agents)).unwrap()).unwrap();
         let priors = |agent: usize| whole["agent"][agent]["prior_from"].clone();
         assert_eq!(priors(0).as_str(), Some("none"));
         assert_eq!(priors(1)[0].as_str(), Some("{\"posterior\": 1}\n"));
@@ -161,7 +162,8 @@ mod tests {
         };
         let read = parse_from("t", text.as_bytes(), Runs(Some(&policy))).unwrap();
         let frozen = parse("t", self_contained(&read).unwrap().as_bytes()).unwrap();
-        let keys = |of: &Manifest| plan::jobs(of).map(|one| one.job.key()).collect::<Vec<_>>();
+        let keys =
+            |manifest: &Manifest| plan::jobs(manifest).map(|one| one.job.key()).collect::<Vec<_>>();
         assert_eq!(keys(&frozen), keys(&read));
         let resolved = parse("t", read.resolved().as_bytes()).unwrap();
         assert_eq!(keys(&resolved), keys(&read));

@@ -440,19 +440,19 @@ mod tests {
 
     #[test]
     fn an_estimate_needs_an_agent_that_randomises_every_choice() {
-        let of = |keys: &str| {
+        let found = |keys: &str| {
             let keys =
                 format!("algorithm = \"linear_thompson\"\n{keys}\n[[estimate]]\nname = \"effect\"");
             hints_of("sigma = 0.4", &keys)
         };
         let hint = "the estimate effect fails in trials where agent a chooses with probability 0 or 1; a `pi_min` \
                     above 0 prevents that";
-        assert_eq!(of(""), [hint]);
-        assert_eq!(of("pi_min = [0.1, 0.0]"), [hint]);
-        assert_eq!(of("pi_min = 0.1"), [""; 0]);
-        assert_eq!(of("smoothing = 0.1"), [""; 0]);
+        assert_eq!(found(""), [hint]);
+        assert_eq!(found("pi_min = [0.1, 0.0]"), [hint]);
+        assert_eq!(found("pi_min = 0.1"), [""; 0]);
+        assert_eq!(found("smoothing = 0.1"), [""; 0]);
         assert_eq!(
-            of("pi_min = 0.0\n[[agent]]\nname = \"b\"\nalgorithm = \"rule\"\nrule = \"random\""),
+            found("pi_min = 0.0\n[[agent]]\nname = \"b\"\nalgorithm = \"rule\"\nrule = \"random\""),
             [hint]
         );
         let rule = "algorithm = \"rule\"\nrule = \"random\"\n[[estimate]]\nname = \"effect\"";

@@ -110,7 +110,7 @@ fn environment(family: &'static Family) -> Json {
 
 /// A trial. Keys that begin with `entry_` or `update_` may stand in a table.
 fn trial(section_of: Section) -> Json {
-    let of = |prefix: &str| {
+    let table = |prefix: &str| {
         let keys = section_of.keys().iter().filter_map(|key| {
             Some((key.name.strip_prefix(prefix)?.strip_prefix('_')?.to_owned(), swept(key)))
         });
@@ -122,8 +122,8 @@ fn trial(section_of: Section) -> Json {
     };
     let mut schema = section(section_of, Map::new());
     let file = schema["properties"]["entry"].take();
-    schema["properties"]["entry"] = json!({ "anyOf": [file, of("entry")] });
-    schema["properties"]["update"] = of("update");
+    schema["properties"]["entry"] = json!({ "anyOf": [file, table("entry")] });
+    schema["properties"]["update"] = table("update");
     schema
 }
 

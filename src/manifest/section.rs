@@ -26,13 +26,13 @@ impl Section {
     /// Every section, in the order of the grid, with the families after the first one last.
     pub fn all() -> Vec<Section> {
         let agents = Algorithm::all().into_iter().map(Section::Agent);
-        let of = |family: &&'static Family| {
+        let with_people = |family: &&'static Family| {
             let people = (!family.people.is_empty()).then_some(Section::Population(family));
             std::iter::once(Section::Environment(family)).chain(people)
         };
         let (first, others) = Family::all().split_first().expect("there are families");
-        let others = others.iter().flat_map(of);
-        of(first)
+        let others = others.iter().flat_map(with_people);
+        with_people(first)
             .chain(agents)
             .chain([Section::Evaluation, Section::Trial(true)])
             .chain(others)

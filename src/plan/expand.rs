@@ -93,10 +93,10 @@ mod tests {
         )
     }
 
-    fn column<T>(text: &str, of: impl Fn(&Job) -> T) -> Vec<T> {
+    fn column<T>(text: &str, value: impl Fn(&Job) -> T) -> Vec<T> {
         let jobs = expand(&manifest(text));
         assert_eq!(jobs.len() as u64, count(&manifest(text)));
-        jobs.iter().map(|planned| of(&planned.job)).collect()
+        jobs.iter().map(|planned| value(&planned.job)).collect()
     }
 
     #[test]

@@ -158,7 +158,8 @@ impl AmongParticipants {
         if self.episodes.is_empty() {
             return Vec::new();
         }
-        let mean = |of: fn(&TestEpisode) -> f64| self.episodes.iter().map(of).sum::<f64>() / n;
+        let mean =
+            |value: fn(&TestEpisode) -> f64| self.episodes.iter().map(value).sum::<f64>() / n;
         let terminated = mean(|one| f64::from(u8::from(one.terminated)));
         vec![
             (DISENGAGEMENT_RATE.text().into(), terminated),

@@ -185,15 +185,15 @@ mod tests {
             [(first_return(1), 1.0), (first_return(3), -1.0 / 3.0), (first_return(5), 3.0)]
         );
         let points = curve.finish();
-        let of = |metric: &str| -> Vec<(u32, f64)> {
+        let points_of = |metric: &str| -> Vec<(u32, f64)> {
             let points = points.iter().filter(|p| p.metric == metric);
             points.map(|p| (p.episode, p.value)).collect()
         };
-        assert_eq!(of("mean_return"), [(2, 2.0), (4, 1.0), (5, 9.0)]);
-        assert_eq!(of("termination_rate"), [(2, 0.0), (4, 0.5), (5, 0.0)]);
-        assert_eq!(of("mean_loss"), [(4, 2.0)]);
-        assert_eq!(of("epsilon"), [(2, 0.03), (4, 0.07), (5, 0.09)]);
-        assert_eq!(of("mean_length"), [(2, 50.0), (4, 50.0), (5, 50.0)]);
+        assert_eq!(points_of("mean_return"), [(2, 2.0), (4, 1.0), (5, 9.0)]);
+        assert_eq!(points_of("termination_rate"), [(2, 0.0), (4, 0.5), (5, 0.0)]);
+        assert_eq!(points_of("mean_loss"), [(4, 2.0)]);
+        assert_eq!(points_of("epsilon"), [(2, 0.03), (4, 0.07), (5, 0.09)]);
+        assert_eq!(points_of("mean_length"), [(2, 50.0), (4, 50.0), (5, 50.0)]);
     }
 
     #[test]

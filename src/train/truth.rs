@@ -365,11 +365,11 @@ mod tests {
             for seed in seeds(&job, 3) {
                 let played = Job { seed, ..job.clone() };
                 for (person, step) in (0..24).map(|place| (place / 6, place as u32 % 6)) {
-                    let of =
+                    let outcome =
                         |action| forced(&played, person, step, Action::from_index(action).unwrap());
-                    let Some((nothing, probabilities)) = of(0) else { continue };
+                    let Some((nothing, probabilities)) = outcome(0) else { continue };
                     let gains: Vec<f64> =
-                        (1..4).map(|action| of(action).unwrap().0 - nothing).collect();
+                        (1..4).map(|action| outcome(action).unwrap().0 - nothing).collect();
                     let weighted = gains.iter().zip(&probabilities[1..]).map(|(gain, p)| gain * p);
                     any += weighted.sum::<f64>() / probabilities[1..].iter().sum::<f64>();
                     third += gains[2];

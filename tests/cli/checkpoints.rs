@@ -131,17 +131,17 @@ fn a_damaged_checkpoint_is_reported_and_its_job_starts_over() {
         if format == "json" {
             let events: Vec<serde_json::Value> =
                 ended.stdout.lines().map(|line| serde_json::from_str(line).unwrap()).collect();
-            let of = |name: &str| {
+            let event = |name: &str| {
                 events
                     .iter()
                     .find(|event| event["event"] == name)
                     .unwrap_or_else(|| panic!("{name}"))
             };
-            let refused = of("checkpoint_refused");
+            let refused = event("checkpoint_refused");
             let file = refused["file"].as_str().unwrap();
             assert!(damaged.ends_with(PathBuf::from(file).file_name().unwrap()), "{file}");
             assert_eq!(refused["reason"], "damaged");
-            let resumed = of("resumed");
+            let resumed = event("resumed");
             assert!(resumed["episode"].as_i64() > Some(0), "{resumed}");
             assert_ne!(resumed["job"]["job_key"], refused["job"]["job_key"]);
         }

@@ -337,8 +337,8 @@ rule = \"tailored\"
     let reader = Reader::open(&folder.path().join("jitai.sqlite")).unwrap();
     let published = published_by_the_paper();
     let tiles = |agent: &str| -> Vec<f64> {
-        let of = |one: &&PublishedRow| one.agent == agent && one.subject == "heat-map tile";
-        published.iter().filter(of).map(|tile| tile.value).collect()
+        let is_tile = |one: &&PublishedRow| one.agent == agent && one.subject == "heat-map tile";
+        published.iter().filter(is_tile).map(|tile| tile.value).collect()
     };
     let sql = read("experiments/heat_maps.sql");
     let (table, _) = sql.split_once("), run AS (").unwrap();

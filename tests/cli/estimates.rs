@@ -132,13 +132,13 @@ fn the_reward_is_less_the_cost_of_messages() {
     let all = with("environment.message_cost = [0, 30]");
     let folder = Folder::completed(&format!("{all}{both}"));
     let differing = differences(&folder);
-    let of = |cost: f64| {
+    let with_cost = |cost: f64| {
         differing
             .iter()
             .filter(|row| row.trim_start_matches('-').starts_with(&format!("{cost:.9} ")))
             .count()
     };
-    assert_eq!((differing.len(), of(30.0), of(0.0)), (8, 4, 4), "{differing:?}");
+    assert_eq!((differing.len(), with_cost(30.0), with_cost(0.0)), (8, 4, 4), "{differing:?}");
     assert!(
         differing.iter().all(|row| row.trim_end_matches(['0', '.']).ends_with([' ', '-'])),
         "{differing:?}"

@@ -120,8 +120,9 @@ fn assert_recomputed(trial: &str, environment: &str, (per_day, lag): (i64, i64))
             let counts =
                 |row: &&Row| row.is_learned && row.day < day - lag && last[&row.person] >= day - 1;
             left += last.values().filter(|last| **last < day - 1).count();
-            let of = |action| means(rows.iter().filter(|row| row.action == action).filter(counts));
-            let (message, nothing) = (of(action), of(0));
+            let mean_of =
+                |action| means(rows.iter().filter(|row| row.action == action).filter(counts));
+            let (message, nothing) = (mean_of(action), mean_of(0));
             let mean: Vec<f64> = serde_json::from_str(&mean).unwrap();
             for (found, (message, nothing)) in mean.iter().zip(message.iter().zip(nothing)) {
                 let expected = message - nothing;

@@ -78,7 +78,7 @@ fn characteristics_are_those_of_the_rows_of_estimates() {
         60
     );
     for (index, people) in ["5", "40"].iter().enumerate() {
-        let of = |what: &str| -> f64 {
+        let queried = |what: &str| -> f64 {
             let sql = format!(
                 "SELECT {what} FROM estimate JOIN parameter USING (job_key)
                 WHERE estimate.name = 'first' AND parameter.name = 'trial.people' AND value = {people}"
@@ -86,7 +86,7 @@ fn characteristics_are_those_of_the_rows_of_estimates() {
             folder.store().query_row(&sql, [], |row| row.get(0)).unwrap()
         };
         // The effect of message 1 is 64 in every state.
-        let truth = of("avg(truth)");
+        let truth = queried("avg(truth)");
         assert!((truth - 64.0).abs() < [40.0, 8.0][index], "{truth}");
         let held = format!("avg({truth:?} BETWEEN low AND high)");
         for (name, what) in [
@@ -96,7 +96,7 @@ fn characteristics_are_those_of_the_rows_of_estimates() {
             ("coverage", held.as_str()),
             ("power", "avg(low > 0 OR high < 0)"),
         ] {
-            let (found, expected) = (numbers(&csv, name)[index], of(what));
+            let (found, expected) = (numbers(&csv, name)[index], queried(what));
             assert!((found - expected).abs() < 1e-9, "{name}: {found}, expected {expected}");
         }
         let errors = [numbers(&csv, "bias_low")[index], numbers(&csv, "bias_high")[index]];

@@ -96,10 +96,10 @@ fn every_step_has_the_probability_of_its_action() {
     for (agent, key) in keys {
         let policy = format!("run:{key}");
         let explored = steps(&folder, &["--policy", &policy, "--episodes", "20"]);
-        let of = |step: &Value| step["action_probability"].as_f64().unwrap();
-        assert!(explored.iter().map(of).all(|p| p > 0.0 && p < 1.0), "{agent}");
+        let probability = |step: &Value| step["action_probability"].as_f64().unwrap();
+        assert!(explored.iter().map(probability).all(|p| p > 0.0 && p < 1.0), "{agent}");
         let greedy = steps(&folder, &["--policy", &policy, "--greedy"]);
-        assert!(greedy.iter().map(of).all(|p| p == 1.0), "{agent}");
+        assert!(greedy.iter().map(probability).all(|p| p == 1.0), "{agent}");
     }
 }
 

@@ -549,13 +549,13 @@ fn a_program_that_plays_a_rule_meets_the_people_of_the_rule() {
             "seed, episode, step, json_remove(state, '$.policy'), action, action_probability, reward",
         ),
     ] {
-        let of = |agent: &str| {
+        let rows_of = |agent: &str| {
             format!(
                 "SELECT {columns} FROM {view} JOIN run_summary USING (job_key) WHERE agent = '{agent}'"
             )
         };
         let count = |sql: &str| folder.number(&format!("SELECT count(*) FROM ({sql})"));
-        let (rule, outside) = (of("rule"), of("outside"));
+        let (rule, outside) = (rows_of("rule"), rows_of("outside"));
         assert!(count(&rule) >= 27, "{view}");
         assert_eq!(count(&format!("{rule} EXCEPT {outside}")), 0, "{view}");
         assert_eq!(count(&format!("{outside} EXCEPT {rule}")), 0, "{view}");

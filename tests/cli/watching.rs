@@ -82,8 +82,8 @@ fn curves_of_running_jobs_are_seen_and_leave_nothing_behind() {
     });
     let files = curves(&folder, checkpoints);
     assert_eq!(files.len(), 2);
-    let of = |file: &PathBuf| RunningCurve::read(file).unwrap();
-    let read = || files.iter().map(of).collect::<Vec<_>>();
+    let read_curve = |file: &PathBuf| RunningCurve::read(file).unwrap();
+    let read = || files.iter().map(read_curve).collect::<Vec<_>>();
     let before = read();
     assert!(before.iter().all(|curve| curve.episode > 0 && curve.seconds > 1.0), "{before:?}");
     until("points are added to both", || {

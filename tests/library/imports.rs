@@ -320,7 +320,7 @@ impl Library {
     /// dependency; a re-export from another module is. Re-exports in the root of the crate do not
     /// count.
     fn edges(&self) -> BTreeMap<ModulePath, BTreeSet<ModulePath>> {
-        let of = |(from, file): (&ModulePath, &File)| {
+        let edges = |(from, file): (&ModulePath, &File)| {
             let named = file.named.iter().filter_map(|written| self.target(from, written));
             let passed_on =
                 file.passed_on.values().filter_map(|written| self.target(from, written));
@@ -328,7 +328,7 @@ impl Library {
                 passed_on.filter(|target| !from.is_empty() && target.first() != from.first());
             (from.clone(), named.chain(imported).filter(|target| target != from).collect())
         };
-        self.0.iter().map(of).collect()
+        self.0.iter().map(edges).collect()
     }
 
     /// Cycles: each lists the files that depend on each other.

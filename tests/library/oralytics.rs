@@ -237,7 +237,7 @@ fn in_official_order(means: &[f64]) -> Vec<f64> {
 #[test]
 fn the_test_beds_keep_the_contract_of_environments() {
     let v2 = official();
-    let of = |file: &str, test_bed, stationary| Oralytics {
+    let test_bed = |file: &str, test_bed, stationary| Oralytics {
         people: people(file),
         test_bed,
         stationary,
@@ -245,9 +245,9 @@ fn the_test_beds_keep_the_contract_of_environments() {
     };
     for parameters in [
         v2,
-        of("synthetic_v2_daily.csv", TestBed::V2, false),
-        of("synthetic_v3.csv", TestBed::V3, true),
-        of("synthetic_v4.csv", TestBed::V4, false),
+        test_bed("synthetic_v2_daily.csv", TestBed::V2, false),
+        test_bed("synthetic_v3.csv", TestBed::V3, true),
+        test_bed("synthetic_v4.csv", TestBed::V4, false),
     ] {
         let parameters = Oralytics { days: 20, ..parameters };
         let scenario: Scenario = "app-brushing".parse().unwrap();

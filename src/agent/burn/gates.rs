@@ -74,7 +74,7 @@ mod tests {
 
     #[test]
     fn values_and_derivatives_are_those_of_the_formula() {
-        let of = |step: fn(Tensor<2>, Tensor<2>, Tensor<2>) -> Tensor<2>| {
+        let computed = |step: fn(Tensor<2>, Tensor<2>, Tensor<2>) -> Tensor<2>| {
             let arguments = arguments();
             let [input, state, before] = arguments.clone();
             let after = step(input, state, before);
@@ -84,7 +84,7 @@ mod tests {
             let derivatives = arguments.map(|argument| numbers(argument.grad(&gradients).unwrap()));
             (numbers(after), derivatives.concat())
         };
-        let (ours, theirs) = (of(step), of(plain));
+        let (ours, theirs) = (computed(step), computed(plain));
         assert_eq!((ours.0.len(), ours.1.len()), (3 * UNITS, 3 * 7 * UNITS));
         let pairs = ours.0.iter().zip(&theirs.0).chain(ours.1.iter().zip(&theirs.1));
         for (ours, theirs) in pairs {

@@ -192,11 +192,11 @@ fn equal_biases_change_nothing() {
         ..LinearThompson::default()
     };
     let mut acting = learned(&with([0.0; 4]), 40);
-    let mut of = |bias| probabilities(&with(bias), &mut acting);
-    assert_close(&of([-50.0; 4]), &of([0.0; 4]), 1e-9);
+    let mut biased = |bias| probabilities(&with(bias), &mut acting);
+    assert_close(&biased([-50.0; 4]), &biased([0.0; 4]), 1e-9);
     // If action 0 is practically impossible, an equal bias of all messages has no effect.
-    assert_close(&of([-1e6, -50.0, -50.0, -50.0]), &of([-1e6, 0.0, 0.0, 0.0]), 1e-9);
-    assert!(of([0.0, -50.0, -50.0, -50.0])[0] > of([0.0; 4])[0] + 0.1);
+    assert_close(&biased([-1e6, -50.0, -50.0, -50.0]), &biased([-1e6, 0.0, 0.0, 0.0]), 1e-9);
+    assert!(biased([0.0, -50.0, -50.0, -50.0])[0] > biased([0.0; 4])[0] + 0.1);
 }
 
 /// The posterior after steps with a baseline that no agent models: 5 sin 3s, plus 4 from the middle

@@ -66,11 +66,11 @@ mod tests {
 
     #[test]
     fn programs_with_the_same_names_of_parameters_are_of_one_algorithm() {
-        let of = |names: &[&str]| Algorithm::external(names.iter().copied()).unwrap();
-        let both = of(&["parameters.rate", "parameters.depth"]);
-        assert!(std::ptr::eq(both, of(&["parameters.depth", "parameters.rate"])));
-        assert_ne!(both, of(&["parameters.rate"]));
-        assert_eq!(of(&[]), Algorithm::named("external").unwrap());
+        let with_names = |names: &[&str]| Algorithm::external(names.iter().copied()).unwrap();
+        let both = with_names(&["parameters.rate", "parameters.depth"]);
+        assert!(std::ptr::eq(both, with_names(&["parameters.depth", "parameters.rate"])));
+        assert_ne!(both, with_names(&["parameters.rate"]));
+        assert_eq!(with_names(&[]), Algorithm::named("external").unwrap());
         let names: Vec<&str> = both.keys().iter().map(|key| key.name).collect();
         let expected =
             ["command", "version", "episodes", "history", "parameters.depth", "parameters.rate"];

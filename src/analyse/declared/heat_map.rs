@@ -199,7 +199,9 @@ fn lead(tiles: &[HeatTile], samples: &[Sample]) -> Option<PeakLead> {
     })?;
     let width = tiles.iter().take_while(|tile| tile.y == tiles[0].y).count();
     let is_near = |place: &usize| {
-        let away = |of: fn(usize, usize) -> usize| of(*place, width).abs_diff(of(best, width));
+        let away = |coordinate: fn(usize, usize) -> usize| {
+            coordinate(*place, width).abs_diff(coordinate(best, width))
+        };
         *place != best
             && away(|place, width| place / width) < 2
             && away(|place, width| place % width) < 2

@@ -159,7 +159,8 @@ fn row(arm: &Arm<'_>, x: Option<f64>, jobs: &[&JobRecord], term: &Term) -> Opera
         });
     }
     let trials: Vec<TrialEstimate> = effects.iter().map(trial).collect();
-    let mean = |of: fn(&Effect) -> f64| effects.iter().map(of).sum::<f64>() / effects.len() as f64;
+    let mean =
+        |value: fn(&Effect) -> f64| effects.iter().map(value).sum::<f64>() / effects.len() as f64;
     let design = design.filter(|_| !effects.is_empty()).map(|(people, numerator, controls)| {
         let decisions = mean(|effect| effect.decisions as f64) / people;
         // Estimates of earlier releases do not have it.

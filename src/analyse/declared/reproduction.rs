@@ -126,8 +126,8 @@ impl Reproduction {
             }
         }
         let distance = |((agent, return_unit), differences): ((&str, _), Vec<f64>)| {
-            let mean = |of: fn(f64) -> f64| {
-                differences.iter().map(|x| of(*x)).sum::<f64>() / differences.len() as f64
+            let mean = |function: fn(f64) -> f64| {
+                differences.iter().map(|x| function(*x)).sum::<f64>() / differences.len() as f64
             };
             Distance {
                 agent: agent.to_owned(),

@@ -182,13 +182,13 @@ impl<'a> Group<'a> {
 }
 
 /// The results of `of` for each item, in their order.
-fn on_all_cores<T: Sync, R: Send>(items: &[T], of: impl Fn(&T) -> R + Sync) -> Vec<R> {
+fn on_all_cores<T: Sync, R: Send>(items: &[T], compute: impl Fn(&T) -> R + Sync) -> Vec<R> {
     let cores = thread::available_parallelism().map_or(1, usize::from).min(MOST_AT_ONCE);
     let next = AtomicUsize::new(0);
     let work = || {
         let places = std::iter::repeat_with(|| next.fetch_add(1, Ordering::Relaxed));
         let items = places.map_while(|place| Some((place, items.get(place)?)));
-        items.map(|(place, item)| (place, of(item))).collect::<Vec<_>>()
+        items.map(|(place, item)| (place, compute(item))).collect::<Vec<_>>()
     };
     let mut found: Vec<(usize, R)> = thread::scope(|scope| {
         // Where the system refuses a thread, the others do its work.

@@ -201,7 +201,7 @@ mod tests {
         let state = [1.0, -0.7, -0.1, 0.0];
         let mut without = full.clone();
         without.remove_effect_at(&state, true);
-        let of = |weights: &Weights| {
+        let moments = |weights: &Weights| {
             let named = MOMENTS.iter().map(|(feature, ..)| weights[*feature as usize]);
             DVector::from_iterator(7, named.chain([weights[Feature::One as usize]]))
         };
@@ -226,7 +226,7 @@ mod tests {
             (full.bernoulli_effect, without.bernoulli_effect),
             (full.amount_effect, without.amount_effect),
         ] {
-            let (before, after) = (of(&before), of(&after));
+            let (before, after) = (moments(&before), moments(&after));
             let expected = &before - &solved * (x.dot(&before) / x.dot(&solved));
             assert!((&after - &expected).amax() < 1e-12, "{after} {expected}");
             assert!(x.dot(&after).abs() < 1e-12 && x.dot(&before).abs() > 0.1);
@@ -236,7 +236,7 @@ mod tests {
         stationary.bernoulli_effect[Feature::Day as usize] = 0.0;
         stationary.remove_effect_at(&state, false);
         assert_eq!(stationary.bernoulli_effect[Feature::Day as usize], 0.0);
-        assert!(x.dot(&of(&stationary.bernoulli_effect)).abs() < 1e-12);
+        assert!(x.dot(&moments(&stationary.bernoulli_effect)).abs() < 1e-12);
     }
 
     #[test]

@@ -129,6 +129,7 @@ pub(super) fn column(prefix: &str, feature: Feature) -> String {
 
 /// Whether a column has weights.
 fn is_weight(name: &str) -> bool {
-    let of = |prefix: &&str| Feature::ALL.iter().any(|feature| column(prefix, *feature) == name);
-    PREFIXES.iter().any(of)
+    let has_weight =
+        |prefix: &&str| Feature::ALL.iter().any(|feature| column(prefix, *feature) == name);
+    PREFIXES.iter().any(has_weight)
 }

@@ -105,9 +105,9 @@ impl Reader<'_> {
 /// The type of a parameter's values; `None` for scenario and seed, which no table declares.
 pub(in crate::manifest) fn kind_of(parameter: Parameter) -> Option<Kind> {
     let sections = Section::all().into_iter();
-    let of = |section: Section| {
+    let kind = |section: Section| {
         let (_, key) = section.find(parameter.key())?;
         (section.parameter(key.name) == parameter).then_some(key.kind)
     };
-    sections.filter_map(of).next().or_else(|| free_key(parameter.key()).map(|key| key.kind))
+    sections.filter_map(kind).next().or_else(|| free_key(parameter.key()).map(|key| key.kind))
 }

@@ -207,7 +207,10 @@ mod tests {
         arms
     }
 
-    fn of(arms: &[ArmId], declared: Option<PanelKey>) -> (Vec<String>, Vec<usize>, Vec<String>) {
+    fn displayed(
+        arms: &[ArmId],
+        declared: Option<PanelKey>,
+    ) -> (Vec<String>, Vec<usize>, Vec<String>) {
         let names: Vec<&ArmId> = arms.iter().collect();
         let Panels { panels, labels, .. } = Panels::of(&names, declared, None);
         let headings = panels.iter().map(|panel| panel.heading.clone()).collect();
@@ -217,37 +220,37 @@ mod tests {
     #[test]
     fn six_arms_share_a_panel_and_seven_do_not() {
         let six = arms(&["dqn", "ppo"], &["P"], &[1.0, 2.0, 3.0]);
-        assert_eq!(of(&six, None).1, [6]);
+        assert_eq!(displayed(&six, None).1, [6]);
         let seven = arms(&["dqn"], &["P"], &[1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0]);
-        assert_eq!(of(&seven, None).1, [1; 7]);
-        assert_eq!(of(&seven, None).0[0], "δ_d=1");
-        assert_eq!(of(&seven, None).2[0], "dqn P");
+        assert_eq!(displayed(&seven, None).1, [1; 7]);
+        assert_eq!(displayed(&seven, None).0[0], "δ_d=1");
+        assert_eq!(displayed(&seven, None).2[0], "dqn P");
     }
 
     #[test]
     fn more_arms_are_split_along_the_key_with_the_fewest_values() {
         let twelve = arms(&["a", "b", "c"], &["P", "L"], &[1.0, 2.0]);
-        let (headings, counts, labels) = of(&twelve, None);
+        let (headings, counts, labels) = displayed(&twelve, None);
         assert_eq!((headings, counts), (vec!["P".to_owned(), "L".to_owned()], vec![6, 6]));
         assert_eq!(labels[..3], ["a δ_d=1", "a δ_d=2", "a δ_d=1"]);
         // Two scenarios would leave nine arms in a panel; three agents leave six.
         let many = arms(&["a", "b", "c"], &["P", "L"], &[1.0, 2.0, 3.0]);
-        assert_eq!(of(&many, None).0, ["a", "b", "c"]);
-        assert_eq!(of(&many, None).1, [6; 3]);
+        assert_eq!(displayed(&many, None).0, ["a", "b", "c"]);
+        assert_eq!(displayed(&many, None).1, [6; 3]);
         // If no key is enough, panels are split until none has more than six arms.
         let more = arms(&["a", "b", "c"], &["P", "L", "C"], &[1.0, 2.0, 3.0]);
-        assert_eq!(of(&more, None).1, [3; 9]);
-        assert_eq!(of(&more, None).0[1], "a, L");
+        assert_eq!(displayed(&more, None).1, [3; 9]);
+        assert_eq!(displayed(&more, None).0[1], "a, L");
     }
 
     #[test]
     fn a_declared_key_is_the_only_one() {
         let many = arms(&["a", "b", "c", "d"], &["P", "L"], &[1.0, 2.0]);
         let decay = PanelKey::Key(Parameter::Environment("delta_d"));
-        let (headings, counts, labels) = of(&many, Some(decay));
+        let (headings, counts, labels) = displayed(&many, Some(decay));
         assert_eq!((headings, counts), (vec!["δ_d=1".into(), "δ_d=2".into()], vec![8, 8]));
         assert_eq!(labels[0], "a P");
-        assert_eq!(of(&many, Some(PanelKey::Agent)).1, [4; 4]);
+        assert_eq!(displayed(&many, Some(PanelKey::Agent)).1, [4; 4]);
     }
 
     #[test]

@@ -655,12 +655,14 @@ mod tests {
 
     #[test]
     fn an_agent_whose_values_the_others_would_hide_has_colours_of_its_own() {
-        let of =
+        let figure =
             |agent: &str, values: &[f64]| HeatFigure { agent: agent.into(), ..map(values, 1.0) };
-        let far = [of("a", &[1000.0, 3000.0]), of("b", &[10.0, 20.0])];
+        let far = [figure("a", &[1000.0, 3000.0]), figure("b", &[10.0, 20.0])];
         let found = scales(&far);
         assert_eq!((found["a"], found["b"]), ((1000.0, 3000.0), (10.0, 20.0)));
-        assert!(scales(&[of("a", &[1000.0, 3000.0]), of("b", &[1500.0, 2500.0])]).is_empty());
+        assert!(
+            scales(&[figure("a", &[1000.0, 3000.0]), figure("b", &[1500.0, 2500.0])]).is_empty()
+        );
         assert!(scales(&far[..1]).is_empty());
     }
 }

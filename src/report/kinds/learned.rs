@@ -94,19 +94,21 @@ impl Drawn for LearnedFigure {
         };
         let Some(most) = known.iter().max_by(by_share) else { return few() };
         let least = known.iter().min_by(by_share)?;
-        let of =
+        let sentence =
             |(panel, share): &(&LearnedPanel, MonteCarloMean)| self.sentence(panel, *share, names);
         let is_clear = |(_, share): &&(&LearnedPanel, MonteCarloMean)| {
             share.interval.is_ok_and(|interval| interval.low > CHANCE)
         };
         let clear = known.iter().filter(is_clear).count();
         Some(match known.len() {
-            1 if clear == 1 => format!("More than chance (p ≤ 0.05): {}", of(most)),
-            1 => format!("Not shown to be more than the 5 % of chance: p ≤ 0.05 {}", of(most)),
+            1 if clear == 1 => format!("More than chance (p ≤ 0.05): {}", sentence(most)),
+            1 => {
+                format!("Not shown to be more than the 5 % of chance: p ≤ 0.05 {}", sentence(most))
+            }
             count => format!(
                 "p ≤ 0.05 most often {}, and least often {}, of {}; shown to be more than the 5 % of chance in {clear}",
-                of(most),
-                of(least),
+                sentence(most),
+                sentence(least),
                 counted(count, "state")
             ),
         })
@@ -192,8 +194,8 @@ fn state(panel: &LearnedPanel) -> String {
 
 fn cells(panel: &LearnedPanel, names: &Names) -> Vec<TableEntry> {
     let last = panel.points.last().ok_or(Undefined::NoSeeds);
-    let over = |side: usize, of: fn(&OverTrials) -> f64| {
-        TableEntry::of(last.map(|last| of(&last.over[side])), DECIMALS)
+    let over = |side: usize, rate: fn(&OverTrials) -> f64| {
+        TableEntry::of(last.map(|last| rate(&last.over[side])), DECIMALS)
     };
     let rejected = panel.judged.share;
     let interval = rejected.and_then(|share| share.interval);

@@ -17,7 +17,7 @@ impl Scene {
     pub fn in_rows(scenes: &[&Scene], description: String) -> Scene {
         const COLUMNS: usize = 2;
         let columns = COLUMNS.min(scenes.len()).max(1);
-        let most = |of: fn(&Scene) -> f64| scenes.iter().map(|one| of(one)).fold(0.0, f64::max);
+        let most = |size: fn(&Scene) -> f64| scenes.iter().map(|one| size(one)).fold(0.0, f64::max);
         let (width, height) = (most(|one| one.width), most(|one| one.height));
         let mut all = Scene {
             width: width * columns as f64,

@@ -221,24 +221,24 @@ mod tests {
 
     #[test]
     fn faulty_choices_are_described() {
-        let of = |actions: &[i64], with: Option<Probabilities>| {
+        let fault = |actions: &[i64], with: Option<Probabilities>| {
             let actions = (!actions.is_empty()).then(|| actions.to_vec());
             read(Choices { actions, probabilities: with }, Actions::AsTrained).unwrap_err()
         };
         let all = |rows: Vec<Vec<f64>>| Some(Probabilities::OfAll(rows));
         for (fault, expected) in [
-            (of(&[1], None), "expected 2 actions, one for each lane of \"act\", found 1"),
-            (of(&[1, 4], None), "expected an action from 0 to 3 for lane 2, found 4"),
-            (of(&[-1, 0], None), "expected an action from 0 to 3 for lane 0, found -1"),
-            (of(&[], None), "found neither"),
+            (fault(&[1], None), "expected 2 actions, one for each lane of \"act\", found 1"),
+            (fault(&[1, 4], None), "expected an action from 0 to 3 for lane 2, found 4"),
+            (fault(&[-1, 0], None), "expected an action from 0 to 3 for lane 0, found -1"),
+            (fault(&[], None), "found neither"),
             (
-                of(&[], all(vec![vec![0.5; 4]; 2])),
+                fault(&[], all(vec![vec![0.5; 4]; 2])),
                 "sum to 1 for lane 0, found [0.5, 0.5, 0.5, 0.5]",
             ),
-            (of(&[], all(vec![vec![1.0]; 2])), "expected 4 probabilities"),
-            (of(&[], all(vec![vec![1.5, -0.5, 0.0, 0.0]; 2])), "sum to 1 for lane 0"),
+            (fault(&[], all(vec![vec![1.0]; 2])), "expected 4 probabilities"),
+            (fault(&[], all(vec![vec![1.5, -0.5, 0.0, 0.0]; 2])), "sum to 1 for lane 0"),
             (
-                of(&[1, 1], Some(Probabilities::OfActions(vec![0.0, 1.0]))),
+                fault(&[1, 1], Some(Probabilities::OfActions(vec![0.0, 1.0]))),
                 "expected a probability above 0 and at most 1 for lane 0, found 0",
             ),
         ] {

@@ -259,15 +259,15 @@ fn a_query_can_take_roots() {
 fn a_query_can_take_standard_deviations() {
     let sample = sample();
     let reader = Reader::open(&sample.path).unwrap();
-    let of = |values: &str| {
+    let deviation = |values: &str| {
         let sql = format!("SELECT stddev(x) FROM (SELECT 0 AS x WHERE 0 {values})");
         ask(&reader, &sql).unwrap().remove(1)
     };
-    assert_eq!(of("UNION ALL VALUES (2), (4.0), (9)"), format!("Real({:?})", 13f64.sqrt()));
-    assert_eq!(of("UNION ALL VALUES (1e9 + 1), (1e9 + 2), (1e9 + 3)"), "Real(1.0)");
-    assert_eq!(of("UNION ALL VALUES (3), (NULL), (3), ('x')"), "Real(0.0)");
-    assert_eq!(of("UNION ALL VALUES (3)"), "Null");
-    assert_eq!(of(""), "Null");
+    assert_eq!(deviation("UNION ALL VALUES (2), (4.0), (9)"), format!("Real({:?})", 13f64.sqrt()));
+    assert_eq!(deviation("UNION ALL VALUES (1e9 + 1), (1e9 + 2), (1e9 + 3)"), "Real(1.0)");
+    assert_eq!(deviation("UNION ALL VALUES (3), (NULL), (3), ('x')"), "Real(0.0)");
+    assert_eq!(deviation("UNION ALL VALUES (3)"), "Null");
+    assert_eq!(deviation(""), "Null");
     let by_group = "SELECT stddev(x) FROM (VALUES (1)), (SELECT 1 AS g, 5 AS x UNION ALL \
                     VALUES (1, 7), (2, 1), (2, 1)) GROUP BY g ORDER BY g";
     assert_eq!(

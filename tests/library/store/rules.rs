@@ -385,7 +385,7 @@ fn results_are_written_once() {
         ("action_count", "9, 0, 2", "5", "7", "count = 6"),
         ("trained_weights", "", "x'00'", "x'02'", "safetensors = x'01'"),
     ] {
-        let of = |run: i64| {
+        let row_of = |run: i64| {
             let columns: Vec<String> = [run.to_string().as_str(), key, value]
                 .into_iter()
                 .filter(|part| !part.is_empty())
@@ -404,18 +404,19 @@ fn results_are_written_once() {
         };
         let of_the_ended = rows(1);
         assert!(!of_the_ended.is_empty(), "{table}");
-        let instead = |run: i64| format!("INSERT {} ON CONFLICT DO UPDATE SET {other}", of(run));
+        let instead =
+            |run: i64| format!("INSERT {} ON CONFLICT DO UPDATE SET {other}", row_of(run));
         for verb in ["INSERT", "INSERT OR REPLACE", "INSERT OR IGNORE"] {
-            let insert = format!("{verb} {}", of(1));
+            let insert = format!("{verb} {}", row_of(1));
             refused(&raw, &insert, "results belong to a run in progress");
         }
         refused(&raw, &instead(1), "results belong to a run in progress");
         // A run in progress may replace only its own results.
-        raw.execute_batch(&format!("INSERT {}", of(2))).unwrap();
+        raw.execute_batch(&format!("INSERT {}", row_of(2))).unwrap();
         let before = rows(2);
-        refused(&raw, &format!("INSERT {}", of(2)), "UNIQUE constraint failed");
+        refused(&raw, &format!("INSERT {}", row_of(2)), "UNIQUE constraint failed");
         refused(&raw, &instead(2), "results never change");
-        let replace = format!("INSERT OR REPLACE {}", of(2)).replace(value, replaced);
+        let replace = format!("INSERT OR REPLACE {}", row_of(2)).replace(value, replaced);
         raw.execute_batch(&replace).unwrap();
         assert_eq!(rows(2).len(), before.len(), "{table}");
         assert_ne!(rows(2), before, "{table}");

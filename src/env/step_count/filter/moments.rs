@@ -54,10 +54,12 @@ impl StateSums {
         [zero, one]: [&Block; 2],
         [risk, wrong]: [&Block; 2],
     ) {
-        let weight = of([zero, one], |[zero, one]| zero + one);
+        let weight = combined([zero, one], |[zero, one]| zero + one);
         let threshold = dynamics.disengagement_threshold;
-        let near =
-            of([&weight, wrong], |[weight, wrong]| if wrong >= threshold { weight } else { 0.0 });
+        let near = combined(
+            [&weight, wrong],
+            |[weight, wrong]| if wrong >= threshold { weight } else { 0.0 },
+        );
         add(&mut self.weight, &weight);
         add(&mut self.near, &near);
         self.risk.add(&weight, risk);
@@ -66,8 +68,8 @@ impl StateSums {
     /// Adds what only noise of the state makes uncertain: the contexts, habituations, and the squares of the weights.
     #[inline(always)]
     pub(super) fn add_noisy(&mut self, [zero, one]: [&Block; 2], habituation: &Block) {
-        let weight = of([zero, one], |[zero, one]| zero + one);
-        let squares = of([&weight, &weight], |[x, y]| x * y);
+        let weight = combined([zero, one], |[zero, one]| zero + one);
+        let squares = combined([&weight, &weight], |[x, y]| x * y);
         add(&mut self.squares, &squares);
         add(&mut self.zero, zero);
         self.habituation.add(&weight, habituation);
@@ -110,14 +112,14 @@ fn share(part: f64, weight: f64) -> f64 {
 
 /// A function of the numbers of each state.
 #[inline(always)]
-fn of([x, y]: [&Block; 2], of: impl Fn([f64; 2]) -> f64) -> Block {
-    let at = |i: usize| of([x[i], y[i]]);
+fn combined([x, y]: [&Block; 2], function: impl Fn([f64; 2]) -> f64) -> Block {
+    let at = |i: usize| function([x[i], y[i]]);
     [at(0), at(1), at(2), at(3), at(4), at(5), at(6), at(7)]
 }
 
 #[inline(always)]
 fn add(sums: &mut Block, terms: &Block) {
-    *sums = of([sums, terms], |[sum, term]| sum + term);
+    *sums = combined([sums, terms], |[sum, term]| sum + term);
 }
 
 /// The sum of the accumulators, by halves.
@@ -157,9 +159,9 @@ struct Spread {
 impl Spread {
     #[inline(always)]
     fn add(&mut self, weight: &Block, value: &Block) {
-        let distance = of([value, value], |[value, _]| value - self.origin);
-        let first = of([weight, &distance], |[weight, distance]| weight * distance);
-        let second = of([&first, &distance], |[first, distance]| first * distance);
+        let distance = combined([value, value], |[value, _]| value - self.origin);
+        let first = combined([weight, &distance], |[weight, distance]| weight * distance);
+        let second = combined([&first, &distance], |[first, distance]| first * distance);
         add(&mut self.first, &first);
         add(&mut self.second, &second);
     }

@@ -98,10 +98,10 @@ impl Sequences {
     }
 
     /// The mean of a function of the risk, given that the episode runs.
-    fn mean(&self, of: impl Fn(f64) -> f64) -> f64 {
+    fn mean(&self, function: impl Fn(f64) -> f64) -> f64 {
         let running = || self.all.iter().filter(|(.., runs)| *runs);
         let sum: f64 = running().map(|(weight, ..)| weight).sum();
-        running().map(|(weight, _, risk, _)| weight * of(*risk)).sum::<f64>() / sum
+        running().map(|(weight, _, risk, _)| weight * function(*risk)).sum::<f64>() / sum
     }
 
     /// The probability of context 0; mean and deviation of the risk; and the probability that it is near the threshold.
