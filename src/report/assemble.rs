@@ -10,7 +10,7 @@ use crate::analyse::declared::{carry_out, condense, reproduce, summarise_arms, v
 use crate::job::metric::LOWER_QUARTILE_RETURN;
 use crate::job::{Condition, DataPart, RecordedEpisodes, distinct};
 use crate::key::{DIRECTION, Parameter, SectionName, Value, hidden};
-use crate::manifest::{Analysis, Faults, Manifest, Parameters, Published};
+use crate::manifest::{Analysis, Faults, Manifest, Published};
 use crate::plan::{self, Staged};
 use crate::record::{DataSet, JobRecord, JobStatus};
 use crate::report::environment_words::Words;
@@ -171,9 +171,7 @@ fn query(manifest: &Manifest, data: &DataSet, analysis: &Analysis) -> DataQuery 
         Condition::texts(Parameter::AGENT_NAME, agents),
         Condition::texts(Parameter::SCENARIO, manifest.scenarios()),
     ];
-    let swept = |parameters: &Parameters| parameters.conditions().collect::<Vec<_>>();
-    let shared = manifest.sections.iter().filter(|(name, _)| *name != SectionName::Trial);
-    declared.extend(shared.flat_map(|(_, parameters)| swept(parameters)));
+    declared.extend(manifest.sections.iter().flat_map(|(_, shared)| shared.conditions()));
     conditions.extend(declared.into_iter().filter(|one| !asked.contains(&one.name())));
     // Agents and scenarios first, then keys by name.
     let place = |condition: &Condition| match condition.parameter {
@@ -195,4 +193,45 @@ fn query(manifest: &Manifest, data: &DataSet, analysis: &Analysis) -> DataQuery 
         part => part,
     };
     DataQuery { experiment: data.experiment.clone(), conditions, columns, part }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::manifest::parse;
+
+    #[test]
+    fn a_query_has_a_condition_for_every_swept_section() {
+        let text = r#"
+format = 1
+name = "t"
+scenarios = ["C"]
+seeds = 2
+environment.sigma = [0.4, 0.6]
+environment.horizon = 6
+population.delta_d = [{ uniform = [0.1, 0.2] }, { uniform = [0.2, 0.3] }]
+trial = { people = [4, 8], days = 6, outage = [[], [2, 3]] }
+evaluation.on = "trial"
+[[agent]]
+name = "never"
+algorithm = "rule"
+rule = "never"
+[[analysis]]
+name = "a"
+kind = "curve"
+x = "trial.people"
+"#;
+        let manifest = parse("t", text.as_bytes()).unwrap();
+        let data = DataSet { experiment: "t".into(), jobs: Vec::new(), description: None };
+        let sql = query(&manifest, &data, &manifest.analyses[0]).sql();
+        for condition in [
+            "'environment.sigma') IN (0.4, 0.6)",
+            "'population.delta_d') IN (",
+            "'trial.outage') IN ('[]', '[2,3]')",
+            "'trial.people') IN (4, 8)",
+            "run.agent IN ('never')",
+        ] {
+            assert!(sql.contains(condition), "{condition}: {sql}");
+        }
+    }
 }

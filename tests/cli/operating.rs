@@ -113,6 +113,10 @@ fn characteristics_are_those_of_the_rows_of_estimates() {
     for what in ["power", "coverage", "bias"] {
         assert!(folder.read(&format!("report/figures/sizes-size-{what}.svg")).contains("<svg"));
     }
+    let sql = folder.read("report/sql/sizes-size.sql");
+    assert!(sql.contains("'trial.people') IN (5, 40)"), "{sql}");
+    let rows = folder.jitai(["query", &sql, "--format", "csv"]).succeeded();
+    assert_eq!(rows.stdout.lines().count() - 1, 120, "{sql}");
     // Without an axis there is a table alone, whose bias has a reason.
     let any = folder.read("report/tables/sizes-any.md");
     assert!(any.contains("has it simulated"), "{any}");
