@@ -1,6 +1,6 @@
 //! A sweep: the coordinating thread, which owns the store.
 
-use std::collections::{HashSet, VecDeque};
+use std::collections::{HashMap, HashSet, VecDeque};
 use std::io;
 use std::mem;
 use std::num::NonZeroUsize;
@@ -148,16 +148,21 @@ pub fn run(
         };
         let workers = start_workers(scope, &slots, &shared, sink)?;
         drop(shared);
+        let trains_again =
+            |queued: &Queued| queued.purpose == QueuedFor::Estimates && queued.trains();
+        let (retrained, waiting) = queue.into_iter().partition(trains_again);
         let sweep = Sweep {
             store,
             session,
             context,
             sink,
             workers,
-            waiting: queue.into(),
+            waiting,
+            retrained,
             held_elsewhere: VecDeque::new(),
             suspects: VecDeque::new(),
             isolation: Isolation::Shared,
+            died: HashMap::new(),
             some_died: false,
             gathered: Vec::new(),
             rechecked_at: Instant::now(),
@@ -279,10 +284,15 @@ struct Sweep<'scope, 'a> {
     sink: &'a mut dyn EventSink,
     workers: Vec<Worker<'scope>>,
     waiting: VecDeque<Queued>,
+    /// Completed jobs that are trained again for their estimates, after all runs: if one of them ends the process, it
+    /// takes no claimed run with it.
+    retrained: VecDeque<Queued>,
     held_elsewhere: VecDeque<Queued>,
     suspects: VecDeque<Queued>,
     /// The isolation of the running jobs.
     isolation: Isolation,
+    /// The jobs whose processes died, with the number of deaths.
+    died: HashMap<JobKey, u32>,
     /// Whether the process of a waiting job died: the next job may end this process, too.
     some_died: bool,
     gathered: Vec<Gathered>,
@@ -318,9 +328,8 @@ impl Sweep<'_, '_> {
                 self.store_gathered()?;
                 continue;
             }
-            let none_left = self.waiting.is_empty()
-                && self.held_elsewhere.is_empty()
-                && self.suspects.is_empty();
+            let queues = [&self.waiting, &self.retrained, &self.held_elsewhere, &self.suspects];
+            let none_left = queues.iter().all(|queue| queue.is_empty());
             if !busy && (self.halted() || none_left) {
                 return Ok(self.tally);
             }
@@ -339,8 +348,8 @@ impl Sweep<'_, '_> {
     /// Moves jobs whose processes died behind all others, after the other jobs of their agents, which may
     /// die in the same way. The job with the fewest deaths comes first: it may be innocent.
     fn postpone_jobs_that_died(&mut self) -> Result<(), StoreError> {
-        let died = self.store.died()?;
-        let deaths = |queued: &Queued| died.get(&queued.key).copied();
+        self.died = self.store.died()?;
+        let deaths = |queued: &Queued| self.died.get(&queued.key).copied();
         let agents: HashSet<String> = self
             .waiting
             .iter()
@@ -400,16 +409,25 @@ impl Sweep<'_, '_> {
         Ok(if skips < SKIPS_AT_ONCE { Assigned::AllThatCan } else { Assigned::SomeForNow })
     }
 
-    /// Selects a suspect as the next job if no other job is waiting or running.
+    /// Selects a suspect as the next job if no other job is waiting or running, and the jobs that are trained again if
+    /// no suspect is left either.
     fn choose_isolation(&mut self, busy: bool) {
         self.isolation = Isolation::Shared;
-        if !busy
-            && self.waiting.is_empty()
-            && let Some(suspect) = self.suspects.pop_front()
-        {
+        if busy || !self.waiting.is_empty() {
+            return;
+        }
+        if let Some(suspect) = self.suspects.pop_front() {
             self.isolation = Isolation::Alone;
             self.waiting.push_back(suspect);
+        } else {
+            self.waiting.append(&mut self.retrained);
         }
+    }
+
+    /// Whether a worker trains a job again.
+    fn is_training_again(&self) -> bool {
+        let mut workers = self.workers.iter().filter(|worker| !worker.is_idle());
+        workers.any(|worker| !worker.has_claim() && worker.job().trains())
     }
 
     /// The next free job, with the claim on its run if it needs one; `None` if no job is free, or if so many jobs were
@@ -421,7 +439,19 @@ impl Sweep<'_, '_> {
         while *skips < SKIPS_AT_ONCE {
             let Some(queued) = self.waiting.pop_front() else { break };
             if queued.purpose == QueuedFor::Estimates {
-                return Ok(Some((queued, None)));
+                let is_suspect = queued.trains() && self.died.contains_key(&queued.key);
+                if !is_suspect || self.isolation == Isolation::Alone {
+                    return Ok(Some((queued, None)));
+                }
+                self.suspects.push_back(queued);
+                *skips += 1;
+                continue;
+            }
+            // A job that another process gave up.
+            if self.is_training_again() {
+                self.held_elsewhere.push_back(queued);
+                *skips += 1;
+                continue;
             }
             let retry = self.context.options.retry_failed;
             match self.store.claim(self.session, &queued.key, retry, self.isolation)? {

@@ -142,6 +142,11 @@ impl<'scope> Worker<'scope> {
         self.holds = Some((queued, claim));
     }
 
+    /// Whether the current job has a claimed run.
+    pub(super) fn has_claim(&self) -> bool {
+        matches!(self.holds, Some((_, Some(_))))
+    }
+
     /// The current job.
     pub(super) fn job(&self) -> &Queued {
         let (queued, _) = self.holds.as_ref().expect("a message comes from a worker with a job");

@@ -1,11 +1,11 @@
 //! A failed job is a row in the store, and the other jobs continue.
 
 use std::num::NonZeroUsize;
+use std::sync::Mutex;
 use std::sync::atomic::AtomicBool;
 use std::time::Duration;
 
-use jitai::job::Job;
-use jitai::job::{Outcome, Provenance};
+use jitai::job::{Job, JobKey, Outcome, Provenance};
 use jitai::manifest;
 use jitai::plan::{self};
 use jitai::schedule::{
@@ -335,6 +335,40 @@ fn a_panic_in_a_job_is_a_failed_row_with_its_text_and_place() {
     assert_eq!(folder.number(row), 1);
     assert_eq!(folder.number("SELECT count(*) FROM run WHERE status = 'completed'"), 3);
     folder.jitai(["status"]).succeeded().prints("panicked").prints("no luck with seed 2");
+}
+
+#[test]
+fn jobs_that_are_trained_again_for_estimates_come_last_and_beside_no_run() {
+    let folder = Folder::new();
+    let text = support::manifest("sweep", "0.6", "4", Effort::Trivial);
+    let (mut store, session, mut queue) = queued(&folder, &text);
+    let stop = AtomicBool::new(false);
+    let context = Context { options: OPTIONS, train: &train::run, stop: &stop, curves: None };
+    let completed = queue[..4].to_vec();
+    let mut listener = Listener::default();
+    schedule::run(&mut store, session, completed, context, &mut listener).unwrap();
+    queue[..4].iter_mut().for_each(|queued| queued.purpose = QueuedFor::Estimates);
+    assert!(queue.iter().all(Queued::trains));
+    let again: Vec<JobKey> = queue[..4].iter().map(|queued| queued.key).collect();
+    let (running, begun) = (Mutex::new(Vec::new()), Mutex::new(Vec::new()));
+    let train = |job: &Job, control: &dyn TrainingControl| {
+        let is_again = again.contains(&job.key());
+        let mut beside = running.lock().unwrap();
+        begun.lock().unwrap().push((is_again, beside.iter().all(|other| *other == is_again)));
+        beside.push(is_again);
+        drop(beside);
+        let outcome = train::run(job, control);
+        let mut beside = running.lock().unwrap();
+        let index = beside.iter().position(|other| *other == is_again).unwrap();
+        beside.swap_remove(index);
+        outcome
+    };
+    let context = Context { train: &train, ..context };
+    let tally = schedule::run(&mut store, session, queue, context, &mut listener).unwrap();
+    assert_eq!((tally.completed, tally.estimated.trained), (4, 4));
+    let order = begun.into_inner().unwrap();
+    assert_eq!(order, [[(false, true); 4], [(true, true); 4]].concat());
+    store.end_session(session).unwrap();
 }
 
 #[test]
