@@ -65,6 +65,7 @@ pub(super) fn open_writer(path: &Path) -> Result<(Connection, PathBuf), StoreErr
     }
     migrate::migrate(&mut connection, &path, migrate::MIGRATIONS)?;
     schema::require(&connection, &path)?;
+    migrate::renew_views(&mut connection, &path)?;
     implied::declare(&mut connection, &path, &job::implied_parameters())?;
     Ok((connection, path))
 }

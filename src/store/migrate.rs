@@ -119,7 +119,7 @@ pub(super) fn migrate(
     let failed = |source| StoreError::sqlite(path, "open the store", source);
     let found = version(connection).map_err(failed)?;
     if found >= migrations.len() {
-        return renew_views(connection, found).map_err(failed);
+        return Ok(());
     }
     let action = if found == 0 { "create the store" } else { "migrate the store" };
     let failed = |source| StoreError::sqlite(path, action, source);
@@ -131,14 +131,19 @@ pub(super) fn migrate(
     result
 }
 
-/// Makes the views of a file of the newest version again whose texts differ.
-fn renew_views(connection: &mut Connection, found: usize) -> rusqlite::Result<()> {
-    if found != SCHEMA_VERSION as usize || view::outdated(connection)?.is_empty() {
-        return Ok(());
-    }
-    let transaction = connection.transaction_with_behavior(TransactionBehavior::Immediate)?;
-    view::renew(&transaction)?;
-    commit(transaction)
+/// Makes the views of a file of the newest version again whose texts differ. The caller has judged the schema: a damaged
+/// file is not written.
+pub(super) fn renew_views(connection: &mut Connection, path: &Path) -> Result<(), StoreError> {
+    let mut renew = || {
+        if version(connection)? != SCHEMA_VERSION as usize || view::outdated(connection)?.is_empty()
+        {
+            return Ok(());
+        }
+        let transaction = connection.transaction_with_behavior(TransactionBehavior::Immediate)?;
+        view::renew(&transaction)?;
+        commit(transaction)
+    };
+    renew().map_err(|source| StoreError::sqlite(path, "open the store", source))
 }
 
 /// Applies the migrations that a private copy of the store at `path` lacks.

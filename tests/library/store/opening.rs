@@ -67,6 +67,23 @@ fn a_store_that_was_migrated_under_a_running_program_is_not_written() {
 }
 
 #[test]
+fn a_damaged_store_is_left_untouched_although_its_views_differ() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("a.sqlite");
+    drop(Store::open(&path).unwrap());
+    let raw = Connection::open(&path).unwrap();
+    raw.execute_batch("DROP VIEW metric").unwrap();
+    let trigger = "SELECT name FROM sqlite_schema WHERE type = 'trigger' ORDER BY name LIMIT 1";
+    let trigger: String = raw.query_row(trigger, [], |row| row.get(0)).unwrap();
+    raw.execute_batch(&format!("DROP TRIGGER {trigger}")).unwrap();
+    drop(raw);
+    let before = contents(folder.path());
+    let error = Store::open(&path).unwrap_err();
+    assert!(matches!(error, StoreError::Damaged { .. }), "{error}");
+    assert_eq!(contents(folder.path()), before);
+}
+
+#[test]
 fn a_database_of_another_program_is_left_untouched() {
     for schema in [
         "CREATE TABLE note (text TEXT)",
