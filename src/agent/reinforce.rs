@@ -85,6 +85,20 @@ impl Trajectories {
         reserve(&mut self.actions, rows, TRAJECTORIES)?;
         reserve(&mut self.preferences, rows * actions, TRAJECTORIES)
     }
+
+    /// Appends the rows of some lanes of a step.
+    fn extend(
+        &mut self,
+        lanes: Range<usize>,
+        observations: &Observations,
+        actions: &[Action],
+        preferences: &[f32],
+    ) {
+        let count = preferences.len() / actions.len();
+        self.preferences.extend_from_slice(&preferences[lanes.start * count..lanes.end * count]);
+        self.actions.extend_from_slice(&actions[lanes.clone()]);
+        self.observations.extend(observations, lanes);
+    }
 }
 
 /// The engine of REINFORCE, which trains a policy network.
@@ -157,6 +171,19 @@ struct Workspace {
     learned: Vec<bool>,
 }
 
+impl Workspace {
+    /// Prepares for the trajectories of another update.
+    fn clear(&mut self) {
+        self.trajectories.observations.clear();
+        self.trajectories.actions.clear();
+        self.trajectories.preferences.clear();
+        self.positions.clear();
+        self.rewards.clear();
+        self.totals.fill(0.0);
+        self.lengths.fill(0);
+    }
+}
+
 impl<E: ReinforceEngine, Env: VectorEnvironment> ReinforceLearner<E, Env> {
     /// A learner before its first update, in an environment with one lane per trajectory of an
     /// update.
@@ -196,6 +223,10 @@ impl<E: ReinforceEngine, Env: VectorEnvironment> ReinforceLearner<E, Env> {
         mut observer: Option<&mut dyn StepObserver<Env>>,
         pause: &dyn Fn() -> bool,
     ) -> Result<SpanEnd, OutOfMemory> {
+        if !self.environment.any_running() {
+            self.environment.reset(LaneSet::All, &mut self.environment_streams);
+            self.workspace.clear();
+        }
         let Workspace {
             trajectories,
             positions,
@@ -210,16 +241,6 @@ impl<E: ReinforceEngine, Env: VectorEnvironment> ReinforceLearner<E, Env> {
         } = &mut self.workspace;
         let unavailable = self.parameters.unavailable;
         let (lanes, count) = (self.environment.lanes(), self.environment.action_spec().count);
-        if !self.environment.any_running() {
-            self.environment.reset(LaneSet::All, &mut self.environment_streams);
-            trajectories.observations.clear();
-            trajectories.actions.clear();
-            trajectories.preferences.clear();
-            positions.clear();
-            rewards.clear();
-            totals.fill(0.0);
-            lengths.fill(0);
-        }
         // Steps for which there is room.
         let mut ahead = 0;
         while self.environment.any_running() {
@@ -250,17 +271,14 @@ impl<E: ReinforceEngine, Env: VectorEnvironment> ReinforceLearner<E, Env> {
                 lengths[lane] += u32::from(is_running);
                 learned.push(is_running && unavailable.chooses(&self.environment, lane));
             }
-            // Copies each run of adjacent lanes with a choice to learn from at once.
+            // Each run of adjacent lanes with a choice to learn from is copied at once.
             let mut lane = 0;
             for run in learned.chunk_by(|a, b| a == b) {
                 let lanes = lane..lane + run.len();
                 lane = lanes.end;
                 if run[0] {
-                    trajectories.observations.extend(observations, lanes.clone());
-                    trajectories.actions.extend_from_slice(&actions[lanes.clone()]);
-                    let preferences = &logits[lanes.start * count..lanes.end * count];
-                    trajectories.preferences.extend_from_slice(preferences);
                     positions.push(start + lanes.start..start + lanes.end);
+                    trajectories.extend(lanes, observations, actions, logits);
                 }
             }
             let paid = &mut rewards[start..];

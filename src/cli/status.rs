@@ -81,33 +81,14 @@ fn show_submissions(arguments: &Arguments, reader: &Reader) -> Result<(), Error>
 fn show(reader: &Reader, arguments: &Arguments) -> Result<(), Error> {
     let format = arguments.format;
     let speeds = Speeds::of(reader)?;
-    let failed = Failed::read(reader)?;
-    // CSV output has no place for changes and races.
-    let is_csv = format == Format::Csv;
-    let changes = (!is_csv).then(|| Changes::read(reader)).transpose()?;
-    let races = (!is_csv).then(|| SearchRaces::read(reader)).transpose()?;
     let experiments = reader.experiment_counts()?;
-    let mut estimates: Vec<(String, FailedEstimates)> = Vec::new();
-    for ExperimentCounts { experiment, .. } in &experiments {
-        let failed = reader.failed_estimates(experiment)?;
-        estimates.extend(failed.map(|failed| (experiment.clone(), failed)));
-    }
+    let details = Details::read(reader, &experiments, format)?;
     // A running job of several experiments takes one worker.
     let workers = usize::try_from(reader.running()?).ok().filter(|running| *running > 0);
     let workers = workers.unwrap_or_else(|| schedule::one_per_core().get());
     let mut columns = counts::COLUMNS.map(str::to_owned).to_vec();
     if format == Format::Json {
-        columns.extend(
-            [
-                "failures",
-                "manifest_changes",
-                "races",
-                "failed_estimates",
-                "filtered",
-                "mixed_programs",
-            ]
-            .map(str::to_owned),
-        );
+        columns.extend(Details::COLUMNS.map(str::to_owned));
     }
     let mut rows = OutputRows::new(format, &columns, io::stdout().lock())?;
     let (mut filters, mut programs) = (Vec::new(), Vec::new());
@@ -127,27 +108,18 @@ fn show(reader: &Reader, arguments: &Arguments) -> Result<(), Error> {
             |(_, _, left)| left.clone(),
         );
         let seconds = speeds.time(&left, workers);
+        let name = printable(&experiment);
         if let Some((of, chosen, _)) = &filtered {
-            let (name, of) = (printable(&experiment), of.described(counts.total()));
+            let of = of.described(counts.total());
             let (ended, running) = (chosen.completed + chosen.failed, chosen.running);
             filters.push(format!(
                 "{name}: {of}, of which {ended} have ended, with {running} running; the seconds left are theirs"
             ));
         }
         let mixed = reader.mixed_programs(&experiment)?;
-        let name = printable(&experiment);
         programs.extend(mixed.iter().map(|said| format!("{name}: {said}")));
         let mut fields = counts::fields(&experiment, &counts, seconds);
         if format == Format::Json {
-            fields.push(OutputField::Nested(failed.described(&experiment)));
-            let described = changes.as_ref().map(|changes| changes.described(&experiment));
-            fields.push(OutputField::Nested(described.unwrap_or_default()));
-            let described = races.as_ref().map(|races| races.described(&experiment));
-            fields.push(OutputField::Nested(described.unwrap_or_default()));
-            let described = estimates.iter().find(|(name, _)| *name == experiment).map(|(_, failed)| {
-                json!({ "jobs": failed.jobs, "name": failed.name, "reason": failed.reason })
-            });
-            fields.push(OutputField::Nested(described.unwrap_or_default()));
             let described = filtered.map(|(of, counts, _)| {
                 json!({
                     "filters": of.filters, "jobs": counts.total(), "completed": counts.completed,
@@ -155,36 +127,93 @@ fn show(reader: &Reader, arguments: &Arguments) -> Result<(), Error> {
                     "interrupted": counts.interrupted, "pending": counts.pending,
                 })
             });
-            fields.push(OutputField::Nested(described.unwrap_or_default()));
-            fields.push(OutputField::Nested(json!(mixed)));
+            let nested =
+                details.described(&experiment, described.unwrap_or_default(), json!(mixed));
+            fields.extend(nested.map(OutputField::Nested));
         }
         rows.row(&fields)?;
     }
     rows.finish()?;
-    match format {
-        Format::Table => {
-            let mut lines = filters.iter().chain(&programs);
-            lines.try_for_each(|line| writeln!(io::stdout(), "\n{line}"))?;
-            races.iter().try_for_each(SearchRaces::list)?;
-            failed.list()?;
-            for (experiment, failed) in &estimates {
-                let name = printable(experiment);
-                writeln!(io::stdout(), "\n{name}: {}", printable(&failed.described()))?;
-            }
-            changes.iter().try_for_each(Changes::list)?;
-        }
-        Format::Json => {}
-        _ if failed.jobs.is_empty() => {}
-        _ => {
-            let jobs = counted(failed.jobs.len(), "failed job");
-            writeln!(
-                io::stderr(),
-                "{jobs}; for the reasons use --format table or json, or query `failure_message` \
-                 in the view run_summary"
-            )?;
-        }
+    if format == Format::Table {
+        let mut lines = filters.iter().chain(&programs);
+        lines.try_for_each(|line| writeln!(io::stdout(), "\n{line}"))?;
     }
-    Ok(())
+    details.list(format)
+}
+
+/// What the output says of experiments beside the numbers of their jobs.
+struct Details {
+    failed: Failed,
+    /// `None` for CSV output, which has no column for them.
+    changes: Option<Changes>,
+    /// `None` for CSV output, which has no column for them.
+    races: Option<SearchRaces>,
+    /// By experiment.
+    estimates: Vec<(String, FailedEstimates)>,
+}
+
+impl Details {
+    /// The further columns of JSON output.
+    const COLUMNS: [&str; 6] =
+        ["failures", "manifest_changes", "races", "failed_estimates", "filtered", "mixed_programs"];
+
+    fn read(
+        reader: &Reader,
+        experiments: &[ExperimentCounts],
+        format: Format,
+    ) -> Result<Details, Error> {
+        let is_csv = format == Format::Csv;
+        let mut estimates = Vec::new();
+        for ExperimentCounts { experiment, .. } in experiments {
+            let failed = reader.failed_estimates(experiment)?;
+            estimates.extend(failed.map(|failed| (experiment.clone(), failed)));
+        }
+        Ok(Details {
+            failed: Failed::read(reader)?,
+            changes: (!is_csv).then(|| Changes::read(reader)).transpose()?,
+            races: (!is_csv).then(|| SearchRaces::read(reader)).transpose()?,
+            estimates,
+        })
+    }
+
+    /// The values of the further columns for an experiment, in their order.
+    fn described(&self, experiment: &str, filtered: Value, mixed_programs: Value) -> [Value; 6] {
+        let changes = self.changes.as_ref().map(|changes| changes.described(experiment));
+        let races = self.races.as_ref().map(|races| races.described(experiment));
+        let estimates = self.estimates.iter().find(|(name, _)| name == experiment);
+        let estimates = estimates.map(|(_, failed)| {
+            json!({ "jobs": failed.jobs, "name": failed.name, "reason": failed.reason })
+        });
+        let [changes, races, estimates] =
+            [changes, races, estimates].map(Option::unwrap_or_default);
+        [self.failed.described(experiment), changes, races, estimates, filtered, mixed_programs]
+    }
+
+    /// Prints the details that the format does not have in its rows.
+    fn list(&self, format: Format) -> Result<(), Error> {
+        match format {
+            Format::Table => {
+                self.races.iter().try_for_each(SearchRaces::list)?;
+                self.failed.list()?;
+                for (experiment, failed) in &self.estimates {
+                    let name = printable(experiment);
+                    writeln!(io::stdout(), "\n{name}: {}", printable(&failed.described()))?;
+                }
+                self.changes.iter().try_for_each(Changes::list)?;
+            }
+            Format::Json => {}
+            _ if self.failed.jobs.is_empty() => {}
+            _ => {
+                let jobs = counted(self.failed.jobs.len(), "failed job");
+                writeln!(
+                    io::stderr(),
+                    "{jobs}; for the reasons use --format table or json, or query `failure_message` \
+                     in the view run_summary"
+                )?;
+            }
+        }
+        Ok(())
+    }
 }
 
 /// The jobs of an experiment that living commands with filters run, by state, and their remaining work; `None` if

@@ -266,42 +266,9 @@ fn indices(expression: &str) -> Option<Vec<u32>> {
 /// the array, which Slurm takes for all of its tasks. Variables of squeue and scontrol in the user's
 /// environment, which would hide tasks or change the answer, are unset.
 fn script(order: &Order<'_>) -> String {
-    let Order { name, chunks, folder, program, tasks, settings, options: passed } = order;
-    let settings = Settings::from_values(settings).expect("the values of Slurm's keys");
-    let mut options = vec![
-        format!("--job-name={name}"),
-        format!(
-            "--array=0-{}{}",
-            chunks - 1,
-            match tasks.max_running {
-                0 => String::new(),
-                most => format!("%{most}"),
-            }
-        ),
-        format!("--chdir={}", folder.display()),
-        // Relative to that folder, because its own path may contain a %, which Slurm would expand here.
-        "--output=logs/%a.log".to_owned(),
-        "--open-mode=append".to_owned(),
-        "--requeue".to_owned(),
-        format!("--cpus-per-task={}", tasks.cpus_per_task),
-    ];
-    if !passed.iter().any(|(name, _)| name == "signal") {
-        options.push(format!("--signal=B:TERM@{WARNING_SECONDS}"));
-    }
-    let named = [
-        ("partition", settings.partition),
-        ("account", settings.account),
-        ("time", settings.time_limit),
-        ("mem", settings.memory),
-    ];
-    let named = named.into_iter().filter(|(_, value)| !value.is_empty());
-    options.extend(named.map(|(name, value)| format!("--{name}={value}")));
-    options.extend(passed.iter().map(|(name, value)| match value {
-        Some(value) => format!("--{name}={value}"),
-        None => format!("--{name}"),
-    }));
+    let Order { folder, program, tasks, .. } = order;
     let mut text = "#!/bin/bash\n".to_owned();
-    for option in options {
+    for option in options(order) {
         text.push_str(&format!("#SBATCH {}\n", sbatch_word(&option)));
     }
     for line in &tasks.setup {
@@ -338,6 +305,45 @@ exit "$code"
         scratch = tasks.scratch,
     ));
     text
+}
+
+/// The options of sbatch for an order.
+fn options(order: &Order<'_>) -> Vec<String> {
+    let Order { name, chunks, folder, tasks, settings, options: passed, .. } = order;
+    let settings = Settings::from_values(settings).expect("the values of Slurm's keys");
+    let mut options = vec![
+        format!("--job-name={name}"),
+        format!(
+            "--array=0-{}{}",
+            chunks - 1,
+            match tasks.max_running {
+                0 => String::new(),
+                most => format!("%{most}"),
+            }
+        ),
+        format!("--chdir={}", folder.display()),
+        // Relative to that folder, because its own path may contain a %, which Slurm would expand here.
+        "--output=logs/%a.log".to_owned(),
+        "--open-mode=append".to_owned(),
+        "--requeue".to_owned(),
+        format!("--cpus-per-task={}", tasks.cpus_per_task),
+    ];
+    if !passed.iter().any(|(name, _)| name == "signal") {
+        options.push(format!("--signal=B:TERM@{WARNING_SECONDS}"));
+    }
+    let named = [
+        ("partition", settings.partition),
+        ("account", settings.account),
+        ("time", settings.time_limit),
+        ("mem", settings.memory),
+    ];
+    let named = named.into_iter().filter(|(_, value)| !value.is_empty());
+    options.extend(named.map(|(name, value)| format!("--{name}={value}")));
+    options.extend(passed.iter().map(|(name, value)| match value {
+        Some(value) => format!("--{name}={value}"),
+        None => format!("--{name}"),
+    }));
+    options
 }
 
 /// An option quoted for an `#SBATCH` line, in which blanks separate words.

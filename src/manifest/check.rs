@@ -126,6 +126,18 @@ fn trials(draft: &Draft, manifest: &Manifest, grids: &[Grid], faults: &mut Fault
             "`test_actions` is not read in a trial: an agent acts there by its probabilities";
         fault(place("test_actions"), says, "remove it");
     }
+    acting_in_trials(draft, manifest, faults);
+    let is_known = Trial::KEYS.iter().all(|key| !draft.is_invalid(Parameter::Trial(key.name)));
+    if let Some((key, says)) = grids.iter().filter(|_| is_known).find_map(Grid::trial_fault) {
+        let span = draft.sections[SectionName::Trial]
+            .span_of(key.key())
+            .or(draft.sections[SectionName::Trial].span);
+        faults.add(Fault::at(span.unwrap_or(Span { start: 0, end: 0 }), says));
+    }
+}
+
+/// Reports agents that cannot act in a trial, and their keys that are not read there.
+fn acting_in_trials(draft: &Draft, manifest: &Manifest, faults: &mut FaultList) {
     for (declared, agent) in manifest.agents.iter().zip(&draft.agents) {
         let unread = declared.algorithm.unread_in_trials();
         for key in unread.unwrap_or_default() {
@@ -150,13 +162,6 @@ fn trials(draft: &Draft, manifest: &Manifest, grids: &[Grid], faults: &mut Fault
                     .help(format!("algorithms that can: {}", able.join(", "))),
             );
         }
-    }
-    let is_known = Trial::KEYS.iter().all(|key| !draft.is_invalid(Parameter::Trial(key.name)));
-    if let Some((key, says)) = grids.iter().filter(|_| is_known).find_map(Grid::trial_fault) {
-        let span = draft.sections[SectionName::Trial]
-            .span_of(key.key())
-            .or(draft.sections[SectionName::Trial].span);
-        faults.add(Fault::at(span.unwrap_or(Span { start: 0, end: 0 }), says));
     }
 }
 

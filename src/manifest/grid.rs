@@ -454,22 +454,26 @@ fn trial_fault(
         );
         return fault("days", says);
     }
+    let says = people_fault(trial, environment, seeds)?;
+    fault("people_file", format!("`people_file`: {says}"))
+}
+
+/// Why the rows of a trial's people do not suit these seeds or an environment.
+fn people_fault(trial: &Trial, environment: &Environment, seeds: &[u64]) -> Option<String> {
     for seed in seeds {
         let rows = match trial.rows(*seed) {
             Ok(None) => return None,
             Ok(Some(rows)) => rows,
-            Err(says) => return fault("people_file", format!("`people_file`: {says}")),
+            Err(says) => return Some(says),
         };
         let Some(people) = environment.people_to_draw() else {
-            let says = "`people_file`: the environment draws its people from no file".to_owned();
-            return fault("people_file", says);
+            return Some("the environment draws its people from no file".to_owned());
         };
         if let Some(row) = rows.iter().find(|row| **row as usize >= people) {
-            let says = format!(
-                "`people_file`: seed {seed} has row {row}; the file of people has rows 0 to {}",
-                people - 1
-            );
-            return fault("people_file", says);
+            let last = people - 1;
+            return Some(format!(
+                "seed {seed} has row {row}; the file of people has rows 0 to {last}"
+            ));
         }
     }
     None

@@ -357,11 +357,52 @@ fn place<'m>(manifest: &'m Manifest, set: &Override) -> Result<Place<'m>, Fault>
         let unknown = || fault(format!("no key `{key}`")).nearest(short, keys);
         return Ok(Place::Section("search", known.ok_or_else(unknown)?));
     }
-    let ambiguous = |names: &[String]| {
-        let names: Vec<String> = names.iter().map(|name| format!("`{name}`")).collect();
-        fault(format!("`{key}` is ambiguous; use one of {}", names.join(", ")))
+    if let Some(place) = in_program(manifest, key, &fault)? {
+        return Ok(place);
+    }
+    if let Some((name, short)) = of_named_agent(key) {
+        let names = || manifest.agents.iter().map(|agent| agent.name.as_str());
+        let Some(agent) = names().find(|known| *known == name) else {
+            return Err(fault(format!("no agent is named `{name}`")).nearest(name, names()));
+        };
+        return agents(manifest, short, |known| known == agent)
+            .ok_or_else(|| fault(format!("agent `{name}` has no key `{short}`")));
+    }
+    let is_meant = |parameter: &Parameter| {
+        let dotted = parameter.to_string();
+        is_in(manifest.family(), *parameter)
+            && (dotted == key || (!key.contains('.') && short_name(&dotted) == key))
     };
-    // A bare name can be a parameter of an outside program.
+    let meant: Vec<Parameter> = parameters().into_iter().filter(is_meant).collect();
+    match meant.as_slice() {
+        [Parameter::Agent(key)] => agents(manifest, key, |_| true)
+            .ok_or_else(|| fault(format!("no agent has a key `{key}`"))),
+        [Parameter::Job(_)] | [] => {
+            let unknown = fault(format!("no key `{key}`"));
+            Err(match near(manifest, key) {
+                Some(meant) => unknown.help(format!("did you mean `{meant}`?")),
+                None => unknown,
+            })
+        }
+        [shared] => {
+            let section = shared.section().map_or("", SectionName::word);
+            Ok(Place::Section(section, shared.key()))
+        }
+        several => {
+            let names: Vec<String> = several.iter().map(Parameter::to_string).collect();
+            Err(fault(ambiguous(key, &names)))
+        }
+    }
+}
+
+/// The parameter of an outside program that a key means; `None` if it means none. A bare name can be one.
+///
+/// **Errors**: the key means another parameter, too, or one that no agent has.
+fn in_program<'m>(
+    manifest: &'m Manifest,
+    key: &str,
+    fault: &dyn Fn(String) -> Fault,
+) -> Result<Option<Place<'m>>, Fault> {
     let of_program = if key.contains('.') { key.to_owned() } else { format!("parameters.{key}") };
     let free = of_program.strip_prefix("agent.").unwrap_or(&of_program);
     let of_agents = free_key(free).and_then(|_| agents(manifest, free, |_| true));
@@ -381,62 +422,38 @@ fn place<'m>(manifest: &'m Manifest, set: &Override) -> Result<Place<'m>, Fault>
     }
     names.extend(of_programs.iter().filter_map(Place::dotted));
     match (of_programs.pop(), names.as_slice()) {
-        (Some(place), [_]) => return Ok(place),
-        (Some(_), several) => return Err(ambiguous(several)),
+        (Some(place), [_]) => Ok(Some(place)),
+        (Some(_), several) => Err(fault(ambiguous(key, several))),
         (None, _) if key.contains('.') && free_key(free).is_some() => {
-            return Err(fault(format!("no agent has a key `{free}`")));
+            Err(fault(format!("no agent has a key `{free}`")))
         }
-        (None, _) => {}
+        (None, _) => Ok(None),
     }
-    // Names of agents may contain dots. Keys contain none, except parameters of outside programs.
-    let of_agent = key.strip_prefix("agent.").and_then(|rest| {
-        let (name, short) = rest.rsplit_once('.')?;
-        let free = name.strip_suffix(".parameters").map(|name| (name, &rest[name.len() + 1..]));
-        Some(free.unwrap_or((name, short)))
-    });
-    if let Some((name, short)) = of_agent {
-        let names = || manifest.agents.iter().map(|agent| agent.name.as_str());
-        let Some(agent) = names().find(|known| *known == name) else {
-            return Err(fault(format!("no agent is named `{name}`")).nearest(name, names()));
-        };
-        return agents(manifest, short, |known| known == agent)
-            .ok_or_else(|| fault(format!("agent `{name}` has no key `{short}`")));
+}
+
+fn ambiguous(key: &str, names: &[String]) -> String {
+    let names: Vec<String> = names.iter().map(|name| format!("`{name}`")).collect();
+    format!("`{key}` is ambiguous; use one of {}", names.join(", "))
+}
+
+/// The agent that a key names, and the agent's key. Names of agents may contain dots. Keys contain none, except
+/// parameters of outside programs.
+fn of_named_agent(key: &str) -> Option<(&str, &str)> {
+    let rest = key.strip_prefix("agent.")?;
+    let (name, short) = rest.rsplit_once('.')?;
+    let free = name.strip_suffix(".parameters").map(|name| (name, &rest[name.len() + 1..]));
+    Some(free.unwrap_or((name, short)))
+}
+
+/// The key that an unknown key probably means.
+fn near(manifest: &Manifest, key: &str) -> Option<String> {
+    let starts_with_an_agent = |name: &str| key.strip_prefix(name)?.strip_prefix('.');
+    if manifest.agents.iter().any(|agent| starts_with_an_agent(&agent.name).is_some()) {
+        return Some(format!("agent.{key}"));
     }
-    let known: Vec<Parameter> = parameters();
-    let meant: Vec<Parameter> = known
-        .iter()
-        .copied()
-        .filter(|parameter| {
-            let dotted = parameter.to_string();
-            is_in(manifest.family(), *parameter)
-                && (dotted == key || (!key.contains('.') && short_name(&dotted) == key))
-        })
-        .collect();
-    match meant.as_slice() {
-        [Parameter::Agent(key)] => agents(manifest, key, |_| true)
-            .ok_or_else(|| fault(format!("no agent has a key `{key}`"))),
-        [Parameter::Job(_)] | [] => {
-            let names: Vec<String> = known.iter().map(Parameter::to_string).collect();
-            let words = names.iter().flat_map(|name| [name.as_str(), short_name(name)]);
-            let starts_with_an_agent = |name: &str| key.strip_prefix(name)?.strip_prefix('.');
-            let is_of_agent =
-                manifest.agents.iter().any(|agent| starts_with_an_agent(&agent.name).is_some());
-            let meant = match is_of_agent {
-                true => Some(format!("agent.{key}")),
-                false => nearest(key, words.chain(TOP)).map(str::to_owned),
-            };
-            let unknown = fault(format!("no key `{key}`"));
-            Err(match meant {
-                Some(meant) => unknown.help(format!("did you mean `{meant}`?")),
-                None => unknown,
-            })
-        }
-        [shared] => {
-            let section = shared.section().map_or("", SectionName::word);
-            Ok(Place::Section(section, shared.key()))
-        }
-        several => Err(ambiguous(&several.iter().map(Parameter::to_string).collect::<Vec<_>>())),
-    }
+    let names: Vec<String> = parameters().iter().map(Parameter::to_string).collect();
+    let words = names.iter().flat_map(|name| [name.as_str(), short_name(name)]);
+    nearest(key, words.chain(TOP)).map(str::to_owned)
 }
 
 /// The place of a parameter of the environment's program, if it has the parameter.

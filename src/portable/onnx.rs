@@ -126,6 +126,30 @@ impl Graph {
         }
     }
 
+    /// The layers of every stack; returns the outputs of the heads.
+    fn stacks(&mut self, architecture: &Architecture, weights: &Weights) -> Vec<String> {
+        let activation = match architecture.activation {
+            Activation::Relu => "Relu",
+            Activation::Tanh => "Tanh",
+        };
+        let mut heads = Vec::new();
+        for stack in &architecture.stacks {
+            let mut last = OBSERVATIONS.to_owned();
+            for index in 0..=stack.hidden.len() {
+                if let Some(gru) = stack.gru.as_ref().filter(|gru| gru.before == index) {
+                    self.gru(gru, &last, weights);
+                    last = NEXT_STATE.to_owned();
+                }
+                let Some(name) = stack.hidden.get(index) else { break };
+                let output = self.layer(name, &last, weights);
+                last = format!("{name}.active");
+                self.node(activation, &[&output], &last, &[]);
+            }
+            heads.extend(stack.heads.iter().map(|name| self.layer(name, &last, weights)));
+        }
+        heads
+    }
+
     /// Adds the probabilities of epsilon-greedy choices; the best actions must have been added.
     fn epsilon_greedy(&mut self, epsilon: f64, actions: usize) {
         let explored = epsilon / actions as f64;
@@ -156,25 +180,7 @@ pub(super) fn model(
     shape: Shape,
 ) -> Vec<u8> {
     let mut graph = Graph::default();
-    let activation = match architecture.activation {
-        Activation::Relu => "Relu",
-        Activation::Tanh => "Tanh",
-    };
-    let mut heads: Vec<String> = Vec::new();
-    for stack in &architecture.stacks {
-        let mut last = OBSERVATIONS.to_owned();
-        for place in 0..=stack.hidden.len() {
-            if let Some(gru) = stack.gru.as_ref().filter(|gru| gru.before == place) {
-                graph.gru(gru, &last, weights);
-                last = NEXT_STATE.to_owned();
-            }
-            let Some(name) = stack.hidden.get(place) else { break };
-            let output = graph.layer(name, &last, weights);
-            last = format!("{name}.active");
-            graph.node(activation, &[&output], &last, &[]);
-        }
-        heads.extend(stack.heads.iter().map(|name| graph.layer(name, &last, weights)));
-    }
+    let heads = graph.stacks(architecture, weights);
     let along_actions = || Attribute::Int("axis", 1);
     match (choice, heads.as_slice()) {
         (Choice::EpsilonGreedy { epsilon }, [value, advantage]) => {

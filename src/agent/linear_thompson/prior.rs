@@ -71,6 +71,53 @@ type Matrices = Vec<Vec<Vec<f64>>>;
 /// Largest difference of two entries that mirror each other, relative to the largest entry.
 const ASYMMETRY: f64 = 1e-9;
 
+impl Posterior {
+    /// The regressions, if they have this number and width; `shown` has the numbers of features and actions for messages.
+    ///
+    /// **Errors**: the numbers have another shape, or a matrix is not positive definite.
+    fn regressions(
+        &self,
+        (count, width): (usize, usize),
+        shown: (usize, usize),
+    ) -> Result<Vec<Regression>, String> {
+        let (matrices, name) = match (&self.precision, &self.covariance) {
+            (Some(precision), None) => (precision, "precision"),
+            (None, Some(covariance)) => (covariance, "covariance"),
+            _ => return Err("`posterior`: expected either `precision` or `covariance`".to_owned()),
+        };
+        let is_square = |matrix: &Vec<Vec<f64>>| {
+            matrix.len() == width && matrix.iter().all(|row| row.len() == width)
+        };
+        let is_of_shape = self.mean.len() == count
+            && matrices.len() == count
+            && self.mean.iter().all(|mean| mean.len() == width)
+            && matrices.iter().all(is_square);
+        if !is_of_shape {
+            let (features, actions) = shown;
+            return Err(format!(
+                "`posterior`: expected `mean` of {count} x {width} numbers and `{name}` of {count} x {width} x \
+                 {width}, for {features} features and {actions} actions"
+            ));
+        }
+        let regression = |(index, (mean, matrix)): (usize, (&Vec<f64>, &Vec<Vec<f64>>))| {
+            let numbers = matrix.iter().flatten().map(|x| x + 0.0);
+            let matrix = DMatrix::from_iterator(width, width, numbers);
+            let says = || {
+                format!(
+                    "`posterior.{name}`: matrix {} is not symmetric and positive definite",
+                    index + 1
+                )
+            };
+            let is_symmetric = (&matrix - matrix.transpose()).amax() <= ASYMMETRY * matrix.amax();
+            let root = Cholesky::new(matrix.clone()).filter(|_| is_symmetric).ok_or_else(says)?;
+            let precision = if name == "precision" { matrix } else { root.inverse() };
+            let information = &precision * DVector::from_column_slice(mean);
+            Ok(Regression { precision, information })
+        };
+        self.mean.iter().zip(matrices).enumerate().map(regression).collect()
+    }
+}
+
 impl Prior {
     /// Reads a file.
     ///
@@ -105,55 +152,15 @@ impl Prior {
         features.truncate(letters.ok_or("`posterior.one_hot` exceeds the number of features")?);
         let width = Design::of(design, features.len(), posterior.one_hot).width();
         let shape = Design::regressors(width, actions, posterior.action_centring);
-        let (matrices, name) = match (posterior.precision, posterior.covariance) {
-            (Some(precision), None) => (precision, "precision"),
-            (None, Some(covariance)) => (covariance, "covariance"),
-            _ => return Err("`posterior`: expected either `precision` or `covariance`".to_owned()),
-        };
-        let is_of_shape = posterior.mean.len() == shape.0
-            && matrices.len() == shape.0
-            && posterior.mean.iter().all(|mean| mean.len() == shape.1)
-            && matrices.iter().all(|matrix| {
-                matrix.len() == shape.1 && matrix.iter().all(|row| row.len() == shape.1)
-            });
-        if !is_of_shape {
-            let (count, width) = shape;
-            return Err(format!(
-                "`posterior`: expected `mean` of {count} x {width} numbers and `{name}` of {count} x {width} x \
-                 {width}, for {} features and {actions} actions",
-                features.len() + posterior.one_hot
-            ));
-        }
-        let regressions =
-            posterior.mean.iter().zip(&matrices).enumerate().map(|(index, (mean, matrix))| {
-                let matrix = DMatrix::from_iterator(
-                    shape.1,
-                    shape.1,
-                    matrix.iter().flatten().map(|x| x + 0.0),
-                );
-                let says = || {
-                    format!(
-                        "`posterior.{name}`: matrix {} is not symmetric and positive definite",
-                        index + 1
-                    )
-                };
-                let largest = matrix.amax();
-                let is_symmetric = (&matrix - matrix.transpose()).amax() <= ASYMMETRY * largest;
-                let root =
-                    Cholesky::new(matrix.clone()).filter(|_| is_symmetric).ok_or_else(says)?;
-                let precision = if name == "precision" { matrix } else { root.inverse() };
-                let information = &precision * DVector::from_column_slice(mean);
-                Ok(Regression { precision, information })
-            });
-        let regressions = regressions.collect::<Result<_, String>>()?;
+        let shown = (features.len() + posterior.one_hot, actions);
         Ok(Prior {
             features,
             one_hot: posterior.one_hot,
             actions,
             design,
             is_centred: posterior.action_centring,
+            regressions: posterior.regressions(shape, shown)?,
             means: posterior.mean,
-            regressions,
         })
     }
 

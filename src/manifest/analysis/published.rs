@@ -256,33 +256,43 @@ fn row(
             .unwrap_or(0.0),
         margin: optional("margin", |margin| margin > 0.0, "a number above 0")?,
     };
-    let is_difference = row.sides().is_some();
-    if row.p.is_some() && !is_difference {
-        return Err(
-            "`p` is of a difference: name two agents or two scenarios, `first - second`".into()
-        );
-    }
-    if row.sd.is_some() && is_difference {
-        return Err("`sd` is of a mean; how uncertain a difference is, `p` says".into());
-    }
-    if !is_difference && [&row.agent, &row.scenario].iter().any(|sides| sides.contains(" - ")) {
-        return Err("a difference is between two agents or between two scenarios: write ` - ` once, in one of \
-                    the columns `agent` and `scenario`"
-            .into());
+    if let Some(fault) = fault_of_sides(&row) {
+        return Err(fault.to_owned());
     }
     if row.subject.is_empty() {
-        let kind = match (row.metric, is_difference, row.p) {
-            (None, ..) => "error rate",
-            (_, true, Some(_)) => "effect",
-            (_, true, None) => "difference",
-            (_, false, _) => "mean",
-        };
-        row.subject = match row.metric.filter(|metric| *metric != MEAN_RETURN) {
-            Some(metric) => format!("{} {kind}", metric.text().replace('_', " ")),
-            None => kind.to_owned(),
-        };
+        row.subject = usual_subject(&row);
     }
     Ok(row)
+}
+
+/// Why a row is neither of a mean nor of a difference.
+fn fault_of_sides(row: &PublishedRow) -> Option<&'static str> {
+    let is_difference = row.sides().is_some();
+    if row.p.is_some() && !is_difference {
+        return Some("`p` is of a difference: name two agents or two scenarios, `first - second`");
+    }
+    if row.sd.is_some() && is_difference {
+        return Some("`sd` is of a mean; how uncertain a difference is, `p` says");
+    }
+    let has_sides = [&row.agent, &row.scenario].iter().any(|sides| sides.contains(" - "));
+    (!is_difference && has_sides).then_some(
+        "a difference is between two agents or between two scenarios: write ` - ` once, in one of the columns \
+         `agent` and `scenario`",
+    )
+}
+
+/// The subject of a row that names none.
+fn usual_subject(row: &PublishedRow) -> String {
+    let kind = match (row.metric, row.sides().is_some(), row.p) {
+        (None, ..) => "error rate",
+        (_, true, Some(_)) => "effect",
+        (_, true, None) => "difference",
+        (_, false, _) => "mean",
+    };
+    match row.metric.filter(|metric| *metric != MEAN_RETURN) {
+        Some(metric) => format!("{} {kind}", metric.text().replace('_', " ")),
+        None => kind.to_owned(),
+    }
 }
 
 /// The value of a parameter: a number, or a word or flag that a key of this name takes.
