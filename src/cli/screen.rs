@@ -20,7 +20,7 @@ use crate::cli::{Error, Exit};
 use crate::key::printable;
 use crate::report::rounded;
 use crate::store::Counts;
-use crate::watch::{ArmView, Band, FailureView, View, ViewChoice, WatchError, Watcher};
+use crate::watch::{ArmView, Band, CurveChart, FailureView, View, ViewChoice, WatchError, Watcher};
 
 /// Longest time between a key or a signal and its effect.
 const LOOK: Duration = Duration::from_millis(100);
@@ -276,18 +276,23 @@ fn colour(view: &View, arm: usize) -> Option<Color> {
     COLOURS.get(line).copied()
 }
 
-fn draw_chart(view: &View, frame: &mut Frame<'_>, area: Rect) {
-    let chart = &view.chart;
-    let lines = || chart.lines.iter().flat_map(|(_, line)| line);
-    let Some(metric) = chart.metric else { return };
-    let seeds: Vec<usize> =
-        chart.lines.first().into_iter().flat_map(|(_, line)| line).map(|one| one.seeds).collect();
-    let over = match (seeds.iter().min(), seeds.iter().max()) {
+/// The numbers of seeds of the chosen arm's curve, in words.
+fn seeds_of_chosen(chart: &CurveChart) -> String {
+    let chosen = chart.lines.first().into_iter().flat_map(|(_, line)| line);
+    let seeds: Vec<usize> = chosen.map(|one| one.seeds).collect();
+    match (seeds.iter().min(), seeds.iter().max()) {
         (Some(1), Some(1)) => ", 1 seed".to_owned(),
         (Some(least), Some(most)) if least == most => format!(" ± sd, {most} seeds"),
         (Some(least), Some(most)) => format!(" ± sd, {least} to {most} seeds"),
         _ => String::new(),
-    };
+    }
+}
+
+fn draw_chart(view: &View, frame: &mut Frame<'_>, area: Rect) {
+    let chart = &view.chart;
+    let lines = || chart.lines.iter().flat_map(|(_, line)| line);
+    let Some(metric) = chart.metric else { return };
+    let over = seeds_of_chosen(chart);
     let block = Block::bordered()
         .border_style(Modifier::DIM)
         .title(cut(&format!(" {metric}{over} "), usize::from(area.width).saturating_sub(2)));
@@ -317,23 +322,20 @@ fn draw_chart(view: &View, frame: &mut Frame<'_>, area: Rect) {
         (low, high) = (low - 0.5, high + 0.5);
     }
     let line = |points, colour| {
-        let style = Style::new().fg(colour);
         Dataset::default()
             .marker(Marker::Braille)
             .graph_type(GraphType::Line)
-            .style(style)
+            .style(Style::new().fg(colour))
             .data(points)
     };
     // The chosen arm is drawn last, over the others.
     let mut sets: Vec<Dataset<'_>> =
         edges.iter().map(|points| line(points, Color::DarkGray)).collect();
     sets.extend(means.iter().zip(COLOURS).rev().map(|(points, colour)| line(points, colour)));
-    let decimals = if high - low >= 20.0 {
-        0
-    } else if high - low >= 0.2 {
-        2
-    } else {
-        4
+    let decimals = match high - low {
+        20.0.. => 0,
+        0.2.. => 2,
+        _ => 4,
     };
     let label = |value: f64| rounded(value, decimals);
     let episodes = f64::from(chart.episodes);
@@ -461,7 +463,7 @@ mod tests {
 
     use super::*;
     use crate::job::metric::MEAN_RETURN;
-    use crate::watch::{CurveChart as Curves, RunningView};
+    use crate::watch::RunningView;
 
     fn counts(completed: u64, running: u64, pending: u64, failed: u64) -> Counts {
         Counts { completed, running, pending, failed, interrupted: 0 }
@@ -509,7 +511,7 @@ mod tests {
             ],
             submissions: Vec::new(),
             held: 0,
-            chart: Curves {
+            chart: CurveChart {
                 metric: Some(MEAN_RETURN),
                 metrics: 4,
                 episodes: 100,

@@ -549,6 +549,10 @@ mod tests {
             [1, 1, 1, 0]
         );
         assert_eq!(raised(&|environment| environment.availability = 0.9), [(0, 1), (0, 1), (0, 0)]);
+    }
+
+    #[test]
+    fn versions_are_higher_in_the_trials_alone_whose_results_changed() {
         let in_trial = |change: &dyn Fn(&mut Trial)| {
             let required = [Value::Integer(4), Value::Integer(50)];
             let mut trial = Trial::with_required(&required);
@@ -575,6 +579,10 @@ mod tests {
             }),
             [0; 3]
         );
+    }
+
+    #[test]
+    fn versions_are_higher_of_the_rules_alone_whose_results_changed() {
         let threshold = |sigma: f64, scenario: &str, threshold: f64| {
             let rule = RuleParameters { threshold, ..RuleParameters::new(DecisionRule::Threshold) };
             let scenario = scenario.parse().unwrap();

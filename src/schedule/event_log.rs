@@ -63,24 +63,7 @@ impl EventLog {
                 self.end(worker, event)
             }
             Event::Checkpoint { worker, queued, note } => {
-                let mut event = json!({ "worker": worker, "job": self.described(queued) });
-                let mut of_file = |kind: &str, path: &Path, reason: String| {
-                    event["event"] = json!(kind);
-                    event["file"] = json!(printable(&path.display().to_string()));
-                    event["reason"] = json!(reason);
-                };
-                match note {
-                    CheckpointNote::Resumed(resumed) => {
-                        event["event"] = json!("resumed");
-                        event["episode"] = json!(resumed.episode);
-                    }
-                    CheckpointNote::Refused { path, reason } => {
-                        of_file("checkpoint_refused", path, reason.to_string());
-                    }
-                    CheckpointNote::NotKept { path, reason } => {
-                        of_file("checkpoint_not_kept", path, reason.to_string());
-                    }
-                }
+                let event = self.noted(worker, queued, note);
                 self.queues[worker].note(event).into_iter().collect()
             }
             Event::Lost { worker, queued } => {
@@ -96,6 +79,29 @@ impl EventLog {
             }
             Event::FewerWorkers { .. } | Event::Tick { .. } => Vec::new(),
         }
+    }
+
+    /// What happened to a checkpoint of a worker's job.
+    fn noted(&self, worker: usize, queued: &Queued, note: &CheckpointNote) -> Value {
+        let mut event = json!({ "worker": worker, "job": self.described(queued) });
+        let mut of_file = |kind: &str, path: &Path, reason: String| {
+            event["event"] = json!(kind);
+            event["file"] = json!(printable(&path.display().to_string()));
+            event["reason"] = json!(reason);
+        };
+        match note {
+            CheckpointNote::Resumed(resumed) => {
+                event["event"] = json!("resumed");
+                event["episode"] = json!(resumed.episode);
+            }
+            CheckpointNote::Refused { path, reason } => {
+                of_file("checkpoint_refused", path, reason.to_string());
+            }
+            CheckpointNote::NotKept { path, reason } => {
+                of_file("checkpoint_not_kept", path, reason.to_string());
+            }
+        }
+        event
     }
 
     /// The end of a worker's job, and the events that waited for it.

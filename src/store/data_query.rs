@@ -45,7 +45,16 @@ impl DataQuery {
         for condition in &self.conditions {
             let _ = write!(conditions, "\n  AND {}", rendered(condition));
         }
-        let (part, join) = match self.part {
+        let (part, join) = self.part_and_join();
+        format!(
+            "{columns},\n  {part}\nFROM run_summary AS run\n{join}\n{conditions}\nORDER BY {}\n",
+            places(3 + self.columns.len())
+        )
+    }
+
+    /// The columns of the part of the results, and the views that have them.
+    fn part_and_join(&self) -> (String, String) {
+        match self.part {
             // It is recorded only where messages cost something.
             DataPart::Metric(metric) if metric == NET_RETURN => (
                 "coalesce(net.value, metric.value) AS mean_net_return".to_owned(),
@@ -92,11 +101,7 @@ impl DataQuery {
                 "test.episode, test.total_reward".to_owned(),
                 "JOIN evaluation_episode AS test ON test.job_key = run.job_key".to_owned(),
             ),
-        };
-        format!(
-            "{columns},\n  {part}\nFROM run_summary AS run\n{join}\n{conditions}\nORDER BY {}\n",
-            places(3 + self.columns.len())
-        )
+        }
     }
 }
 

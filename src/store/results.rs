@@ -270,6 +270,18 @@ mod tests {
         assert_eq!(left, 0);
     }
 
+    /// The rows that a query reads of a run.
+    fn rows<T>(
+        store: &Store,
+        sql: &str,
+        claim: &Claim,
+        read: impl Fn(&rusqlite::Row<'_>) -> rusqlite::Result<T>,
+    ) -> Vec<T> {
+        let mut statement = store.connection.prepare(sql).unwrap();
+        let rows = statement.query_map([claim.run], |row| read(row)).unwrap();
+        rows.collect::<Result<_, _>>().unwrap()
+    }
+
     #[test]
     fn all_results_are_stored_whatever_their_number() {
         let folder = tempfile::tempdir().unwrap();
@@ -305,53 +317,27 @@ mod tests {
             let claim = claim(&mut store, session, &job);
             store.finish(&claim, &Outcome::Completed(whole.clone()), 1.0).unwrap();
 
-            let mut statement = store
-                .connection
-                .prepare(
-                    "SELECT episode, name, value FROM curve_point
-                        JOIN metric_name ON metric_name.id = metric WHERE run = ?1 ORDER BY value",
-                )
-                .unwrap();
-            let stored: Vec<(u32, String, f64)> = statement
-                .query_map([claim.run], |row| Ok((row.get(0)?, row.get(1)?, row.get(2)?)))
-                .unwrap()
-                .collect::<Result<_, _>>()
-                .unwrap();
+            let points = "SELECT episode, name, value FROM curve_point
+                JOIN metric_name ON metric_name.id = metric WHERE run = ?1 ORDER BY value";
+            let stored: Vec<(u32, String, f64)> =
+                rows(&store, points, &claim, |row| Ok((row.get(0)?, row.get(1)?, row.get(2)?)));
             let expected = whole.curve.iter().map(|p| (p.episode, p.metric.to_string(), p.value));
             assert_eq!(stored, expected.collect::<Vec<_>>(), "{count} points of each metric");
-            let mut statement = store
-                .connection
-                .prepare(
-                    "SELECT total_reward, length, disengaged FROM test_episode
-                        WHERE run = ?1 ORDER BY episode",
-                )
-                .unwrap();
-            let stored: Vec<TestEpisode> = statement
-                .query_map([claim.run], |row| {
-                    let (total_reward, length) = (row.get(0)?, row.get(1)?);
-                    Ok(TestEpisode { total_reward, length, terminated: row.get(2)? })
-                })
-                .unwrap()
-                .collect::<Result<_, _>>()
-                .unwrap();
+            let episodes = "SELECT total_reward, length, disengaged FROM test_episode
+                WHERE run = ?1 ORDER BY episode";
+            let stored = rows(&store, episodes, &claim, |row| {
+                let (total_reward, length) = (row.get(0)?, row.get(1)?);
+                Ok(TestEpisode { total_reward, length, terminated: row.get(2)? })
+            });
             assert_eq!(stored, whole.episodes, "{count} episodes");
-            let mut statement = store
-                .connection
-                .prepare(
-                    "SELECT bin, context, action, count FROM action_count
-                        WHERE run = ?1 ORDER BY count",
-                )
-                .unwrap();
-            let stored: Vec<ActionCount> = statement
-                .query_map([claim.run], |row| {
-                    let [bin, context]: [u8; 2] = [row.get(0)?, row.get(1)?];
-                    let stratum = Some(2 * bin + context);
-                    let count: i64 = row.get(3)?;
-                    Ok(ActionCount { stratum, action: row.get(2)?, count: count as u64 })
-                })
-                .unwrap()
-                .collect::<Result<_, _>>()
-                .unwrap();
+            let choices = "SELECT bin, context, action, count FROM action_count
+                WHERE run = ?1 ORDER BY count";
+            let stored = rows(&store, choices, &claim, |row| {
+                let [bin, context]: [u8; 2] = [row.get(0)?, row.get(1)?];
+                let stratum = Some(2 * bin + context);
+                let count: i64 = row.get(3)?;
+                Ok(ActionCount { stratum, action: row.get(2)?, count: count as u64 })
+            });
             assert_eq!(stored, whole.actions, "{count} choices");
         }
     }

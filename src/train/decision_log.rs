@@ -134,12 +134,7 @@ impl DecisionLog {
                 None => self.episode(lane, step),
             };
             if step == 0 && self.phase == Phase::Train {
-                let phase = self.phase;
-                let mut values = Vec::new();
-                lanes.participant(lane, &mut values);
-                self.participants.extend(values.into_iter().map(|(place, value)| {
-                    ParticipantValue { phase, episode, parameter: place as u8, value }
-                }));
+                self.record_participant(lanes, lane, episode);
             }
             let action = lanes.taken(lane, chosen);
             let is_sent = action != Action::default();
@@ -162,6 +157,17 @@ impl DecisionLog {
             self.decisions.push(decision);
             self.acting.push(lane);
         }
+    }
+
+    /// Records the parameters of the participant in a lane.
+    fn record_participant(&mut self, lanes: &Simulated, lane: usize, episode: u32) {
+        let (phase, mut values) = (self.phase, Vec::new());
+        lanes.participant(lane, &mut values);
+        let recorded = values.into_iter().map(|(index, value)| {
+            let parameter = index as u8;
+            ParticipantValue { phase, episode, parameter, value }
+        });
+        self.participants.extend(recorded);
     }
 
     /// Sets the outcomes of the decisions of the present step.

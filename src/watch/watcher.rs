@@ -273,16 +273,9 @@ impl Watcher {
         live: HashMap<JobKey, RunningCurve>,
     ) -> Result<View, WatchError> {
         let state = |key: &JobKey| states.get(key).copied().unwrap_or(JobState::Pending);
-        let completed: Vec<JobKey> = jobs
-            .arms
-            .iter()
-            .flat_map(|arm| &arm.keys)
-            .filter(|key| state(key) == JobState::Completed)
-            .copied()
-            .collect();
-        let new: Vec<JobKey> =
-            completed.iter().filter(|key| !self.returns.contains_key(key)).copied().collect();
-        self.returns.extend(self.reader.values(&new, MEAN_RETURN)?);
+        let keys = jobs.arms.iter().flat_map(|arm| &arm.keys);
+        let completed = keys.filter(|key| state(key) == JobState::Completed);
+        self.read_returns(completed.copied())?;
         let mut speeds = Speeds::of(&self.reader)?;
         let mut running = Vec::new();
         let mut counted_jobs = HashSet::new();
@@ -318,10 +311,7 @@ impl Watcher {
                     running.push((&arm.job, arm.job.part_of_time(part.unwrap_or(0.0))));
                 }
             }
-            let values = arm.keys.iter().filter_map(|key| self.returns.get(key));
-            let values: Vec<f64> = values.copied().collect();
-            let mean = values.iter().sum::<f64>() / values.len() as f64;
-            let mean_return = (!values.is_empty()).then_some(mean);
+            let mean_return = self.mean_return(&arm.keys);
             view.arms.push(ArmView { name: name.clone(), counts, mean_return });
         }
         view.running
@@ -340,6 +330,20 @@ impl Watcher {
         (view.submissions, view.held) = self.submissions(&jobs.experiment);
         view.chart = self.chart(choice, jobs, states, &live)?;
         Ok(view)
+    }
+
+    /// Reads the mean returns of completed jobs that are not known yet.
+    fn read_returns(&mut self, completed: impl Iterator<Item = JobKey>) -> Result<(), WatchError> {
+        let new: Vec<JobKey> = completed.filter(|key| !self.returns.contains_key(key)).collect();
+        self.returns.extend(self.reader.values(&new, MEAN_RETURN)?);
+        Ok(())
+    }
+
+    /// The mean over jobs of their mean returns; `None` if none is known.
+    fn mean_return(&self, keys: &[JobKey]) -> Option<f64> {
+        let values = keys.iter().filter_map(|key| self.returns.get(key));
+        let values: Vec<f64> = values.copied().collect();
+        (!values.is_empty()).then(|| values.iter().sum::<f64>() / values.len() as f64)
     }
 
     /// The number of workers: of this machine's running jobs and of the running tasks of a cluster.

@@ -45,29 +45,6 @@ pub fn pairs<'j>(sides: &Sides, jobs: &[&'j JobRecord], aside: &[&str]) -> Vec<P
     let is_of_one = |name: &String| {
         are_agents && name.starts_with("agent.") && !swept.iter().all(|swept| swept.contains(name))
     };
-    let distinguished = |jobs: &[&'j JobRecord]| -> Vec<Arm<'j>> {
-        // An arm's name has every parameter that distinguishes a difference, varied on its side or not.
-        let named = arms(jobs, aside).into_iter().map(|mut arm| {
-            let job = arm.jobs[0];
-            let settings = names.iter().filter_map(|name| Some((name, job.setting(name)?)));
-            arm.name.settings =
-                settings.map(|(name, value)| (name.clone(), value.clone())).collect();
-            match sides.first.parameter {
-                Parameter::SCENARIO => arm.name.scenario.clear(),
-                Parameter::AGENT_NAME => arm.name.agent.clear(),
-                _ => {}
-            }
-            let tokens: Vec<Option<Token<'_>>> =
-                names.iter().map(|name| job.setting(name).map(Token::of)).collect();
-            ((arm.name.agent.clone(), arm.name.scenario.clone(), tokens), arm)
-        });
-        let merged = |mut one: Arm<'j>, other: Arm<'j>| {
-            one.jobs.extend(other.jobs);
-            one
-        };
-        let same = grouped(named).into_iter();
-        same.filter_map(|(_, arms)| arms.into_iter().reduce(merged)).collect()
-    };
     // What both sides of a difference have in common.
     let shared: Vec<&String> = names.iter().filter(|name| !is_of_one(name)).collect();
     // A setting that one side sweeps has that side's value in the name.
@@ -78,7 +55,9 @@ pub fn pairs<'j>(sides: &Sides, jobs: &[&'j JobRecord], aside: &[&str]) -> Vec<P
         };
         ArmId { settings: names.iter().filter_map(from).collect(), ..one.clone() }
     };
-    let (firsts, seconds) = (distinguished(&first), distinguished(&second));
+    let compared = sides.first.parameter;
+    let [firsts, seconds] =
+        [first, second].map(|jobs| distinguished(arms(&jobs, aside), &names, compared));
     let mut partners: HashMap<_, Vec<&Arm<'j>>> = HashMap::new();
     for arm in &seconds {
         partners.entry(common(&arm.name, &shared)).or_default().push(arm);
@@ -93,6 +72,30 @@ pub fn pairs<'j>(sides: &Sides, jobs: &[&'j JobRecord], aside: &[&str]) -> Vec<P
         second: other.jobs.clone(),
     })
     .collect()
+}
+
+/// The arms of a side by what distinguishes its differences: these parameters, varied on the side or not, and agent and
+/// scenario unless they are compared. Arms that nothing distinguishes are one.
+fn distinguished<'j>(arms: Vec<Arm<'j>>, names: &[String], compared: Parameter) -> Vec<Arm<'j>> {
+    let named = arms.into_iter().map(|mut arm| {
+        let job = arm.jobs[0];
+        let settings = names.iter().filter_map(|name| Some((name, job.setting(name)?)));
+        arm.name.settings = settings.map(|(name, value)| (name.clone(), value.clone())).collect();
+        match compared {
+            Parameter::SCENARIO => arm.name.scenario.clear(),
+            Parameter::AGENT_NAME => arm.name.agent.clear(),
+            _ => {}
+        }
+        let tokens: Vec<Option<Token<'_>>> =
+            names.iter().map(|name| job.setting(name).map(Token::of)).collect();
+        ((arm.name.agent.clone(), arm.name.scenario.clone(), tokens), arm)
+    });
+    let merged = |mut one: Arm<'j>, other: Arm<'j>| {
+        one.jobs.extend(other.jobs);
+        one
+    };
+    let same = grouped(named).into_iter();
+    same.filter_map(|(_, arms)| arms.into_iter().reduce(merged)).collect()
 }
 
 /// The agent, the scenario and the values of these parameters, as a key of a table.

@@ -187,16 +187,7 @@ fn curve_figures(figure: &CurveFigure, sheet: &Sheet<'_>) -> Vec<(String, Scene)
         let optima = panel.members.iter().map(|at| (&arms[*at], figure.lines[*at].optimum.clone()));
         lines.extend(optimum_lines(optima, &looks));
         let has_reference = lines.iter().any(|line| !line.reference.is_empty());
-        let note = format!(
-            "{}{}.{}",
-            if members().flat_map(CurveLine::seeds).any(|n| n > 1) {
-                "Mean and 95 % interval, "
-            } else {
-                ""
-            },
-            seeds(members().flat_map(CurveLine::seeds)),
-            if has_reference { " Thin: published." } else { "" }
-        );
+        let note = note(members().flat_map(CurveLine::seeds).collect(), has_reference);
         let heading = match panels.is_one() && panel.heading.is_empty() {
             true => shared_word(&names),
             false => Some(panel.heading.clone()),
@@ -216,6 +207,13 @@ fn curve_figures(figure: &CurveFigure, sheet: &Sheet<'_>) -> Vec<(String, Scene)
     };
     let axes = axes(&charts, (x_title, x_numbers, scale), metric, style);
     panels.stems(sheet.stem).into_iter().zip(draw(&charts, &axes, style)).collect()
+}
+
+/// What the lines of a panel show.
+fn note(numbers: Vec<usize>, has_reference: bool) -> String {
+    let shown = if numbers.iter().any(|n| *n > 1) { "Mean and 95 % interval, " } else { "" };
+    let published = if has_reference { " Thin: published." } else { "" };
+    format!("{shown}{}.{published}", seeds(numbers.into_iter()))
 }
 
 /// The places of the first and the last point of all lines; of all declared points if none has a mean.

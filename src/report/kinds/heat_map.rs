@@ -102,23 +102,27 @@ impl Drawn for Vec<HeatFigure> {
                 None => range,
             });
         }
-        let beyond = tiles().filter(|(_, tile, _)| tile.is_beyond_zero()).count();
-        let tested = tiles().filter(|(_, tile, _)| tile.interval.is_ok()).count();
-        let beyond = match beyond {
-            0 => format!("none of {tested} intervals excludes 0"),
-            1 => format!("1 of {tested} intervals excludes 0"),
-            beyond => format!("{beyond} of {tested} intervals exclude 0"),
-        };
         let which = match (tied, tile.interval) {
             (1, Ok(_)) if tile.is_beyond_zero() => ", and its interval excludes 0".to_owned(),
             (1, Ok(_)) => ", and its interval includes 0".to_owned(),
             (1, Err(reason)) => format!(", without an interval ({reason})"),
             _ => String::new(),
         };
+        let beyond = beyond_zero(tiles().map(|(_, tile, _)| tile));
         Some(format!(
             "{range}{which}; {beyond} (t tests, paired by seed where both sides share their seeds, not \
              corrected)"
         ))
+    }
+}
+
+/// How many intervals of tiles exclude 0.
+fn beyond_zero<'t>(tiles: impl Iterator<Item = &'t HeatTile> + Clone) -> String {
+    let tested = tiles.clone().filter(|tile| tile.interval.is_ok()).count();
+    match tiles.filter(|tile| tile.is_beyond_zero()).count() {
+        0 => format!("none of {tested} intervals excludes 0"),
+        1 => format!("1 of {tested} intervals excludes 0"),
+        beyond => format!("{beyond} of {tested} intervals exclude 0"),
     }
 }
 
@@ -363,7 +367,7 @@ fn share(part: f64, whole: f64) -> f64 {
 
 fn tile_marks(
     tile: &HeatTile,
-    (figure, metric, [agent, subject]): (&HeatFigure, Measure, &[String; 2]),
+    (figure, metric, named): (&HeatFigure, Measure, &[String; 2]),
     (color, letters): (Color, f64),
     (left, top, (width, height)): (f64, f64, (f64, f64)),
 ) -> Vec<Mark> {
@@ -397,19 +401,13 @@ fn tile_marks(
         let [low, high] = shown_ends(low * factor(metric), high * factor(metric), 0);
         format!("{low}–{high}")
     });
+    let published = tile.published.map(|value| format!("publ. {}", in_unit(value)));
     let spread_words = match &between {
         Some(between) => format!(", {between}"),
         None => spread.map_or_else(String::new, |half| format!(" ± {}", in_unit(half))),
     };
-    let published = tile.published.map(|value| format!("publ. {}", in_unit(value)));
-    let [x, y] = axes(figure);
-    let tip = format!(
-        "{agent} {subject}, {x} = {}, {y} = {}: {value}{spread_words} (95 %), {}{}",
-        parameter(tile.x),
-        parameter(tile.y),
-        seeds(std::iter::once(tile.seeds)),
-        published.as_ref().map_or_else(String::new, |words| format!("; {words}"))
-    );
+    let shown = format!("{value}{spread_words}");
+    let tip = tip(tile, figure, named, &shown, published.as_deref());
     marks.push(Mark::from(area).saying(tip));
     let first = height / 2.0 - if published.is_some() { 7.0 } else { 2.0 };
     match tile.value {
@@ -432,6 +430,24 @@ fn tile_marks(
         marks.push(line(first + 22.0, words, NOTE, Weight::Regular));
     }
     marks
+}
+
+/// What a tile says when the pointer is over it. `shown` has its value and interval.
+fn tip(
+    tile: &HeatTile,
+    figure: &HeatFigure,
+    [agent, subject]: &[String; 2],
+    shown: &str,
+    published: Option<&str>,
+) -> String {
+    let [x, y] = axes(figure);
+    format!(
+        "{agent} {subject}, {x} = {}, {y} = {}: {shown} (95 %), {}{}",
+        parameter(tile.x),
+        parameter(tile.y),
+        seeds(std::iter::once(tile.seeds)),
+        published.map_or_else(String::new, |words| format!("; {words}"))
+    )
 }
 
 /// The lines of the heading, none wider than `room` unless it has a single word.

@@ -411,9 +411,9 @@ mod tests {
         );
     }
 
-    #[test]
-    fn the_caption_of_a_curve_states_only_what_is_significant() {
-        let line = |agent: &str, points: &[(f64, f64)]| CurveLine {
+    /// A line with these means and spreads of three seeds.
+    fn line(agent: &str, points: &[(f64, f64)]) -> CurveLine {
+        CurveLine {
             name: ArmId { agent: agent.into(), ..name() },
             points: (1..)
                 .map(f64::from)
@@ -426,7 +426,11 @@ mod tests {
             across: None,
             optimum: Vec::new(),
             published: Vec::new(),
-        };
+        }
+    }
+
+    #[test]
+    fn the_caption_of_a_curve_states_only_what_is_significant() {
         let describe = |lines: &[CurveLine]| {
             let axis = "environment.delta_d".to_owned();
             let said =

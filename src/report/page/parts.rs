@@ -262,6 +262,22 @@ pub enum Hosts {
 
 /// The provenance of the page and of its runs.
 pub fn provenance(experiments: &[&ReportedExperiment], store: &str, hosts: Hosts) -> Markup {
+    html! {
+        section #provenance {
+            h2 { "Provenance" }
+            p {
+                "Made from " code { (store) } " by jitai " (env!("CARGO_PKG_VERSION")) " ("
+                code { (env!("JITAI_GIT_REVISION")) } "). The table lists the versions that made the \
+                 runs. A revision ending in " code { "-dirty" }
+                " was built with uncommitted changes."
+            }
+            (html_table(&makers(experiments, hosts)))
+        }
+    }
+}
+
+/// The versions and machines that made the runs, with the number of runs and their times.
+fn makers(experiments: &[&ReportedExperiment], hosts: Hosts) -> DataTable {
     let mut makers: BTreeMap<[&str; 5], (usize, &str, &str, f64)> = BTreeMap::new();
     let mut seen = std::collections::HashSet::new();
     let jobs = experiments.iter().flat_map(|experiment| &experiment.jobs);
@@ -315,18 +331,7 @@ pub fn provenance(experiments: &[&ReportedExperiment], store: &str, hosts: Hosts
         }
         table.rows.push(row);
     }
-    html! {
-        section #provenance {
-            h2 { "Provenance" }
-            p {
-                "Made from " code { (store) } " by jitai " (env!("CARGO_PKG_VERSION")) " ("
-                code { (env!("JITAI_GIT_REVISION")) } "). The table lists the versions that made the \
-                 runs. A revision ending in " code { "-dirty" }
-                " was built with uncommitted changes."
-            }
-            (html_table(&table))
-        }
-    }
+    table
 }
 
 #[cfg(test)]
