@@ -295,8 +295,8 @@ impl<'a> StateWriter<'a> {
         }
         let mut buffer = [0; CHUNK];
         for some in numbers.chunks(CHUNK / size_of::<T>()) {
-            let places = buffer.chunks_exact_mut(size_of::<T>());
-            places.zip(some).for_each(|(place, number)| number.put(place));
+            let slots = buffer.chunks_exact_mut(size_of::<T>());
+            slots.zip(some).for_each(|(slot, number)| number.put(slot));
             self.0.write_all(&buffer[..size_of_val(some)])?;
         }
         Ok(())
@@ -320,16 +320,16 @@ impl<'a> StateReader<'a> {
         Ok(T::get(bytes))
     }
 
-    /// Fills `places`; the stored count must be equal to their number.
+    /// Fills `slots`; the stored count must be equal to their number.
     pub fn fill<T: Number>(
         &mut self,
-        places: &mut [T],
+        slots: &mut [T],
         what: &'static str,
     ) -> Result<(), StateError> {
-        if self.one::<u64>()? != places.len() as u64 {
+        if self.one::<u64>()? != slots.len() as u64 {
             return Err(StateError::Misfit(what));
         }
-        self.get(places)
+        self.get(slots)
     }
 
     /// Reads at most `most` numbers.
@@ -367,19 +367,19 @@ impl<'a> StateReader<'a> {
         if count <= most { Ok(count) } else { Err(StateError::Misfit(what)) }
     }
 
-    fn get<T: Number>(&mut self, places: &mut [T]) -> Result<(), StateError> {
-        if places.len() <= FEW {
-            for place in places {
-                *place = self.one()?;
+    fn get<T: Number>(&mut self, slots: &mut [T]) -> Result<(), StateError> {
+        if slots.len() <= FEW {
+            for slot in slots {
+                *slot = self.one()?;
             }
             return Ok(());
         }
         let mut buffer = [0; CHUNK];
-        for some in places.chunks_mut(CHUNK / size_of::<T>()) {
+        for some in slots.chunks_mut(CHUNK / size_of::<T>()) {
             let bytes = &mut buffer[..size_of_val(some)];
             self.0.read_exact(bytes)?;
             let numbers = bytes.chunks_exact(size_of::<T>());
-            some.iter_mut().zip(numbers).for_each(|(place, bytes)| *place = T::get(bytes));
+            some.iter_mut().zip(numbers).for_each(|(slot, bytes)| *slot = T::get(bytes));
         }
         Ok(())
     }

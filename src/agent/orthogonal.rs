@@ -84,8 +84,8 @@ pub(super) fn matrix(
         own.iter_mut().for_each(|own| *own /= norm);
     }
     let at = |row: usize, column: usize| {
-        let place = if rows <= columns { row * length + column } else { column * length + row };
-        (gain * drawn[place]) as f32
+        let index = if rows <= columns { row * length + column } else { column * length + row };
+        (gain * drawn[index]) as f32
     };
     let entries = (0..rows).flat_map(|row| (0..columns).map(move |column| (row, column)));
     Ok(entries.map(|(row, column)| at(row, column)).collect())

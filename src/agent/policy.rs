@@ -497,8 +497,8 @@ mod tests {
         exponentials(Isa::chosen(), &mut weights, 7);
         let mut probabilities = [0.0; 7];
         sampling_probabilities(&weights, 7, &mut probabilities);
-        for (place, probability) in (1..8u8).zip(probabilities) {
-            assert!((probability - f64::from(place) / 28.0).abs() < 1e-6, "{probabilities:?}");
+        for (number, probability) in (1..8u8).zip(probabilities) {
+            assert!((probability - f64::from(number) / 28.0).abs() < 1e-6, "{probabilities:?}");
         }
         for (unit, index) in [(0.0, 0), (0.034, 0), (0.037, 1), (0.74, 5), (0.76, 6), (0.999, 6)] {
             assert_eq!(pick(&weights, unit).index(), index, "{unit}");

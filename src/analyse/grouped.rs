@@ -8,12 +8,12 @@ pub fn grouped<K: Clone + Eq + Hash, T>(
     items: impl IntoIterator<Item = (K, T)>,
 ) -> Vec<(K, Vec<T>)> {
     let mut groups: Vec<(K, Vec<T>)> = Vec::new();
-    let mut places: HashMap<K, usize> = HashMap::new();
+    let mut indices: HashMap<K, usize> = HashMap::new();
     for (key, item) in items {
-        match places.get(&key) {
-            Some(place) => groups[*place].1.push(item),
+        match indices.get(&key) {
+            Some(index) => groups[*index].1.push(item),
             None => {
-                places.insert(key.clone(), groups.len());
+                indices.insert(key.clone(), groups.len());
                 groups.push((key, vec![item]));
             }
         }

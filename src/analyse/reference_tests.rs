@@ -197,13 +197,13 @@ fn interquartile_means_with_bootstrap_intervals() {
     for case in cases("interquartile_mean") {
         let of_seeds = |first: fn(u64) -> u64| {
             let conditions = (0..).zip(rows(&case["conditions"]));
-            let condition = |(place, values): (u64, Vec<f64>)| {
-                Sample::new((first(place)..).zip(values), 0, 0).unwrap()
+            let condition = |(index, values): (u64, Vec<f64>)| {
+                Sample::new((first(index)..).zip(values), 0, 0).unwrap()
             };
             let conditions: Vec<Sample> = conditions.map(condition).collect();
             interquartile_mean(&conditions.iter().collect::<Vec<_>>()).unwrap()
         };
-        let (apart, joint) = (of_seeds(|place| 100 * place), of_seeds(|_| 0));
+        let (apart, joint) = (of_seeds(|index| 100 * index), of_seeds(|_| 0));
         for ours in [apart, joint] {
             assert_near(ours.value, number(&case["value"]), "inter-quartile mean");
         }

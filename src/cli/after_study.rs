@@ -118,7 +118,7 @@ fn decisions(
     }
     let features = distinct(declaration.control.iter().chain(&declaration.moderators));
     let index = |name: &&String| names.iter().position(|known| known == *name);
-    let places: Vec<Option<usize>> = features.iter().map(index).collect();
+    let indices: Vec<Option<usize>> = features.iter().map(index).collect();
     let letters = trace.decisions.first().map_or(0, |one| one.observed.len());
     let mut text =
         "person,calendar_t,in_study,policy_num,action,probability,reward,seen_outcome,learned"
@@ -148,7 +148,7 @@ fn decisions(
                 u8::from(is_seen)
             );
             one.observed.iter().for_each(|value| text += &format!(",{value}"));
-            for index in &places {
+            for index in &indices {
                 let value = index.map_or(f64::from(of.step), |index| of.state[index]);
                 text += &format!(",{value}");
             }

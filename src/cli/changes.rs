@@ -76,15 +76,15 @@ impl Changes {
 /// The changes between texts that are in the order of their replacement. The change to the current text is
 /// the last one.
 fn changes_of(used: &[UsedManifest]) -> Vec<Change> {
-    let successor = |place: usize| {
-        let is_next = |after: &&UsedManifest| Some(&after.from) == used[place].until.as_ref();
-        used[place + 1..].iter().chain(&used[..place]).find(is_next)
+    let successor = |index: usize| {
+        let is_next = |after: &&UsedManifest| Some(&after.from) == used[index].until.as_ref();
+        used[index + 1..].iter().chain(&used[..index]).find(is_next)
     };
     let mut pairs: Vec<(&UsedManifest, &UsedManifest)> = used
         .iter()
         .enumerate()
         // A text that came with a merge may have no successor here.
-        .filter_map(|(place, before)| Some((before, successor(place)?)))
+        .filter_map(|(index, before)| Some((before, successor(index)?)))
         .filter(|(before, after)| after.text != before.text)
         .collect();
     pairs.sort_by_key(|(_, after)| after.until.is_none());

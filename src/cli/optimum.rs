@@ -72,14 +72,14 @@ fn of_manifests(manifests: &[Manifest], format: Format) -> Result<(), Error> {
             let error = NoOptimum::Family { family: family.name };
             return Err(Error::Usage(format!("{}: {error}", manifest.path)));
         }
-        let places = places(manifest);
+        let problems = problems(manifest);
         // The optimum is undefined for participants who differ.
-        let alike = places.iter().filter(|(.., people)| people.is_homogeneous());
+        let alike = problems.iter().filter(|(.., people)| people.is_homogeneous());
         let pairs: Vec<_> = alike.map(|(one, other, _)| (one, other)).collect();
         let mut computed = found_of(&pairs).into_iter();
-        for (environment, scenario, people) in &places {
+        for (environment, scenario, people) in &problems {
             let found = optimum::check_people(people)
-                .and_then(|()| computed.next().expect("one for each place of alike people"));
+                .and_then(|()| computed.next().expect("one for each problem of alike people"));
             let found = found.map(optimum_and_error).unwrap_or_else(|error| {
                 if !missing.contains(&error) {
                     missing.push(error);
@@ -141,7 +141,7 @@ fn known(environment: &StepCount, scenario: &Scenario) -> [OutputField<'static>;
 }
 
 /// The distinct environments, scenarios and populations of a manifest's jobs, in job order.
-fn places(manifest: &Manifest) -> Vec<(StepCount, Scenario, Population)> {
+fn problems(manifest: &Manifest) -> Vec<(StepCount, Scenario, Population)> {
     let mut seen = HashSet::new();
     let distinct = plan::jobs(manifest).filter_map(|planned| {
         let Job { environment, scenario, .. } = &planned.job;

@@ -46,7 +46,7 @@ enum Values {
 struct Texts {
     rows: Vec<usize>,
     different: Vec<ByteArray>,
-    places: HashMap<String, usize>,
+    indices: HashMap<String, usize>,
 }
 
 impl Texts {
@@ -58,16 +58,16 @@ impl Texts {
     }
 
     fn push(&mut self, text: &str) {
-        let place = match self.places.get(text) {
-            Some(place) => *place,
+        let index = match self.indices.get(text) {
+            Some(index) => *index,
             None => {
-                let place = self.different.len();
+                let index = self.different.len();
                 self.different.push(ByteArray::from(text));
-                self.places.insert(text.to_owned(), place);
-                place
+                self.indices.insert(text.to_owned(), index);
+                index
             }
         };
-        self.rows.push(place);
+        self.rows.push(index);
     }
 }
 
@@ -144,7 +144,7 @@ impl Column {
                 self.batches::<DoubleType>(&mut writer, |range| numbers[range].to_vec())?;
             }
             Values::Texts(texts) => self.batches::<ByteArrayType>(&mut writer, |range| {
-                texts.rows[range].iter().map(|place| texts.different[*place].clone()).collect()
+                texts.rows[range].iter().map(|index| texts.different[*index].clone()).collect()
             })?,
         }
         writer.close()

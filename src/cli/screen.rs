@@ -417,14 +417,14 @@ fn shortened(name: &str, all: &[&str], room: usize) -> String {
     while columns(&letters) > room && room > 0 {
         // One more column for the sign of the cut.
         let excess = columns(&letters) - room + 1;
-        let mut places: Vec<usize> = (0..letters.len()).collect();
-        let longest = places
+        let mut indices: Vec<usize> = (0..letters.len()).collect();
+        let longest = indices
             .chunk_by(|one, next| letters[*one].1 && letters[*next].1)
             .filter(|run| run.len() > 1)
             .max_by_key(|run| run.len())
             .map(<[usize]>::to_vec);
-        places = longest.unwrap_or(places);
-        let (first, last) = (places[0], places[places.len() - 1]);
+        indices = longest.unwrap_or(indices);
+        let (first, last) = (indices[0], indices[indices.len() - 1]);
         let mut start = ((room - 1) / 2).clamp(first, (last + 1).saturating_sub(excess).max(first));
         let mut end = start;
         while end <= last && columns(&letters[start..end]) < excess {

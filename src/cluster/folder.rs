@@ -1,4 +1,4 @@
-//! The folder of a submission: the place of each file, and atomic writes.
+//! The folder of a submission: the path of each file, and atomic writes.
 //!
 //! ```text
 //! jitai.sqlite.submissions/
@@ -180,7 +180,7 @@ impl Submissions {
     }
 
     /// The path for a new submission with this name.
-    pub fn place(&self, name: &str) -> PathBuf {
+    pub fn folder(&self, name: &str) -> PathBuf {
         self.path.join(name)
     }
 }
@@ -489,8 +489,8 @@ mod tests {
 
     #[test]
     fn submissions_lie_beside_the_file_of_the_store_and_not_beside_a_link() {
-        let place = tempfile::tempdir().unwrap();
-        let root = place.path().canonicalize().unwrap();
+        let outer = tempfile::tempdir().unwrap();
+        let root = outer.path().canonicalize().unwrap();
         std::os::unix::fs::symlink("later.sqlite", root.join("link.sqlite")).unwrap();
         let expected = root.join("later.sqlite.submissions");
         for store in ["link.sqlite", "later.sqlite"] {
@@ -500,9 +500,9 @@ mod tests {
 
     #[test]
     fn a_link_to_a_missing_folder_is_not_an_empty_folder() {
-        let place = tempfile::tempdir().unwrap();
-        let store = place.path().join("s.sqlite");
-        std::os::unix::fs::symlink("/gone", place.path().join("s.sqlite.submissions")).unwrap();
+        let outer = tempfile::tempdir().unwrap();
+        let store = outer.path().join("s.sqlite");
+        std::os::unix::fs::symlink("/gone", outer.path().join("s.sqlite.submissions")).unwrap();
         let submissions = Submissions::beside(&store).unwrap();
         for error in [submissions.list().unwrap_err(), submissions.make(None).unwrap_err()] {
             let error = error.to_string();
@@ -512,11 +512,11 @@ mod tests {
 
     #[test]
     fn a_submission_without_an_intent_is_none() {
-        let place = tempfile::tempdir().unwrap();
-        let submissions = Submissions::beside(&place.path().join("s.sqlite")).unwrap();
+        let outer = tempfile::tempdir().unwrap();
+        let submissions = Submissions::beside(&outer.path().join("s.sqlite")).unwrap();
         assert!(submissions.list().unwrap().is_empty());
         submissions.make(None).unwrap();
-        Submission::make_folders(&submissions.place("20260131-120000-000000")).unwrap();
+        Submission::make_folders(&submissions.folder("20260131-120000-000000")).unwrap();
         assert!(submissions.list().unwrap().is_empty());
     }
 }

@@ -445,11 +445,11 @@ mod tests {
     /// scontrol.
     fn calls_of_a_task(job: u32, index: u32, code: u8) -> String {
         let folder = tempfile::tempdir().unwrap();
-        let place = |name: &str| folder.path().join(name);
+        let path = |name: &str| folder.path().join(name);
         let write = |name: &str, body: &str| {
-            std::fs::write(place(name), format!("#!/bin/bash\n{body}\n")).unwrap();
+            std::fs::write(path(name), format!("#!/bin/bash\n{body}\n")).unwrap();
             let mode = std::os::unix::fs::PermissionsExt::from_mode(0o755);
-            std::fs::set_permissions(place(name), mode).unwrap();
+            std::fs::set_permissions(path(name), mode).unwrap();
         };
         write("program", &format!("exit {code}"));
         // As squeue does: the id of an array stands for all of its tasks.
@@ -459,18 +459,18 @@ mod tests {
              case \" $* \" in *' --jobs=17 '*) printf 'RUNNING\\nRUNNING\\nRUNNING\\n' ;;\n\
              *' --jobs=17_'[0-2]' '*) echo RUNNING ;; *) exit 1 ;; esac",
         );
-        write("scontrol", &format!("echo \"$@\" >>'{}'", place("calls").display()));
-        let text = Profile::default().script("a", 3, folder.path(), &place("program"));
+        write("scontrol", &format!("echo \"$@\" >>'{}'", path("calls").display()));
+        let text = Profile::default().script("a", 3, folder.path(), &path("program"));
         write("script", &text);
-        let path = format!("{}:{}", folder.path().display(), std::env::var("PATH").unwrap());
-        let mut script = std::process::Command::new(place("script"));
+        let programs = format!("{}:{}", folder.path().display(), std::env::var("PATH").unwrap());
+        let mut script = std::process::Command::new(path("script"));
         script
-            .env("PATH", path)
+            .env("PATH", programs)
             .env("SQUEUE_STATES", "PENDING")
             .env("SLURM_JOB_ID", job.to_string());
         script.env("SLURM_ARRAY_JOB_ID", "17").env("SLURM_ARRAY_TASK_ID", index.to_string());
         assert_eq!(script.output().unwrap().status.code(), Some(i32::from(code)));
-        std::fs::read_to_string(place("calls")).unwrap_or_default()
+        std::fs::read_to_string(path("calls")).unwrap_or_default()
     }
 
     #[test]

@@ -317,7 +317,7 @@ impl<'a> Cluster<'a> {
     /// The script for a draft; `None` if no job is missing.
     pub fn script(&self, draft: &SubmissionDraft, request: Request<'_>) -> Option<String> {
         let name = clock::new_name();
-        let folder = self.submissions.place(&name);
+        let folder = self.submissions.folder(&name);
         (!draft.chunks.is_empty()).then(|| script(&name, &folder, draft, request))
     }
 
@@ -353,16 +353,16 @@ impl<'a> Cluster<'a> {
         request: Request<'_>,
     ) -> Result<Submission, ClusterError> {
         let name = clock::new_name();
-        let path = self.submissions.place(&name);
+        let path = self.submissions.folder(&name);
         Submission::make_folders(&path)?;
         let write = |file: &Path, text: &str| {
             fs::write(file, text).map_err(ClusterError::io("write", file))
         };
         let manifests = request.selection.manifests();
-        for (place, manifest) in manifests.iter().enumerate() {
+        for (index, manifest) in manifests.iter().enumerate() {
             // Tasks do not depend on files that can change meanwhile.
             let text = manifest::self_contained(manifest).map_err(ClusterError::Companion)?;
-            write(&plan_file(&path, place + 1), &text)?;
+            write(&plan_file(&path, index + 1), &text)?;
         }
         for (number, chunk) in draft.chunks.iter().enumerate() {
             let text: String = chunk.keys.iter().map(|key| format!("{key}\n")).collect();

@@ -109,7 +109,7 @@ mod tests {
                     }
                     (0..turn % 5).for_each(|_| _ = stream.bits());
                 }
-                // A lane begins another stream, or an earlier place of its own.
+                // A lane begins another stream, or an earlier position of its own.
                 match turn % 31 {
                     7 => *streams.of(1) = stream(turn as u64),
                     20 => streams.of(2).go_to(turn as u64 / 2),

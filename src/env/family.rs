@@ -173,7 +173,7 @@ pub trait Model: Any + fmt::Debug + Send + Sync {
         0
     }
 
-    /// Describes the first `count` participants of a stream: participant from 1, place of the parameter, value.
+    /// Describes the first `count` participants of a stream: participant from 1, index of the parameter, value.
     fn describe_participants(
         &self,
         stream: &mut Stream,

@@ -143,7 +143,7 @@ pub trait Simulation: VectorEnvironment + Any + fmt::Debug + Send + Sync {
     /// Ends the episode of a lane, whose person leaves.
     fn leave(&mut self, lane: usize);
 
-    /// Appends the values drawn for the participant in a lane, with the places of their parameters. None by default.
+    /// Appends the values drawn for the participant in a lane, with the indices of their parameters. None by default.
     fn participant(&self, lane: usize, values: &mut Vec<(usize, f64)>) {
         let _ = (lane, values);
     }

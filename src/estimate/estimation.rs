@@ -44,7 +44,7 @@ pub struct Layout {
     control: Vec<Feature>,
     /// The features that the effect depends on.
     pub moderators: Vec<Feature>,
-    /// The place of the outcome in the state; `None` for the reward.
+    /// The index of the outcome in the state; `None` for the reward.
     pub outcome: Option<usize>,
 }
 
@@ -53,7 +53,7 @@ pub struct Layout {
 pub enum Feature {
     /// The number of steps before the decision.
     Step,
-    /// The number at this place of the state.
+    /// The number at this index of the state.
     State(usize),
 }
 
@@ -78,7 +78,7 @@ impl Feature {
     pub fn of(self, decision: &Decision) -> f64 {
         match self {
             Feature::Step => f64::from(decision.step),
-            Feature::State(place) => decision.state[place],
+            Feature::State(index) => decision.state[index],
         }
     }
 }
@@ -371,8 +371,8 @@ impl Estimation {
             NoFit::Dependent(column) => {
                 let control = layout.control.len();
                 let name = match column.checked_sub(1 + control) {
-                    Some(place) => {
-                        format!("the term `{}`", self.declaration.terms(self.actions)[place])
+                    Some(index) => {
+                        format!("the term `{}`", self.declaration.terms(self.actions)[index])
                     }
                     None if column == 0 => "the constant".to_owned(),
                     None => {
@@ -403,7 +403,7 @@ impl Layout {
         let outcome = match of.outcome.as_str() {
             _ if of.is_of_reward() => None,
             name => match Feature::named(name, names)? {
-                Feature::State(place) => Some(place),
+                Feature::State(index) => Some(index),
                 Feature::Step => return Err(format!("`{STEP}` is no outcome")),
             },
         };

@@ -81,7 +81,8 @@ impl Sums {
     /// The sums over people of the number of rows, the weights, and y'Wy.
     fn totals(&self) -> [f64; 3] {
         let stride = self.stride();
-        let own = |place: usize| self.numbers.iter().skip(stride - 3 + place).step_by(stride).sum();
+        let own =
+            |offset: usize| self.numbers.iter().skip(stride - 3 + offset).step_by(stride).sum();
         [0, 1, 2].map(own)
     }
 
@@ -122,10 +123,10 @@ impl Sums {
         let covariance = scores.covariance();
         let [_, weights, squares] = self.totals();
         let size = scores.coefficients.len();
-        // Independent residuals of size r give a coefficient the standard error r √A, A its place in the bread.
+        // Independent residuals of size r give a coefficient the standard error r √A, A its entry on the diagonal of the bread.
         let residual = ROUNDING * (squares / weights).sqrt();
-        let of_place = |index: usize| residual * scores.bread[index * size + index].sqrt();
-        let rounding = (0..size).map(of_place).collect();
+        let of_coefficient = |index: usize| residual * scores.bread[index * size + index].sqrt();
+        let rounding = (0..size).map(of_coefficient).collect();
         let Scores { coefficients, residual_sd, of_people, .. } = scores;
         Ok(Fit { coefficients, covariance, people: of_people.len(), residual_sd, rounding })
     }

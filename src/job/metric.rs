@@ -118,8 +118,8 @@ pub const fn first_return(episodes: u32) -> MetricName {
 
 /// The quantile of at least one value, in ascending order, by linear interpolation.
 pub fn quantile_of_sorted(sorted: &[f64], share: f64) -> f64 {
-    let place = share * (sorted.len() - 1) as f64;
-    let (below, part) = (place.floor(), place - place.floor());
+    let position = share * (sorted.len() - 1) as f64;
+    let (below, part) = (position.floor(), position - position.floor());
     let low = sorted[below as usize];
     let high = sorted[(below as usize + 1).min(sorted.len() - 1)];
     low + part * (high - low)

@@ -109,8 +109,8 @@ impl Decision {
             format!("{name} at step {step} of {phase} episode {episode} is {value}")
         };
         let state = (0..).zip(&self.state).find(|(_, value)| !value.is_finite());
-        if let Some((place, value)) = state {
-            let name = state_names.get::<usize>(place).map_or("a state", String::as_str);
+        if let Some((index, value)) = state {
+            let name = state_names.get::<usize>(index).map_or("a state", String::as_str);
             return Some(described(name, *value));
         }
         if !self.reward.is_finite() {
@@ -133,7 +133,7 @@ pub struct ParticipantValue {
     pub phase: Phase,
     /// Episode of the phase, from 1.
     pub episode: u32,
-    /// The parameter, by its place; see [`crate::env::ParticipantSampler`].
+    /// The parameter, by its index; see [`crate::env::ParticipantSampler`].
     pub parameter: u8,
     /// Finite value.
     pub value: f64,
@@ -195,7 +195,7 @@ pub struct Results {
     pub state_names: Vec<String>,
     /// Recorded decisions, by phase, episode and step; empty unless the job asks for them.
     pub decisions: Vec<Decision>,
-    /// Parameters in which participants differ, by phase, episode and place. Parameters of the
+    /// Parameters in which participants differ, by phase, episode and index. Parameters of the
     /// training are included if its decisions are recorded.
     pub participants: Vec<ParticipantValue>,
     /// What was learned at the updates of a trial, by update and action; empty unless the job asks for it.

@@ -11,8 +11,8 @@ use std::fmt;
 pub struct ParticipantRange {
     /// The parameter, as `[population]` calls it.
     pub parameter: &'static str,
-    /// Its place among the parameters of participants.
-    pub place: u8,
+    /// Its index among the parameters of participants.
+    pub index: u8,
     /// The lower end, in [0, 1).
     pub from: f64,
     /// The upper end, in (0, 1].
@@ -50,7 +50,7 @@ mod tests {
     use super::*;
 
     fn range(from: f64, to: f64) -> ParticipantRange {
-        ParticipantRange { parameter: "delta_d", place: 3, from, to }
+        ParticipantRange { parameter: "delta_d", index: 3, from, to }
     }
 
     #[test]

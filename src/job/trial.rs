@@ -107,16 +107,16 @@ fn columns(text: &str, wanted: &[&str]) -> Result<Columns, String> {
             let index = names.iter().position(|found| found == *name);
             index.ok_or_else(|| format!("column `{name}` is missing"))
         };
-        let places: Vec<usize> = wanted.iter().map(index).collect::<Result<_, _>>()?;
-        Ok((places, Vec::new()))
+        let indices: Vec<usize> = wanted.iter().map(index).collect::<Result<_, _>>()?;
+        Ok((indices, Vec::new()))
     };
-    let push = |(places, rows): &mut (Vec<usize>, Vec<Vec<u64>>), record: &csv::StringRecord| {
+    let push = |(indices, rows): &mut (Vec<usize>, Vec<Vec<u64>>), record: &csv::StringRecord| {
         let number = |(index, name): (&usize, &&str)| {
             let written = &record[*index];
             let number = written.parse().ok().filter(|number: &u64| *number <= i64::MAX as u64);
             number.ok_or_else(|| format!("`{name}`: expected a whole number, found {written}"))
         };
-        rows.push(places.iter().zip(wanted).map(number).collect::<Result<_, _>>()?);
+        rows.push(indices.iter().zip(wanted).map(number).collect::<Result<_, _>>()?);
         Ok(())
     };
     let (_, rows) = read_csv(text, begin, push)?;

@@ -130,7 +130,7 @@ impl Distribution {
                 Some(cut(libm::exp(log), *bounds))
             }
             Distribution::Values { values, weights } => {
-                Some(values[place(weights, values.len(), share)])
+                Some(values[drawn_index(weights, values.len(), share)])
             }
         }
     }
@@ -158,16 +158,16 @@ pub(super) const WEIGHTS: &str = "a number above 0 and at most 1e9";
 
 /// The index, in a list of `count` entries, that a share in (0, 1) selects; without weights, all entries
 /// have equal weights.
-pub(super) fn place(weights: &[f64], count: usize, share: f64) -> usize {
+pub(super) fn drawn_index(weights: &[f64], count: usize, share: f64) -> usize {
     let last = count - 1;
     if weights.is_empty() {
         return ((share * count as f64) as usize).min(last);
     }
     let mut left = share * weights.iter().sum::<f64>();
-    for (place, weight) in weights.iter().enumerate() {
+    for (index, weight) in weights.iter().enumerate() {
         left -= weight;
         if left < 0.0 {
-            return place;
+            return index;
         }
     }
     last

@@ -9,7 +9,7 @@ use std::ops::Range;
 use toml::Spanned;
 use toml::de::{DeArray, DeValue};
 
-use super::distribution::{LARGEST_WEIGHT, WEIGHTS, number, place};
+use super::distribution::{LARGEST_WEIGHT, WEIGHTS, drawn_index, number};
 use super::number_range::NumberRange;
 
 /// A column that rows can have.
@@ -70,14 +70,14 @@ impl Rows {
         if self.is_empty() {
             return &[];
         }
-        let start = place(&self.weights, self.len(), share) * self.columns.len();
+        let start = drawn_index(&self.weights, self.len(), share) * self.columns.len();
         &self.values[start..start + self.columns.len()]
     }
 
     /// The smallest and the largest number of a column; `None` if there is no such column.
     pub fn range(&self, column: &str) -> Option<[f64; 2]> {
-        let place = self.columns.iter().position(|name| *name == column)?;
-        let numbers = self.values.iter().skip(place).step_by(self.columns.len());
+        let index = self.columns.iter().position(|name| *name == column)?;
+        let numbers = self.values.iter().skip(index).step_by(self.columns.len());
         let ends = [f64::INFINITY, f64::NEG_INFINITY];
         Some(numbers.fold(ends, |[least, most], number| [number.min(least), number.max(most)]))
     }
@@ -218,7 +218,7 @@ struct Builder {
 
 impl Builder {
     fn new(known: &'static [Column], names: &[String]) -> Result<Builder, String> {
-        for (place, name) in names.iter().enumerate() {
+        for (index, name) in names.iter().enumerate() {
             if name != WEIGHT && known.iter().all(|column| column.name != name) {
                 let names: Vec<&str> = known.iter().map(|column| column.name).collect();
                 return Err(format!(
@@ -226,7 +226,7 @@ impl Builder {
                     names.join(", ")
                 ));
             }
-            if names[..place].contains(name) {
+            if names[..index].contains(name) {
                 return Err(format!("column `{name}` is listed twice"));
             }
         }
@@ -236,7 +236,7 @@ impl Builder {
             return Err("expected rows with at least one parameter".to_owned());
         }
         let target = |name: &String| match used.iter().position(|column| column.name == name) {
-            Some(place) => Target::Column(place),
+            Some(index) => Target::Column(index),
             None => Target::Weight,
         };
         let columns = used.iter().map(|column| column.name).collect();
@@ -255,14 +255,14 @@ impl Builder {
                 let says = || format!("`{WEIGHT}`: expected {WEIGHTS}, found {written}");
                 self.rows.weights.push(weight.ok_or_else(says)?);
             }
-            Target::Column(place) => {
-                let name = self.rows.columns[place];
+            Target::Column(index) => {
+                let name = self.rows.columns[index];
                 let of =
                     self.known.iter().find(|column| column.name == name).map(|column| column.of);
                 let of = of.expect("a known column");
                 let admitted = number.filter(|number| of.admits(*number));
                 let says = || format!("`{name}`: expected {}, found {written}", of.expectation());
-                self.row[place] = admitted.ok_or_else(says)?;
+                self.row[index] = admitted.ok_or_else(says)?;
             }
         }
         Ok(())

@@ -89,26 +89,26 @@ fn trials(draft: &Draft, manifest: &Manifest, grids: &[Grid], faults: &mut Fault
         manifest.sections[SectionName::Evaluation].get(key).is_some_and(|all| all.contains(value))
     };
     let on = |on: EvaluatedOn| has("on", &Value::Choice(on.word()));
-    let place = |key| {
+    let span = |key| {
         draft.sections[SectionName::Evaluation]
             .span_of(key)
             .or(draft.sections[SectionName::Trial].span)
     };
-    let place = |key| place(key).unwrap_or(Span { start: 0, end: 0 });
+    let span = |key| span(key).unwrap_or(Span { start: 0, end: 0 });
     let mut fault = |span, says: &str, help: &str| faults.add(Fault::at(span, says).help(help));
     let has_trial = manifest.has_trial();
     if !has_trial && on(EvaluatedOn::Trial) {
         let says = "`on` = \"trial\" needs people in a trial, and the manifest has no [trial]";
-        fault(place("on"), says, "write a [trial], or on = \"test\"");
+        fault(span("on"), says, "write a [trial], or on = \"test\"");
     } else if has_trial && on(EvaluatedOn::Test) {
         let says = "a trial is evaluated on its people, and `on` of [evaluation] is \"test\"";
-        fault(place("on"), says, "write on = \"trial\" in [evaluation]");
+        fault(span("on"), says, "write on = \"trial\" in [evaluation]");
     }
     let none = Value::Integer(0);
     if on(EvaluatedOn::Test) && !has_trial && has("test_episodes", &none) {
         let says =
             "`test_episodes` = 0 is for trials: without a trial there is nothing to evaluate";
-        fault(place("test_episodes"), says, "write at least 1");
+        fault(span("test_episodes"), says, "write at least 1");
     } else if has_trial
         && on(EvaluatedOn::Trial)
         && manifest.sections[SectionName::Evaluation]
@@ -116,7 +116,7 @@ fn trials(draft: &Draft, manifest: &Manifest, grids: &[Grid], faults: &mut Fault
             .is_some_and(|all| all.iter().any(|n| *n != none))
     {
         let says = "no test follows a trial that is the evaluation, and `test_episodes` is above 0";
-        fault(place("test_episodes"), says, "remove test_episodes");
+        fault(span("test_episodes"), says, "remove test_episodes");
     }
     if !has_trial {
         return;
@@ -124,7 +124,7 @@ fn trials(draft: &Draft, manifest: &Manifest, grids: &[Grid], faults: &mut Fault
     if has("test_actions", &Value::Choice(TestActions::Greedy.word())) {
         let says =
             "`test_actions` is not read in a trial: an agent acts there by its probabilities";
-        fault(place("test_actions"), says, "remove it");
+        fault(span("test_actions"), says, "remove it");
     }
     acting_in_trials(draft, manifest, faults);
     let is_known = Trial::KEYS.iter().all(|key| !draft.is_invalid(Parameter::Trial(key.name)));
@@ -205,16 +205,16 @@ fn zip_fault(manifest: &Manifest, parameters: &[Parameter]) -> Option<String> {
                 each.map(|(parameter, length)| format!("`{parameter}` has {length}")).collect();
             return Some(format!("`zip`: the lists differ in length: {}", each.join(", ")));
         }
-        if let Some([first, second]) = same_places(manifest, agent, parameters) {
+        if let Some([first, second]) = same_positions(manifest, agent, parameters) {
             return Some(format!("`zip`: positions {first} and {second} have the same values"));
         }
     }
     None
 }
 
-/// Two places of a zip, counted from 1, at which all of its lists have the same value. `None` for zips with
+/// Two positions of a zip, counted from 1, at which all of its lists have the same value. `None` for zips with
 /// scenarios or seeds, which are distinct.
-fn same_places(
+fn same_positions(
     manifest: &Manifest,
     agent: &DeclaredAgent,
     parameters: &[Parameter],
@@ -223,9 +223,9 @@ fn same_places(
         parameters.iter().map(|parameter| manifest.values(agent, *parameter)).collect();
     let lists = lists?;
     let mut seen = HashMap::new();
-    (0..lists[0].len()).find_map(|place| {
-        let values: Vec<&Value> = lists.iter().map(|list| &list[place]).collect();
-        seen.insert(values, place).map(|earlier| [earlier + 1, place + 1])
+    (0..lists[0].len()).find_map(|position| {
+        let values: Vec<&Value> = lists.iter().map(|list| &list[position]).collect();
+        seen.insert(values, position).map(|earlier| [earlier + 1, position + 1])
     })
 }
 

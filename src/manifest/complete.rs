@@ -111,13 +111,13 @@ fn require(settings: &mut Settings, faults: &mut FaultList) {
 /// The parameters of `[evaluation]`. No test follows a trial that is the evaluation itself.
 fn evaluation(settings: &Settings) -> Parameters {
     let mut settings = settings.clone();
-    let place = |name| Section::Evaluation.find(name).map_or(usize::MAX, |(place, _)| place);
+    let index = |name| Section::Evaluation.find(name).map_or(usize::MAX, |(index, _)| index);
     let in_trial = [Value::Choice(EvaluatedOn::Trial.word())];
-    if let Some(on) = settings.given.get(&place("on"))
+    if let Some(on) = settings.given.get(&index("on"))
         && on.value == in_trial
     {
         let none = Located { value: vec![Value::Integer(0)], span: on.span };
-        settings.given.entry(place("test_episodes")).or_insert(none);
+        settings.given.entry(index("test_episodes")).or_insert(none);
     }
     parameters(&settings)
 }
@@ -126,7 +126,7 @@ fn draws(settings: &Settings) -> Vec<(Parameter, Draw)> {
     let section = settings.section;
     let draws = settings.draws.iter();
     draws
-        .map(|(place, draw)| (section.parameter(section.keys()[*place].name), draw.value.clone()))
+        .map(|(index, draw)| (section.parameter(section.keys()[*index].name), draw.value.clone()))
         .collect()
 }
 

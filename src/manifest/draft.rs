@@ -72,21 +72,21 @@ impl Settings {
 
     /// The position of the values of the key called `name`.
     pub fn span_of(&self, name: &str) -> Option<Span> {
-        let (place, _) = self.section.find(name)?;
-        self.given.get(&place).map(|values| values.span)
+        let (index, _) = self.section.find(name)?;
+        self.given.get(&index).map(|values| values.span)
     }
 
     /// The position of the values of the key called `name`, if they are not its default alone.
     pub fn differs(&self, name: &str) -> Option<Span> {
-        let (place, key) = self.section.find(name)?;
-        let given = self.given.get(&place)?;
+        let (index, key) = self.section.find(name)?;
+        let given = self.given.get(&index)?;
         (key.default() != given.value.first().cloned() || given.value.len() > 1)
             .then_some(given.span)
     }
 
     /// Whether the key called `name` was given values that could not be read.
     pub fn is_invalid(&self, name: &str) -> bool {
-        let given = self.section.find(name).and_then(|(place, _)| self.given.get(&place));
+        let given = self.section.find(name).and_then(|(index, _)| self.given.get(&index));
         given.is_some_and(|values| values.value.is_empty())
     }
 
@@ -100,7 +100,7 @@ impl Settings {
             return *self = other;
         }
         self.span = other.span.or(self.span);
-        self.draws.retain(|place, _| !other.given.contains_key(place));
+        self.draws.retain(|index, _| !other.given.contains_key(index));
         self.given.extend(other.given);
         self.draws.extend(other.draws);
     }
@@ -253,8 +253,8 @@ impl Draft {
             "search" => self.invalid_search = true,
             "environment" => {
                 let environment = &mut self.sections[SectionName::Environment];
-                for place in 0..environment.section.keys().len() {
-                    environment.mark_invalid(place, span);
+                for index in 0..environment.section.keys().len() {
+                    environment.mark_invalid(index, span);
                 }
             }
             _ => {}

@@ -43,14 +43,14 @@ pub(super) struct Axis {
     pub length: usize,
 }
 
-/// The places on an axis that meet an exclusion's conditions on this axis.
+/// The positions on an axis that meet an exclusion's conditions on this axis.
 #[derive(Debug)]
 struct Mask {
     axis: usize,
     met: Vec<bool>,
 }
 
-/// A cell of a grid: one place on each axis.
+/// A cell of a grid: one position on each axis.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Cell(Vec<usize>);
 
@@ -65,14 +65,14 @@ impl<'m> Grid<'m> {
     pub fn at(manifest: &'m Manifest, agent: usize, stage: Option<Arc<Stage>>) -> Grid<'m> {
         let agent = &manifest.agents[agent];
         let axes = axes(manifest, agent);
-        let places = |parameters: &Parameters| -> Vec<Option<usize>> {
+        let axes_of_keys = |parameters: &Parameters| -> Vec<Option<usize>> {
             let section = parameters.section();
-            let place = |name| axis_of(&axes, section.parameter(name));
-            section.keys().iter().map(|key| place(key.name)).collect()
+            let axis = |name| axis_of(&axes, section.parameter(name));
+            section.keys().iter().map(|key| axis(key.name)).collect()
         };
         let masks = |exclusion| masks(manifest, agent, &axes, exclusion);
         Grid {
-            axes_of: PerSection::of(|section| places(manifest.parameters(agent, section))),
+            axes_of: PerSection::of(|section| axes_of_keys(manifest.parameters(agent, section))),
             exclusions: manifest.exclusions.iter().filter_map(masks).collect(),
             race: race_cells(manifest, agent, (&axes, stage)),
             manifest,
@@ -189,13 +189,13 @@ impl<'m> Grid<'m> {
         // Cells that differ only on the axes of exclusions have the same values.
         let differ = concerned.iter().filter(|concerned| **concerned).count() == axes.len();
         let mut judged: HashSet<Vec<usize>> = HashSet::new();
-        let places = |cell: &Cell| axes.iter().map(|axis| cell.0[*axis]).collect();
+        let positions = |cell: &Cell| axes.iter().map(|axis| cell.0[*axis]).collect();
         let cells = self.projected(&concerned);
-        let mut cells = cells.filter(|cell| differ || judged.insert(places(cell)));
+        let mut cells = cells.filter(|cell| differ || judged.insert(positions(cell)));
         cells.find_map(|cell| {
             let valued = |name: &Parameter| {
                 let values = self.manifest.values(self.agent, *name)?;
-                Some((*name, Cow::Borrowed(values.get(self.place(&cell, *name))?)))
+                Some((*name, Cow::Borrowed(values.get(self.position(&cell, *name))?)))
             };
             let assignment = Assignment(parameters.iter().filter_map(valued).collect());
             judge(&assignment).map(|found| (assignment, found))
@@ -237,7 +237,7 @@ impl<'m> Grid<'m> {
         concerned
     }
 
-    /// The cells that are not excluded, with the first place on every axis that is not concerned.
+    /// The cells that are not excluded, with the first position on every axis that is not concerned.
     fn projected(&self, concerned: &[bool]) -> impl Iterator<Item = Cell> + use<'_, 'm> {
         let length = |(axis, concerned): (&Axis, &bool)| if *concerned { axis.length } else { 1 };
         let lengths: Vec<usize> = self.axes.iter().zip(concerned).map(length).collect();
@@ -269,7 +269,7 @@ impl<'m> Grid<'m> {
         self.axes_of[section].iter().flatten().all(|axis| one.0[*axis] == other.0[*axis])
     }
 
-    /// The cell's arm in the race of its agent, and its place among the seeds of the manifest; `None` unless the
+    /// The cell's arm in the race of its agent, and its index among the seeds of the manifest; `None` unless the
     /// manifest is a search. An agent without draws has arm 0 alone.
     pub fn entrant(&self, cell: &Cell) -> Option<(usize, usize)> {
         let race = self.race.as_ref()?;
@@ -278,15 +278,15 @@ impl<'m> Grid<'m> {
 
     /// The cell's scenario.
     pub fn scenario(&self, cell: &Cell) -> Scenario {
-        scenario_of(&self.manifest.scenarios[self.place(cell, Parameter::SCENARIO)])
+        scenario_of(&self.manifest.scenarios[self.position(cell, Parameter::SCENARIO)])
     }
 
     /// The cell's seed.
     pub fn seed(&self, cell: &Cell) -> u64 {
-        seed_of(&self.manifest.seeds[self.place(cell, Parameter::SEED)])
+        seed_of(&self.manifest.seeds[self.position(cell, Parameter::SEED)])
     }
 
-    fn place(&self, cell: &Cell, parameter: Parameter) -> usize {
+    fn position(&self, cell: &Cell, parameter: Parameter) -> usize {
         axis_of(&self.axes, parameter).map_or(0, |axis| cell.0[axis])
     }
 
@@ -343,13 +343,13 @@ fn race_cells(
 
 /// The next cell, the last axis advancing fastest; `None` after the last.
 fn next(cell: &Cell, lengths: &[usize]) -> Option<Cell> {
-    let mut places = cell.0.clone();
-    for (place, length) in places.iter_mut().zip(lengths).rev() {
-        *place += 1;
-        if *place < *length {
-            return Some(Cell(places));
+    let mut positions = cell.0.clone();
+    for (position, length) in positions.iter_mut().zip(lengths).rev() {
+        *position += 1;
+        if *position < *length {
+            return Some(Cell(positions));
         }
-        *place = 0;
+        *position = 0;
     }
     None
 }
@@ -366,7 +366,7 @@ pub(super) fn size(axes: &[Axis]) -> u128 {
 }
 
 /// The axes of an agent's grid, slowest first: scenario, swept keys in the order of the tables, seed. A zip, or the
-/// keys that a search draws together, take the place of their first parameter.
+/// keys that a search draws together, stand where their first parameter does.
 pub(super) fn axes(manifest: &Manifest, agent: &DeclaredAgent) -> Vec<Axis> {
     let zips = manifest.zips.iter().map(|zip| &zip.parameters);
     let drawn: Vec<Parameter> = agent.draws.iter().map(|(parameter, _)| *parameter).collect();

@@ -73,7 +73,7 @@ fn few_references(manifest: &Manifest, analysis: &Analysis) -> Option<String> {
         Some(conditions) => conditions.iter().map(|condition| condition.parameter).collect(),
         None => vec![Parameter::Environment("no_effect_at")],
     };
-    let is_swept = |place| removing.iter().any(|one| Grid::of(manifest, place).is_swept(*one));
+    let is_swept = |index| removing.iter().any(|one| Grid::of(manifest, index).is_swept(*one));
     // Otherwise another manifest has the other side.
     let has_both = (0..manifest.agents.len()).any(is_swept);
     let (seeds, least) = (manifest.seeds().count(), DidItLearn::FEWEST);
@@ -305,8 +305,8 @@ const CONDITIONAL: &[Conditional] = &[
     Conditional {
         key: UNAVAILABLE,
         has_effect: |manifest, agent| {
-            let place = manifest.agents.iter().position(|other| other.name == agent.name);
-            let grid = Grid::of(manifest, place.expect("the agent is declared"));
+            let index = manifest.agents.iter().position(|other| other.name == agent.name);
+            let grid = Grid::of(manifest, index.expect("the agent is declared"));
             grid.environments().any(|environment| environment.can_withhold())
         },
         says: "where a message can be sent at every step",

@@ -109,10 +109,10 @@ impl Parameters {
 
     /// The values of the key called `name`; `None` if the section has no such key.
     pub fn get(&self, name: &str) -> Option<&[Value]> {
-        self.section.find(name).map(|(place, _)| self.values[place].as_slice())
+        self.section.find(name).map(|(index, _)| self.values[index].as_slice())
     }
 
-    /// One value for each key, at the index that `choose` returns for the key's place.
+    /// One value for each key, at the index that `choose` returns for the key's index.
     pub(super) fn chosen(&self, choose: impl Fn(usize) -> usize) -> Vec<Value> {
         let values = self.values.iter().enumerate();
         values.map(|(index, values)| values[choose(index)].clone()).collect()

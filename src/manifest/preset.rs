@@ -51,9 +51,9 @@ mod tests {
             agents.map(|agent| format!("{:?}", given(&agent.settings))).collect::<Vec<_>>()
         };
         fn given(settings: &Settings) -> Vec<(usize, &[Value])> {
-            let values = settings.given.iter().map(|(place, values)| (*place, &values.value[..]));
+            let values = settings.given.iter().map(|(index, values)| (*index, &values.value[..]));
             let mut values: Vec<_> = values.collect();
-            values.sort_by_key(|(place, _)| *place);
+            values.sort_by_key(|(index, _)| *index);
             values
         }
         assert_eq!(settings("step_count_jitai"), settings("paper"));

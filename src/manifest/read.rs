@@ -91,8 +91,8 @@ impl Reader<'_> {
             }
         }
         for (name, span) in std::mem::take(&mut self.misplaced) {
-            if let Some((place, _)) = Section::Environment(family).find(name) {
-                draft.sections[SectionName::Environment].mark_invalid(place, span);
+            if let Some((index, _)) = Section::Environment(family).find(name) {
+                draft.sections[SectionName::Environment].mark_invalid(index, span);
             }
         }
         let seeds = draft.seeds.as_ref().map(|seeds| seeds.span);
@@ -202,8 +202,8 @@ impl Reader<'_> {
         let fault = Fault::at(span, format!("unknown key `{}`", shortened(found)));
         self.faults.add(belonging(fault, None, found, &TOP_KEYS));
         match Section::Environment(self.family).find(found) {
-            Some((place, _)) => {
-                draft.sections[SectionName::Environment].mark_invalid(place, span);
+            Some((index, _)) => {
+                draft.sections[SectionName::Environment].mark_invalid(index, span);
             }
             None => draft
                 .mark_invalid(nearest(found, TOP_KEYS.iter().copied()).unwrap_or_default(), span),
@@ -416,8 +416,8 @@ impl Reader<'_> {
         match self.table(section.name(), node).or(table_in(node)) {
             Some(table) => self.settings(&mut settings, table, others),
             None => {
-                for place in 0..section.keys().len() {
-                    settings.mark_invalid(place, node.span().into());
+                for index in 0..section.keys().len() {
+                    settings.mark_invalid(index, node.span().into());
                 }
             }
         }
@@ -436,8 +436,8 @@ impl Reader<'_> {
                 self.misplaced.push((key.name, span));
             }
             let meant = nearest(found, section.keys().iter().map(|key| key.name));
-            if let Some((place, _)) = meant.and_then(|meant| section.find(meant)) {
-                settings.mark_invalid(place, span);
+            if let Some((index, _)) = meant.and_then(|meant| section.find(meant)) {
+                settings.mark_invalid(index, span);
             }
         }
         for (key, node) in &*respelt(table, &known) {
@@ -450,7 +450,7 @@ impl Reader<'_> {
     /// Reads the values of a key that the section has.
     fn setting(&mut self, settings: &mut Settings, key: &'static str, node: &Node) {
         let section = settings.section;
-        let Some((place, known)) = section.find(key) else { return };
+        let Some((index, known)) = section.find(key) else { return };
         if is_draw(node) && !matches!(known.kind, Kind::Distribution(_)) {
             return self.drawn_setting(settings, key, node);
         }
@@ -459,15 +459,15 @@ impl Reader<'_> {
             false => Repeats::Refused,
         };
         let value = self.sweep(key, known.kind, repeats, node);
-        settings.given.insert(place, Located { value, span: node.span().into() });
+        settings.given.insert(index, Located { value, span: node.span().into() });
     }
 
     /// Reads the draw of a key, which has no values until the search gives it some.
     fn drawn_setting(&mut self, settings: &mut Settings, key: &'static str, node: &Node) {
         let section = settings.section;
-        let Some((place, known)) = section.find(key) else { return };
+        let Some((index, known)) = section.find(key) else { return };
         let span = node.span().into();
-        settings.mark_invalid(place, span);
+        settings.mark_invalid(index, span);
         if section.algorithm().is_none() {
             let says = format!("`{key}`: only keys of an [[agent]] are drawn");
             let help =
@@ -476,7 +476,7 @@ impl Reader<'_> {
             return;
         }
         if let Some(value) = self.draw(key, known.kind, node) {
-            settings.draws.insert(place, Located { value, span });
+            settings.draws.insert(index, Located { value, span });
         }
     }
 

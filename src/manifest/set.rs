@@ -133,29 +133,29 @@ fn overridden(
     if lost.is_empty() {
         return Ok(Overridden { manifest: read, left_out: Vec::new() });
     }
-    let left_out = lost.iter().map(|(place, faults)| {
-        let name = read.analyses.get(*place).map_or("", |analysis| &analysis.name);
+    let left_out = lost.iter().map(|(index, faults)| {
+        let name = read.analyses.get(*index).map_or("", |analysis| &analysis.name);
         let reasons: Vec<&str> = faults.messages().collect();
         format!("analysis `{}` is left out: {}", printable(name), reasons.join("; "))
     });
     let left_out = left_out.collect();
-    let text = without_analyses(&edited.text, lost.iter().map(|(place, _)| *place))
+    let text = without_analyses(&edited.text, lost.iter().map(|(index, _)| *index))
         .map_err(|fault| Faults::of_file(label, fault))?;
     let manifest = parse_from(label, text.as_bytes(), runs).map_err(traced)?;
     Ok(Overridden { manifest, left_out })
 }
 
-/// The text without the analyses at these places.
-fn without_analyses(text: &str, places: impl Iterator<Item = usize>) -> Result<String, Fault> {
+/// The text without the analyses at these indices.
+fn without_analyses(text: &str, indices: impl Iterator<Item = usize>) -> Result<String, Fault> {
     let mut document = editable(text)?;
-    let places: Vec<usize> = places.collect();
+    let indices: Vec<usize> = indices.collect();
     let is_left = match document.get_mut("analysis") {
         Some(Item::ArrayOfTables(tables)) => {
-            places.iter().rev().for_each(|place| drop(tables.remove(*place)));
+            indices.iter().rev().for_each(|index| drop(tables.remove(*index)));
             !tables.is_empty()
         }
         Some(Item::Value(Value::Array(tables))) => {
-            places.iter().rev().for_each(|place| drop(tables.remove(*place)));
+            indices.iter().rev().for_each(|index| drop(tables.remove(*index)));
             !tables.is_empty()
         }
         _ => true,

@@ -22,8 +22,8 @@ impl Varying {
         let mut first = HashMap::new();
         let mut varying = Varying::default();
         for (agent, name, value) in values {
-            let place = (agent.clone(), name.clone());
-            let first = first.entry(place).or_insert(None);
+            let key = (agent.clone(), name.clone());
+            let first = first.entry(key).or_insert(None);
             match first {
                 None => *first = Some(value),
                 Some(first) if *first == value => {}

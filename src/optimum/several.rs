@@ -24,9 +24,9 @@ pub fn several(
         let next = &next;
         let work = move || {
             loop {
-                let place = next.fetch_add(1, Ordering::Relaxed);
-                let Some((environment, scenario)) = pairs.get(place) else { break };
-                let found = (place, optimum(environment, scenario));
+                let index = next.fetch_add(1, Ordering::Relaxed);
+                let Some((environment, scenario)) = pairs.get(index) else { break };
+                let found = (index, optimum(environment, scenario));
                 sender.send(found).expect("the receiver outlives the threads");
             }
         };
@@ -41,7 +41,7 @@ pub fn several(
             found.push(optimum);
             on_progress(found.len());
         }
-        found.sort_by_key(|(place, _)| *place);
+        found.sort_by_key(|(index, _)| *index);
         found.into_iter().map(|(_, best)| best).collect()
     })
 }

@@ -20,15 +20,15 @@ pub struct ChangedDefault {
 /// such a key at its default.
 pub fn under_earlier_default(job: &Job) -> Option<(ChangedDefault, CanonicalForm)> {
     let algorithm = job.agent.algorithm();
-    let is_changed = |place: &usize| {
-        let key = &algorithm.keys()[*place];
-        key.earlier.is_some() && key.default().as_ref() == Some(&job.agent.values()[*place])
+    let is_changed = |index: &usize| {
+        let key = &algorithm.keys()[*index];
+        key.earlier.is_some() && key.default().as_ref() == Some(&job.agent.values()[*index])
     };
-    let place = (0..algorithm.keys().len()).find(is_changed)?;
-    let key = &algorithm.keys()[place];
+    let index = (0..algorithm.keys().len()).find(is_changed)?;
+    let key = &algorithm.keys()[index];
     let (mut values, before) = (job.agent.values().to_vec(), key.earlier_default()?);
-    let written = [&values[place], &before].map(ToString::to_string);
-    values[place] = before;
+    let written = [&values[index], &before].map(ToString::to_string);
+    values[index] = before;
     let agent = Agent::with_values(algorithm, values)?;
     let [now, before] = written;
     let changed = ChangedDefault { algorithm: algorithm.name(), key: key.name, now, before };

@@ -50,7 +50,7 @@ pub struct Race {
     /// Where it stands.
     pub outcome: RaceOutcome,
     /// The agent's index in the manifest.
-    place: usize,
+    index: usize,
     stage: Arc<Stage>,
 }
 
@@ -108,7 +108,7 @@ impl Races {
             if Grid::of(manifest, index).count() == 0 {
                 continue;
             }
-            let mut course = Course { manifest, search, place: index, scores: &mut scores };
+            let mut course = Course { manifest, search, index, scores: &mut scores };
             if agent.draws.is_empty() {
                 let fresh = course.fresh(0, None)?;
                 races.references.push(Reference { agent: agent.name.clone(), fresh });
@@ -128,7 +128,7 @@ impl Races {
     /// The manifest at the stage of its races.
     pub fn stage<'m>(&self, manifest: &'m Manifest) -> Staged<'m> {
         let races = self.races.iter();
-        races.fold(Staged::whole(manifest), |all, race| all.with(race.place, race.stage.clone()))
+        races.fold(Staged::whole(manifest), |all, race| all.with(race.index, race.stage.clone()))
     }
 }
 
@@ -216,7 +216,7 @@ fn seeds_of_arms(search: &Search) -> [u64; 2] {
 struct Course<'a, S> {
     manifest: &'a Manifest,
     search: &'a Search,
-    place: usize,
+    index: usize,
     scores: &'a mut S,
 }
 
@@ -252,7 +252,7 @@ impl<E, S: FnMut(&[JobKey], MetricName) -> Result<Vec<Score>, E>> Course<'_, S> 
         if let RaceOutcome::Won { arm, fresh } = &mut outcome {
             *fresh = self.fresh(*arm, Some(stage.clone()))?;
         }
-        let agent = &self.manifest.agents[self.place];
+        let agent = &self.manifest.agents[self.index];
         let drawn = |arm: usize| {
             let value = |parameter: Parameter| {
                 agent.parameters.get(parameter.key()).and_then(|values| values.get(arm)).cloned()
@@ -261,7 +261,7 @@ impl<E, S: FnMut(&[JobKey], MetricName) -> Result<Vec<Score>, E>> Course<'_, S> 
             values.collect()
         };
         let settings = (0..arms).map(drawn).collect();
-        Ok(Race { agent: agent.name.clone(), settings, rungs, outcome, place: self.place, stage })
+        Ok(Race { agent: agent.name.clone(), settings, rungs, outcome, index: self.index, stage })
     }
 
     /// The value of an arm for each fresh seed, at a stage.
@@ -272,14 +272,14 @@ impl<E, S: FnMut(&[JobKey], MetricName) -> Result<Vec<Score>, E>> Course<'_, S> 
         Ok(seeds.map(|seed| table.get(&(arm, seed)).copied().unwrap_or(Score::Open)).collect())
     }
 
-    /// The value of every arm for every seed at a stage, by arm and place of the seed: the mean over scenarios and
+    /// The value of every arm for every seed at a stage, by arm and index of the seed: the mean over scenarios and
     /// environments, once all of their jobs have ended.
     fn scores(&mut self, stage: Option<Arc<Stage>>) -> Result<HashMap<(usize, usize), Score>, E> {
-        let grid = Grid::at(self.manifest, self.place, stage.clone());
+        let grid = Grid::at(self.manifest, self.index, stage.clone());
         let cells = std::iter::successors(grid.first(), |cell| grid.after(cell));
         let entrants = cells.filter_map(|cell| grid.entrant(&cell));
         let keys: Vec<JobKey> =
-            of_agent(self.manifest, self.place, stage).map(|planned| planned.form.key()).collect();
+            of_agent(self.manifest, self.index, stage).map(|planned| planned.form.key()).collect();
         let scores = (self.scores)(&keys, self.search.metric)?;
         let mut all: HashMap<(usize, usize), Vec<Score>> = HashMap::new();
         for (entrant, score) in entrants.zip(scores) {
@@ -295,11 +295,11 @@ impl Race {
     pub fn cost(&self, manifest: &Manifest) -> Cost {
         let raced = manifest.search.as_ref().map_or(0, Search::race_seeds);
         let sum = |stage: Option<Arc<Stage>>| {
-            let grid = Grid::at(manifest, self.place, stage.clone());
+            let grid = Grid::at(manifest, self.index, stage.clone());
             let cells = std::iter::successors(grid.first(), |cell| grid.after(cell));
             let is_raced =
                 cells.map(|cell| grid.entrant(&cell).is_some_and(|(_, seed)| seed < raced));
-            let jobs = of_agent(manifest, self.place, stage).zip(is_raced);
+            let jobs = of_agent(manifest, self.index, stage).zip(is_raced);
             jobs.filter(|(_, is_raced)| *is_raced).fold((0, 0), |(jobs, work), (planned, _)| {
                 (jobs + 1, work + u128::from(planned.job.work()))
             })

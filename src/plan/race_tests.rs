@@ -23,7 +23,7 @@ const ONE: &str = "scenarios = [\"P-H-D\"]\n";
 
 /// The results of a table: of agent `a` by arm and seed, from 1.
 struct Table {
-    places: HashMap<JobKey, (usize, usize)>,
+    positions: HashMap<JobKey, (usize, usize)>,
     scores: Vec<Vec<Score>>,
 }
 
@@ -31,21 +31,21 @@ impl Table {
     /// `scores` has a list per arm; further seeds are open.
     fn new(manifest: &Manifest, scores: Vec<Vec<Score>>) -> Table {
         let mut rates = Vec::new();
-        let mut places = HashMap::new();
+        let mut positions = HashMap::new();
         for planned in jobs(manifest) {
             let rate = planned.job.value(Parameter::Agent("learning_rate"));
             let arm = rates.iter().position(|known| *known == rate).unwrap_or_else(|| {
                 rates.push(rate);
                 rates.len() - 1
             });
-            places.insert(planned.form.key(), (arm, planned.job.seed as usize));
+            positions.insert(planned.form.key(), (arm, planned.job.seed as usize));
         }
-        Table { places, scores }
+        Table { positions, scores }
     }
 
     fn of(&self, keys: &[JobKey], _: MetricName) -> Result<Vec<Score>, Infallible> {
         let score = |key: &JobKey| {
-            let (arm, seed) = self.places[key];
+            let (arm, seed) = self.positions[key];
             self.scores
                 .get(arm)
                 .and_then(|seeds| seeds.get(seed - 1))

@@ -99,7 +99,7 @@ impl Arms {
 }
 
 impl Rung {
-    /// A rung of these arms, with their values by arm and place of the seed.
+    /// A rung of these arms, with their values by arm and index of the seed.
     pub(super) fn of(
         search: &Search,
         arms: &[usize],

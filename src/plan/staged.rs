@@ -72,7 +72,7 @@ pub fn count(manifest: &Manifest) -> u64 {
 ///
 /// Agents come in the order of the manifest. The jobs of an agent are ordered by scenario; then by swept keys
 /// of environment, agent and evaluation, in the order of their tables; then by seed. Seeds advance fastest.
-/// Parameters of a zip advance together, at the place of the first one. Two agents with equal content give
+/// Parameters of a zip advance together, at the position of the first one. Two agents with equal content give
 /// equal jobs, each with its own agent's name.
 pub fn jobs(manifest: &Manifest) -> impl Iterator<Item = PlannedJob> + use<'_> {
     Staged::whole(manifest).jobs()

@@ -12,7 +12,7 @@ use crate::key::{Key, Value};
 #[derive(Clone, Debug)]
 pub struct Settings {
     base: Arc<Base>,
-    /// Settings that differ from the base, with their places in it, in ascending order.
+    /// Settings that differ from the base, with their indices in it, in ascending order.
     own: Vec<(usize, Scalar)>,
 }
 
@@ -30,8 +30,8 @@ struct Base {
 struct Section {
     keys: &'static [Key],
     values: Vec<Value>,
-    /// The place of each key among the sorted names.
-    places: Vec<usize>,
+    /// The index of each key among the sorted names.
+    indices: Vec<usize>,
 }
 
 impl Settings {
@@ -47,8 +47,8 @@ impl Settings {
     /// The value of the parameter of this dotted name, if the job has it.
     pub fn get(&self, name: &str) -> Option<&Scalar> {
         let named = &self.base.named;
-        let place = named.binary_search_by(|(known, _)| known.as_str().cmp(name)).ok()?;
-        Some(self.at(place))
+        let index = named.binary_search_by(|(known, _)| known.as_str().cmp(name)).ok()?;
+        Some(self.at(index))
     }
 
     /// The parameters of `other` whose values differ here or are missing here, in the order of their names.
@@ -57,12 +57,12 @@ impl Settings {
             let differs = |(name, value): &(&str, &Scalar)| self.get(name) != Some(value);
             return other.iter().filter(differs).map(|(name, _)| name).collect();
         }
-        let places = self.own.iter().chain(&other.own).map(|(place, _)| *place);
-        let mut places: Vec<usize> =
-            places.filter(|place| self.at(*place) != other.at(*place)).collect();
-        places.sort_unstable();
-        places.dedup();
-        places.into_iter().map(|place| other.base.named[place].0.as_str()).collect()
+        let indices = self.own.iter().chain(&other.own).map(|(index, _)| *index);
+        let mut indices: Vec<usize> =
+            indices.filter(|index| self.at(*index) != other.at(*index)).collect();
+        indices.sort_unstable();
+        indices.dedup();
+        indices.into_iter().map(|index| other.base.named[index].0.as_str()).collect()
     }
 
     fn at(&self, index: usize) -> &Scalar {
@@ -108,11 +108,11 @@ impl SharedSettings {
         });
         let mut own = Vec::new();
         for (known, (_, _, values)) in base.sections.iter().zip(planned.job.sections()) {
-            let both = known.values.iter().zip(&values).zip(&known.places);
+            let both = known.values.iter().zip(&values).zip(&known.indices);
             let differing = both.filter(|((known, value), _)| known != value);
-            own.extend(differing.map(|((_, value), place)| (*place, Scalar::from(value))));
+            own.extend(differing.map(|((_, value), index)| (*index, Scalar::from(value))));
         }
-        own.sort_by_key(|(place, _)| *place);
+        own.sort_by_key(|(index, _)| *index);
         Settings { base, own }
     }
 }
@@ -122,12 +122,15 @@ impl Base {
         let job = &planned.job;
         let mut all = job.parameters();
         all.retain(|(name, _)| name != "scenario" && name != "seed");
-        let place = |name: String| {
+        let index = |name: String| {
             let found = all.binary_search_by(|(known, _)| known.cmp(&name));
             found.expect("every key of every section is among them")
         };
         let sections = job.sections().into_iter().map(|(section, keys, values)| Section {
-            places: keys.iter().map(|key| place(section.parameter(key.name).to_string())).collect(),
+            indices: keys
+                .iter()
+                .map(|key| index(section.parameter(key.name).to_string()))
+                .collect(),
             keys,
             values,
         });

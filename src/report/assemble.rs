@@ -114,8 +114,8 @@ fn data_set(
     mut on_progress: impl FnMut(AssemblyWork, usize, usize),
 ) -> Result<(DataSet, Vec<String>), StoreError> {
     let total = usize::try_from(manifest.count()).unwrap_or(usize::MAX);
-    let mut places = optima::Places::default();
-    let planned = manifest.jobs().inspect(|planned| places.add(&planned.job));
+    let mut problems = optima::Problems::default();
+    let planned = manifest.jobs().inspect(|planned| problems.add(&planned.job));
     let mut read = 0;
     let parts = |job: &JobRecord| parts(manifest, job);
     // A metric needs no more of the returns than their lower quartile; a kind of analysis may need them all.
@@ -137,7 +137,8 @@ fn data_set(
         on_progress(AssemblyWork::Jobs, read, total);
     })?;
     let is_completed = data.jobs.iter().map(|job| job.completed().is_some());
-    let found = places.optima(is_completed, |done, of| on_progress(AssemblyWork::Optima, done, of));
+    let found =
+        problems.optima(is_completed, |done, of| on_progress(AssemblyWork::Optima, done, of));
     let ranges = distinct(manifest.analyses.iter().filter_map(|analysis| analysis.participants));
     reader.read_participants(&mut data.jobs, &ranges)?;
     for (job, optimum) in data.jobs.iter_mut().zip(found.of_jobs) {
@@ -174,15 +175,15 @@ fn query(manifest: &Manifest, data: &DataSet, analysis: &Analysis) -> DataQuery 
     declared.extend(manifest.sections.iter().flat_map(|(_, shared)| shared.conditions()));
     conditions.extend(declared.into_iter().filter(|one| !asked.contains(&one.name())));
     // Agents and scenarios first, then keys by name.
-    let place = |condition: &Condition| match condition.parameter {
+    let rank = |condition: &Condition| match condition.parameter {
         Parameter::AGENT_NAME => (0, String::new()),
         Parameter::SCENARIO => (1, String::new()),
         Parameter::SEED => (2, String::new()),
         parameter => (3, parameter.to_string()),
     };
-    conditions.sort_by_key(place);
+    conditions.sort_by_key(rank);
     let varying = varying(&data.jobs.iter().collect::<Vec<_>>());
-    let keys = conditions.iter().filter(|one| place(one).0 == 3).map(Condition::name);
+    let keys = conditions.iter().filter(|one| rank(one).0 == 3).map(Condition::name);
     let columns = distinct(varying.into_iter().chain(keys));
     let none = Value::Choice(RecordedEpisodes::None.word());
     let kept =

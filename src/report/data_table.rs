@@ -140,8 +140,8 @@ pub fn shown(value: f64, decimals: usize) -> String {
         0.0 => text.trim_start_matches('-').to_owned(),
         size if reads_zero && size < SMALL => exponential(value, 1),
         size if reads_zero => {
-            let places = (1.0 - size.log10().floor()) as usize;
-            format!("{value:.places$}").trim_end_matches('0').to_owned()
+            let decimals = (1.0 - size.log10().floor()) as usize;
+            format!("{value:.decimals$}").trim_end_matches('0').to_owned()
         }
         _ => text,
     })
@@ -241,14 +241,15 @@ impl DataTable {
 
     /// The table as Markdown.
     pub fn markdown(&self) -> String {
-        let places: Vec<usize> = self.shown_columns().collect();
-        let headings = places.iter().map(|place| escape::markdown(&self.columns[*place].heading));
-        let rules = places.iter().map(|place| if self.is_numeric(*place) { "---:" } else { "---" });
+        let indices: Vec<usize> = self.shown_columns().collect();
+        let headings = indices.iter().map(|index| escape::markdown(&self.columns[*index].heading));
+        let rules =
+            indices.iter().map(|index| if self.is_numeric(*index) { "---:" } else { "---" });
         let mut out = format!("{}\n\n", escape::markdown(&self.caption));
         out += &format!("| {} |\n", headings.collect::<Vec<_>>().join(" | "));
         out += &format!("| {} |\n", rules.collect::<Vec<_>>().join(" | "));
         for row in &self.rows {
-            let entries = places.iter().map(|place| escape::markdown(row[*place].shown()));
+            let entries = indices.iter().map(|index| escape::markdown(row[*index].shown()));
             out += &format!("| {} |\n", entries.collect::<Vec<_>>().join(" | "));
         }
         if let Some(reasons) = self.reasons() {
@@ -259,8 +260,8 @@ impl DataTable {
 
     /// The reasons for missing numbers in displayed columns, if any.
     pub fn reasons(&self) -> Option<String> {
-        let places: Vec<usize> = self.shown_columns().collect();
-        let entries = self.rows.iter().flat_map(|row| places.iter().map(|place| &row[*place]));
+        let indices: Vec<usize> = self.shown_columns().collect();
+        let entries = self.rows.iter().flat_map(|row| indices.iter().map(|index| &row[*index]));
         let reasons = distinct(entries.filter_map(|entry| match entry {
             TableEntry::Missing(reason) => Some(reason.as_str()),
             TableEntry::Text { .. } | TableEntry::Number { .. } => None,

@@ -87,9 +87,9 @@ fn over_pages(table: &DataTable) -> String {
 /// refuses.
 fn needs(table: &DataTable, packages: &str) -> String {
     let reasons = table.reasons().unwrap_or_default();
-    let shown = table.shown_columns().flat_map(|place| {
-        let entries = table.rows.iter().map(move |row| row[place].shown());
-        entries.chain([table.columns[place].heading.as_str()])
+    let shown = table.shown_columns().flat_map(|index| {
+        let entries = table.rows.iter().map(move |row| row[index].shown());
+        entries.chain([table.columns[index].heading.as_str()])
     });
     let texts: Vec<&str> = shown.chain([table.caption.as_str(), reasons.as_str()]).collect();
     let letters = || texts.iter().flat_map(|text| text.chars());
@@ -115,9 +115,9 @@ fn needs(table: &DataTable, packages: &str) -> String {
 fn setting(table: &DataTable) -> (&'static str, bool) {
     let letters: f64 = table
         .shown_columns()
-        .map(|place| {
-            let entries = table.rows.iter().map(|row| row[place].shown().width());
-            let heading = table.columns[place].heading.width();
+        .map(|index| {
+            let entries = table.rows.iter().map(|row| row[index].shown().width());
+            let heading = table.columns[index].heading.width();
             entries.fold(heading, usize::max) as f64 + GAP
         })
         .sum();
@@ -127,18 +127,18 @@ fn setting(table: &DataTable) -> (&'static str, bool) {
 }
 
 fn sides(table: &DataTable) -> String {
-    table.shown_columns().map(|place| if table.is_numeric(place) { 'r' } else { 'l' }).collect()
+    table.shown_columns().map(|index| if table.is_numeric(index) { 'r' } else { 'l' }).collect()
 }
 
 fn headings(table: &DataTable) -> String {
-    let headings = table.shown_columns().map(|place| escape::latex(&table.columns[place].heading));
+    let headings = table.shown_columns().map(|index| escape::latex(&table.columns[index].heading));
     headings.collect::<Vec<_>>().join(" & ")
 }
 
 fn rows(table: &DataTable) -> String {
-    let places: Vec<usize> = table.shown_columns().collect();
+    let indices: Vec<usize> = table.shown_columns().collect();
     let row = |row: &Vec<TableEntry>| {
-        let entries = places.iter().map(|place| escape::latex(row[*place].shown()));
+        let entries = indices.iter().map(|index| escape::latex(row[*index].shown()));
         format!("    {} \\\\\n", entries.collect::<Vec<_>>().join(" & "))
     };
     table.rows.iter().map(row).collect()

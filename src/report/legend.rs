@@ -10,8 +10,8 @@ use super::scene::{Color, Facets, Scene};
 pub struct Legend {
     /// Names of facets with their values, each in order of first appearance.
     pub facets: Vec<(String, Vec<LegendValue>)>,
-    /// The places of each facet and of its value.
-    places: HashMap<(String, String), (usize, usize)>,
+    /// The indices of each facet and of its value.
+    indices: HashMap<(String, String), (usize, usize)>,
 }
 
 /// A value of a facet.
@@ -40,11 +40,11 @@ impl Legend {
         }
         legend.facets.retain(|(_, values)| values.len() > 1);
         let facets = legend.facets.iter().enumerate();
-        let places = facets.flat_map(|(facet, (name, values))| {
+        let indices = facets.flat_map(|(facet, (name, values))| {
             let values = values.iter().enumerate();
             values.map(move |(at, one)| ((name.clone(), one.value.clone()), (facet, at)))
         });
-        legend.places = places.collect();
+        legend.indices = indices.collect();
         legend
     }
 
@@ -56,7 +56,7 @@ impl Legend {
     /// The CSS classes of a series of marks.
     pub fn classes(&self, series: &Facets) -> String {
         let find_class = |facet: &(String, String)| {
-            let (facet, value) = self.places.get(facet)?;
+            let (facet, value) = self.indices.get(facet)?;
             Some(self.class(*facet, *value))
         };
         series.iter().filter_map(find_class).collect::<Vec<_>>().join(" ")

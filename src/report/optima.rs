@@ -7,18 +7,18 @@ use crate::env::{Environment, Scenario, StepCountModel};
 use crate::job::{Job, environment_text, people_text};
 use crate::optimum::{self, NoOptimum};
 
-/// The environments and scenarios of jobs, each once.
+/// The problems that jobs solve, each once.
 #[derive(Default)]
-pub(super) struct Places {
-    places: Vec<Place>,
-    /// The index of each place by its text.
+pub(super) struct Problems {
+    problems: Vec<Problem>,
+    /// The index of each problem by its text.
     known: HashMap<String, usize>,
-    /// The index of the place of each job.
+    /// The index of the problem of each job.
     of_jobs: Vec<usize>,
 }
 
 /// An environment and a scenario, and what keeps everybody in a trial from the optimum.
-struct Place {
+struct Problem {
     environment: Environment,
     scenario: Scenario,
     reality: Option<(&'static str, f64)>,
@@ -37,7 +37,7 @@ fn reality(job: &Job) -> Option<(&'static str, f64)> {
     job.trial.as_ref()?.without_optimum()
 }
 
-impl Place {
+impl Problem {
     fn is_of(&self, job: &Job) -> bool {
         self.environment == job.environment
             && self.scenario == job.scenario
@@ -65,25 +65,25 @@ impl Place {
     }
 }
 
-impl Places {
+impl Problems {
     /// Adds the next job.
     pub(super) fn add(&mut self, job: &Job) {
         // Most jobs differ from the one before them in their seeds alone.
         let last = self.of_jobs.last().copied();
-        if let Some(last) = last.filter(|last| self.places[*last].is_of(job)) {
+        if let Some(last) = last.filter(|last| self.problems[*last].is_of(job)) {
             self.of_jobs.push(last);
             return;
         }
         let (environment, people) =
             (environment_text(&job.environment), people_text(&job.environment));
         let text = format!("{environment} {people} {} {:?}", job.scenario, reality(job));
-        let new = self.places.len();
-        let place = *self.known.entry(text).or_insert(new);
-        if place == new {
+        let new = self.problems.len();
+        let index = *self.known.entry(text).or_insert(new);
+        if index == new {
             let (environment, scenario) = (job.environment.clone(), job.scenario.clone());
-            self.places.push(Place { environment, scenario, reality: reality(job) });
+            self.problems.push(Problem { environment, scenario, reality: reality(job) });
         }
-        self.of_jobs.push(place);
+        self.of_jobs.push(index);
     }
 
     /// The optima of the jobs, in the order in which they were added, if `is_completed`. `on_progress`
@@ -93,13 +93,13 @@ impl Places {
         is_completed: impl Iterator<Item = bool>,
         mut on_progress: impl FnMut(usize, usize),
     ) -> Optima {
-        let mut is_new = vec![true; self.places.len()];
+        let mut is_new = vec![true; self.problems.len()];
         let completed = self.of_jobs.iter().zip(is_completed).filter(|(_, is)| *is);
         let wanted = completed.filter(|(at, _)| mem::replace(&mut is_new[**at], false));
         let mut unknown: Vec<String> = Vec::new();
         let mut solved = Vec::new();
         for at in wanted.map(|(at, _)| *at) {
-            let reason = match self.places[at].check() {
+            let reason = match self.problems[at].check() {
                 Ok(()) => {
                     solved.push(at);
                     continue;
@@ -116,12 +116,12 @@ impl Places {
             }
         }
         let pair = |at: &usize| {
-            let place = &self.places[*at];
-            Some((&place.model()?.parameters, &place.scenario))
+            let problem = &self.problems[*at];
+            Some((&problem.model()?.parameters, &problem.scenario))
         };
         let pairs: Vec<_> = solved.iter().filter_map(pair).collect();
         let found = optimum::several(&pairs, |done| on_progress(done, pairs.len()));
-        let mut best = vec![None; self.places.len()];
+        let mut best = vec![None; self.problems.len()];
         for (at, found) in solved.into_iter().zip(found) {
             best[at] = found.ok().map(|found| found.mean_return);
         }

@@ -6,7 +6,7 @@ use crate::key::{Parameter, Value, printable, shortened};
 use crate::manifest::{Manifest, Search};
 use crate::plan::{Fate, Race, RaceOutcome, Reference};
 
-/// Values by the place of the seed in the list of seeds.
+/// Values by the index of the seed in the list of seeds.
 pub type BySeed = Vec<(usize, f64)>;
 
 /// A race and where it belongs.
@@ -62,7 +62,7 @@ pub fn mean_of(values: &[f64]) -> Result<f64, Undefined> {
     Moments::of(values).map(|moments| moments.mean)
 }
 
-/// The values among scores, with the places of their seeds.
+/// The values among scores, with the indices of their seeds.
 pub fn known(scores: &[Score]) -> BySeed {
     let value = |(seed, score): (usize, &Score)| match score {
         Score::Value(value) => Some((seed, *value)),

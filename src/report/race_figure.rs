@@ -6,7 +6,7 @@
 
 use super::figure::{
     Axis, AxisScale, COLORS, Chart, DASHES, FAINT, INK, Line, Look, MOST_ARMS, Marker,
-    NumberFormat, Place, Spread, Style, axes, draw, seeds,
+    NumberFormat, PlottedPoint, Spread, Style, axes, draw, seeds,
 };
 use super::kinds::{amount, metric_words, spread};
 use super::race_context::{RaceContext, end, known, mean_of};
@@ -74,7 +74,7 @@ fn of_arm(context: &RaceContext<'_>, (_, last, entrant): (usize, &Rung, &Entrant
     let label = if is_final { name.clone() } else { String::new() };
     let fate = end(entrant.fate, last.entrants.len());
     let settings = shortened(&context.settings(entrant.arm));
-    let place = |(at, one): (usize, &Entrant)| {
+    let point = |(at, one): (usize, &Entrant)| {
         let mean = one.mean()?;
         let n = seeds(std::iter::once(one.values.len()));
         let interval = mean_interval(&one.values);
@@ -85,10 +85,10 @@ fn of_arm(context: &RaceContext<'_>, (_, last, entrant): (usize, &Rung, &Entrant
         let is_end = entrant.fate == Fate::Won && std::ptr::eq(one, entrant);
         let interval = interval.ok().filter(|_| is_end).map(|one| (one.low, one.high));
         let x = context.search.rungs[at] as f64;
-        Some(Place { x, y: mean, interval, is_single: false, tip })
+        Some(PlottedPoint { x, y: mean, interval, is_single: false, tip })
     };
-    let mut points: Vec<Place> =
-        context.race.course(entrant.arm).into_iter().filter_map(place).collect();
+    let mut points: Vec<PlottedPoint> =
+        context.race.course(entrant.arm).into_iter().filter_map(point).collect();
     let line = |label, (color, marker), points, spread| Line {
         label,
         look: Look { color, dash: None, marker },
@@ -104,7 +104,7 @@ fn of_arm(context: &RaceContext<'_>, (_, last, entrant): (usize, &Rung, &Entrant
         Fate::Behind | Fate::Worse | Fate::NotShownWorse => (left(), Marker::Disc),
     };
     let Some(last) = points.pop() else { return Vec::new() };
-    points.push(Place { tip: String::new(), ..last });
+    points.push(PlottedPoint { tip: String::new(), ..last });
     vec![
         line(String::new(), look, points, Spread::Exact),
         line(label, look, vec![last], Spread::Points),
@@ -130,13 +130,13 @@ fn across(context: &RaceContext<'_>, rungs: &[f64]) -> Vec<Line> {
         let y = mean_of(&values).ok()?;
         let n = counted(values.len(), "fresh seed");
         let tip = format!("{name}: {}, {n}", amount(y, context.metric));
-        let place =
-            |x: &f64| Place { x: *x, y, interval: None, is_single: false, tip: tip.clone() };
+        let point =
+            |x: &f64| PlottedPoint { x: *x, y, interval: None, is_single: false, tip: tip.clone() };
         let ends = [rungs.first()?, rungs.last()?];
         Some(Line {
             label: format!("{name}, fresh"),
             look: Look { color, dash: Some(*dash), marker: Marker::Disc },
-            points: ends.map(place).into(),
+            points: ends.map(point).into(),
             reference: Vec::new(),
             spread: Spread::Level,
             facets: Facets::new(),

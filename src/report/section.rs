@@ -138,7 +138,7 @@ pub struct ArmTables {
 /// An experiment in displayed form.
 pub struct ReportSection<'e> {
     pub experiment: &'e ReportedExperiment,
-    /// Its place on the page.
+    /// Its position on the page.
     pub anchor: String,
     pub shown: Vec<ShownFinding<'e>>,
     pub race: Option<ShownRace<'e>>,

@@ -424,9 +424,9 @@ mod tests {
     use super::*;
 
     fn folder() -> (tempfile::TempDir, CheckpointFolder) {
-        let place = tempfile::tempdir().unwrap();
-        let folder = CheckpointFolder::beside(&place.path().join("jitai.sqlite"));
-        (place, folder)
+        let root = tempfile::tempdir().unwrap();
+        let folder = CheckpointFolder::beside(&root.path().join("jitai.sqlite"));
+        (root, folder)
     }
 
     fn entry(key: u8, attempt: u32) -> FolderEntry {
@@ -464,7 +464,7 @@ mod tests {
 
     #[test]
     fn runs_remove_their_own_files_and_earlier_ones_and_the_last_removes_the_folder() {
-        let (_place, folder) = folder();
+        let (_root, folder) = folder();
         for entry in [entry(1, 1), entry(1, 2), entry(1, 3), entry(2, 1)] {
             write(&folder, &entry);
         }
@@ -480,7 +480,7 @@ mod tests {
 
     #[test]
     fn a_file_that_cannot_be_written_whole_leaves_the_one_before() {
-        let (_place, folder) = folder();
+        let (_root, folder) = folder();
         write(&folder, &entry(1, 1));
         let failed = folder.write(&entry(1, 1), &mut |out| {
             out.write_all(b"st")?;
@@ -509,7 +509,7 @@ mod tests {
 
     #[test]
     fn a_pipe_in_the_place_of_a_checkpoint_is_refused_and_not_waited_for() {
-        let (_place, folder) = folder();
+        let (_root, folder) = folder();
         write(&folder, &entry(1, 1));
         let path = folder.file(&entry(1, 1));
         fs::remove_file(&path).unwrap();
@@ -529,7 +529,7 @@ mod tests {
 
     #[test]
     fn a_checkpoint_is_due_when_the_alarm_has_rung_and_not_after_it_was_tried() {
-        let (_place, folder) = folder();
+        let (_root, folder) = folder();
         let (alarm, notes) = (Alarm::default(), Cell::new(0));
         let tell = |_| notes.set(notes.get() + 1);
         let key = (JobKey([1; 16]), attempt(1, 0));
@@ -552,7 +552,7 @@ mod tests {
 
     #[test]
     fn after_a_death_checkpoints_are_due_sooner_and_then_at_twice_the_time_up_to_the_usual() {
-        let (_place, folder) = folder();
+        let (_root, folder) = folder();
         let (alarm, tell) = (Alarm::default(), |_| {});
         let left = || alarm.left.lock().unwrap().expect("the alarm is set").0.as_secs_f64();
         let every = Duration::from_secs(20);
@@ -576,7 +576,7 @@ mod tests {
 
     #[test]
     fn a_run_that_lost_its_claim_and_wakes_up_leaves_the_later_run_alone() {
-        let (_place, folder) = folder();
+        let (_root, folder) = folder();
         let (alarm, tell) = (Alarm::default(), |_| {});
         let keeper = |number| {
             let key = (JobKey([1; 16]), attempt(number, 0));

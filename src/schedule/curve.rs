@@ -143,9 +143,9 @@ mod tests {
     use crate::schedule::checkpoint::FileForm;
 
     fn folder() -> (tempfile::TempDir, CheckpointFolder, FolderEntry) {
-        let place = tempfile::tempdir().unwrap();
-        let folder = CheckpointFolder::beside(&place.path().join("s.sqlite"));
-        (place, folder, FolderEntry { key: JobKey([7; 16]), attempt: 3, form: FileForm::Curve })
+        let root = tempfile::tempdir().unwrap();
+        let folder = CheckpointFolder::beside(&root.path().join("s.sqlite"));
+        (root, folder, FolderEntry { key: JobKey([7; 16]), attempt: 3, form: FileForm::Curve })
     }
 
     fn progress(episode: u32, episodes: u32) -> TrainingProgress {
@@ -162,7 +162,7 @@ mod tests {
 
     #[test]
     fn a_file_has_every_point_once_and_is_removed_with_its_run() {
-        let (_place, folder, entry) = folder();
+        let (_root, folder, entry) = folder();
         let file = CurveFile::new(&folder, entry.clone());
         assert_eq!(folder.curves(), []);
         let points = [point(10, 1.0), point(20, 2.0), point(30, 3.0)].concat();
@@ -185,7 +185,7 @@ mod tests {
     fn a_curve_with_very_many_points_is_averaged_in_parts_whenever_it_is_written() {
         let points: Vec<CurvePoint> = (1..=10_000).flat_map(|e| point(e, f64::from(e))).collect();
         let read = |at: &[u32]| {
-            let (_place, folder, entry) = folder();
+            let (_root, folder, entry) = folder();
             let file = CurveFile::new(&folder, entry);
             for episode in at {
                 let points = &points[..2 * *episode as usize];

@@ -151,7 +151,7 @@ const AT_ONCE: u64 = 64;
 pub struct Left {
     /// The jobs that have not begun, in the order in which each kind first occurred.
     waiting: Vec<(Kind, u64)>,
-    places: HashMap<Kind, usize>,
+    indices: HashMap<Kind, usize>,
     /// The running jobs, with the part that is left of each.
     running: Vec<(Kind, f64)>,
 }
@@ -160,8 +160,8 @@ impl Left {
     /// Adds `count` jobs that differ only in their seeds.
     pub fn add(&mut self, job: &Job, count: u64) {
         let kind = kind(job);
-        let place = *self.places.entry(kind.clone()).or_insert(self.waiting.len());
-        match self.waiting.get_mut(place) {
+        let index = *self.indices.entry(kind.clone()).or_insert(self.waiting.len());
+        match self.waiting.get_mut(index) {
             Some((_, waiting)) => *waiting += count,
             None => self.waiting.push((kind, count)),
         }
@@ -174,8 +174,8 @@ impl Left {
 
     /// Removes a job that was added before.
     pub fn remove(&mut self, job: &Job) {
-        if let Some(place) = self.places.get(&kind(job)) {
-            let (_, waiting) = &mut self.waiting[*place];
+        if let Some(index) = self.indices.get(&kind(job)) {
+            let (_, waiting) = &mut self.waiting[*index];
             *waiting = waiting.saturating_sub(1);
         }
     }

@@ -48,7 +48,7 @@ impl DataQuery {
         let (part, join) = self.part_and_join();
         format!(
             "{columns},\n  {part}\nFROM run_summary AS run\n{join}\n{conditions}\nORDER BY {}\n",
-            places(3 + self.columns.len())
+            column_numbers(3 + self.columns.len())
         )
     }
 
@@ -130,13 +130,13 @@ pub fn mean_returns(experiments: &[&str], shown: &[String]) -> String {
         "SELECT {}, avg(mean_return) FROM run_summary \
          WHERE status = 'completed' AND experiment {condition} GROUP BY {}",
         columns.join(", "),
-        places(columns.len())
+        column_numbers(columns.len())
     )
 }
 
 /// The numbers of the first columns, as GROUP BY and ORDER BY name columns.
-fn places(columns: usize) -> String {
-    (1..=columns).map(|place| place.to_string()).collect::<Vec<_>>().join(", ")
+fn column_numbers(columns: usize) -> String {
+    (1..=columns).map(|number| number.to_string()).collect::<Vec<_>>().join(", ")
 }
 
 /// The test episodes of a range of participants, who are ranked within each job.

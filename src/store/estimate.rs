@@ -128,9 +128,9 @@ pub(super) fn insert_copied(
         if connection.prepare_cached(known)?.exists([own, declaration])? {
             continue;
         }
-        let places = ["?"; COLUMNS + 4].join(", ");
+        let marks = ["?"; COLUMNS + 4].join(", ");
         let mut insert = connection
-            .prepare_cached(&format!("INSERT INTO recorded_estimate VALUES ({places})"))?;
+            .prepare_cached(&format!("INSERT INTO recorded_estimate VALUES ({marks})"))?;
         for row in rows {
             let head = [own.into(), declaration.into()];
             insert.execute(rusqlite::params_from_iter(head.iter().chain(&row[1..])))?;

@@ -62,7 +62,7 @@ impl Store {
     ///
     /// Each transaction registers ten thousand jobs. After a stop, the jobs registered so far remain, and so
     /// do jobs that the manifest dropped. Registering again completes the rest. With `part`, adds only the jobs
-    /// in it, at their places in the whole order, and keeps other jobs that the experiment already holds.
+    /// in it, at their positions in the whole order, and keeps other jobs that the experiment already holds.
     pub fn register_until<A: AsRef<str>, J: Into<CanonicalForm>>(
         &mut self,
         stop: &AtomicBool,
@@ -198,12 +198,12 @@ struct Member {
     key: JobKey,
     /// The agent's number.
     agent: usize,
-    /// The job's place in the manifest's order.
+    /// The job's position in the manifest's order.
     position: usize,
 }
 
 impl Held {
-    /// The number of the agent and the place of the job in the manifest; `None` for a repeated job.
+    /// The number of the agent and the position of the job in the manifest; `None` for a repeated job.
     fn meet(&mut self, agent: &str, key: JobKey) -> Option<(usize, usize)> {
         let (agent, position) = (self.number(agent), self.jobs.len());
         self.jobs.insert((key, agent)).then_some((agent, position))

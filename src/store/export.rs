@@ -24,10 +24,10 @@ const ORDERS: [(&str, &str); 14] = [
 /// The names of the public views, which `docs/store.md` describes.
 pub const VIEWS: [&str; ORDERS.len()] = {
     let mut names = [""; ORDERS.len()];
-    let mut place = 0;
-    while place < names.len() {
-        names[place] = ORDERS[place].0;
-        place += 1;
+    let mut index = 0;
+    while index < names.len() {
+        names[index] = ORDERS[index].0;
+        index += 1;
     }
     names
 };

@@ -15,17 +15,17 @@ use super::schema::has_table;
 use super::tables::RUN;
 use super::{Reader, StoreError};
 
-// The lowest bits of the parts of a row id; the bits below the episode are the place of the parameter.
+// The lowest bits of the parts of a row id; the bits below the episode are the index of the parameter.
 const PHASE: u32 = 38;
 const EPISODE: u32 = 14;
 
-/// The values of the parameter at place `?2` in the test of run `?1`, by episode.
+/// The values of the parameter with the index `?2` in the test of run `?1`, by episode.
 const OF_TEST: &str = "SELECT id >> 14 & 16777215, value FROM recorded_participant
     WHERE id BETWEEN (?1 << 39) + (1 << 38) AND (?1 << 39) + 549755813887 AND id & 16383 = ?2
     ORDER BY id";
 
 /// Inserts the parameters of the participants of a run in progress, which must be sorted by phase, episode
-/// and place.
+/// and index.
 ///
 /// **Errors**: a number is not finite, or an episode exceeds its bits in the row id.
 pub(super) fn insert(
@@ -89,7 +89,7 @@ fn among(
     let Some(run) = completed_run(connection, key)? else { return Ok(None) };
     let mut values: Vec<(u32, f64)> = connection
         .prepare_cached(OF_TEST)?
-        .query_map([run, range.place.into()], |row| Ok((row.get(0)?, row.get(1)?)))?
+        .query_map([run, range.index.into()], |row| Ok((row.get(0)?, row.get(1)?)))?
         .collect::<rusqlite::Result<_>>()?;
     if values.is_empty() {
         return Ok(None);

@@ -193,9 +193,9 @@ impl Reader {
             let message = format!("the query has {expected}, found {found}");
             return Err(QueryError::Parameters(message));
         }
-        for (place, (name, value)) in values.iter().enumerate() {
+        for (index, (name, value)) in values.iter().enumerate() {
             let index = match name {
-                None => place + 1,
+                None => index + 1,
                 Some(name) => [":", "@", "$"]
                     .iter()
                     .find_map(|sign| statement.parameter_index(&format!("{sign}{name}")).ok()?)

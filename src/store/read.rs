@@ -183,14 +183,14 @@ impl Reader {
                  WHERE experiment = (SELECT id FROM experiment WHERE name = ?1)
                  ORDER BY experiment_job.position",
             )?;
-            let mut places: HashMap<(String, String), Option<usize>> = HashMap::new();
+            let mut indices: HashMap<(String, String), Option<usize>> = HashMap::new();
             let mut arms: Vec<StoredArm> = Vec::new();
             let mut rows = statement.query([experiment])?;
             while let Some(row) = rows.next()? {
                 let (agent, canonical): (String, String) = (row.get(0)?, row.get(1)?);
                 let stem = without_seed(&canonical).into_owned();
                 let seed = seed_of(&canonical);
-                let place = places.entry((agent, stem)).or_insert_with_key(|(agent, _)| {
+                let index = indices.entry((agent, stem)).or_insert_with_key(|(agent, _)| {
                     let job = Job::from_canonical(&canonical).ok()?;
                     arms.push(StoredArm {
                         agent: agent.clone(),
@@ -200,9 +200,9 @@ impl Reader {
                     });
                     Some(arms.len() - 1)
                 });
-                if let Some((place, seed)) = place.zip(seed) {
-                    arms[place].keys.push(JobKey(row.get(2)?));
-                    arms[place].seeds.push(seed);
+                if let Some((index, seed)) = index.zip(seed) {
+                    arms[index].keys.push(JobKey(row.get(2)?));
+                    arms[index].seeds.push(seed);
                 }
             }
             Ok(arms)

@@ -50,7 +50,7 @@ impl Reader {
                 let action: u8 = row.get(5)?;
                 let state = match is_packed {
                     true => (11..11 + names.len())
-                        .map(|place| row.get(place))
+                        .map(|index| row.get(index))
                         .collect::<Result<_, _>>()?,
                     false => numbers(&row.get::<_, String>(11)?, &names)?,
                 };

@@ -182,8 +182,8 @@ fn put_schema(damaged: &mut [u8], template: &[u8], pages: &[usize]) {
         size => usize::from(size),
     };
     for page in pages {
-        let place = (page - 1) * size..page * size;
-        if let (Some(to), Some(from)) = (damaged.get_mut(place.clone()), template.get(place)) {
+        let range = (page - 1) * size..page * size;
+        if let (Some(to), Some(from)) = (damaged.get_mut(range.clone()), template.get(range)) {
             to.copy_from_slice(from);
         }
     }

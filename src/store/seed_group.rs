@@ -9,7 +9,7 @@ use crate::job::{Job, without_seed};
 #[derive(Debug, Default)]
 pub(super) struct SeedGroups<T> {
     /// By canonical text without the seed; `None` for a job that this release cannot read.
-    places: HashMap<String, Option<usize>>,
+    indices: HashMap<String, Option<usize>>,
     groups: Vec<(Job, T)>,
 }
 
@@ -17,18 +17,18 @@ impl<T: Default> SeedGroups<T> {
     /// The value of the group that a job belongs to; `None` if this release cannot read the job.
     pub(super) fn of(&mut self, canonical: &str) -> Option<&mut T> {
         let stem = without_seed(canonical);
-        let place = match self.places.get(&*stem) {
-            Some(place) => *place,
+        let index = match self.indices.get(&*stem) {
+            Some(index) => *index,
             None => {
-                let place = Job::from_canonical(canonical).ok().map(|job| {
+                let index = Job::from_canonical(canonical).ok().map(|job| {
                     self.groups.push((job, T::default()));
                     self.groups.len() - 1
                 });
-                self.places.insert(stem.into_owned(), place);
-                place
+                self.indices.insert(stem.into_owned(), index);
+                index
             }
         };
-        place.map(|place| &mut self.groups[place].1)
+        index.map(|index| &mut self.groups[index].1)
     }
 
     /// One job of each group with the group's value, in the order in which the groups first occurred.

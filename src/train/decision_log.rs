@@ -26,7 +26,7 @@ pub(super) struct DecisionLog {
     begun: u32,
     /// The episode of every lane, from 1.
     episodes: Vec<u32>,
-    /// The place of the last decision of every lane.
+    /// The index of the last decision of every lane.
     last: Vec<u64>,
     /// The lanes of the most recent decisions.
     acting: Vec<usize>,
@@ -73,8 +73,8 @@ impl DecisionLog {
 
     /// Records which episodes have ended, in the last decision of each.
     pub(super) fn ended(&mut self, statuses: &[EpisodeStatus]) {
-        for (place, status) in self.last.iter().zip(statuses) {
-            if let Some(decision) = self.decisions.get_mut(*place as usize) {
+        for (index, status) in self.last.iter().zip(statuses) {
+            if let Some(decision) = self.decisions.get_mut(*index as usize) {
                 decision.terminated = *status == EpisodeStatus::Terminated;
                 decision.truncated = *status == EpisodeStatus::Truncated;
             }

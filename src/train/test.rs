@@ -60,7 +60,7 @@ impl People {
         self.environment.differing() * self.episodes as usize
     }
 
-    /// Appends the parameters of all participants, by episode and place.
+    /// Appends the parameters of all participants, by episode and index.
     fn describe(&self, all: &mut Vec<ParticipantValue>) {
         let mut streams = RollStreams::of_test(self.seed).environment;
         let phase = Phase::Test;

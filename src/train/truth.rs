@@ -364,7 +364,7 @@ mod tests {
             let (mut any, mut third, mut decisions) = (0.0, 0.0, 0.0);
             for seed in seeds(&job, 3) {
                 let played = Job { seed, ..job.clone() };
-                for (person, step) in (0..24).map(|place| (place / 6, place as u32 % 6)) {
+                for (person, step) in (0..24).map(|index| (index / 6, index as u32 % 6)) {
                     let outcome =
                         |action| forced(&played, person, step, Action::from_index(action).unwrap());
                     let Some((nothing, probabilities)) = outcome(0) else { continue };

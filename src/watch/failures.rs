@@ -40,13 +40,13 @@ pub fn more(jobs: usize) -> String {
 
 /// The different failures, in the order in which each occurs first.
 pub fn different<'f>(failed: impl IntoIterator<Item = &'f FailedJob>) -> Vec<SameFailure<'f>> {
-    let mut places = std::collections::HashMap::new();
+    let mut indices = std::collections::HashMap::new();
     let mut different: Vec<SameFailure<'f>> = Vec::new();
     for job in failed {
         let message = without_numbers(&job.failure.message);
         let failure = (&job.experiment, job.failure.kind.word(), message);
-        let place = *places.entry(failure).or_insert(different.len());
-        match different.get_mut(place) {
+        let index = *indices.entry(failure).or_insert(different.len());
+        match different.get_mut(index) {
             Some(same) => same.jobs += 1,
             None => different.push(SameFailure { first: job, jobs: 1 }),
         }

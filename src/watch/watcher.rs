@@ -412,8 +412,8 @@ impl Watcher {
         states: &HashMap<JobKey, JobState>,
         live: &HashMap<JobKey, RunningCurve>,
     ) -> Result<CurveChart, WatchError> {
-        let place = choice.arm.min(jobs.arms.len().saturating_sub(1));
-        let Some(arm) = jobs.arms.get(place) else { return Ok(CurveChart::default()) };
+        let chosen = choice.arm.min(jobs.arms.len().saturating_sub(1));
+        let Some(arm) = jobs.arms.get(chosen) else { return Ok(CurveChart::default()) };
         let termination = arm.job.environment.family().termination_metric;
         let metrics: Vec<MetricName> = metrics_with(MetricPlace::Curve, termination).collect();
         let metric = metrics[choice.metric % metrics.len()];
@@ -421,8 +421,8 @@ impl Watcher {
             self.curves.clear();
         }
         let (mut lines, mut episodes) = (Vec::new(), 0);
-        let beside = choice.beside.iter().copied().filter(|other| *other != place);
-        for shown in std::iter::once(place).chain(beside) {
+        let beside = choice.beside.iter().copied().filter(|other| *other != chosen);
+        for shown in std::iter::once(chosen).chain(beside) {
             let Some(arm) = jobs.arms.get(shown) else { continue };
             let completed = |key: &&JobKey| states.get(key) == Some(&JobState::Completed);
             let new: Vec<JobKey> = arm

@@ -58,7 +58,7 @@ mod tests {
     /// The formula, with Burn's operations.
     fn plain(from_input: Tensor<2>, from_state: Tensor<2>, before: Tensor<2>) -> Tensor<2> {
         let gate = |all: &Tensor<2>, gate: usize| all.clone().narrow(1, gate * UNITS, UNITS);
-        let both = |place| gate(&from_input, place) + gate(&from_state, place);
+        let both = |index| gate(&from_input, index) + gate(&from_state, index);
         let (reset, update) = (activation::sigmoid(both(0)), activation::sigmoid(both(1)));
         let new = activation::tanh(gate(&from_input, 2) + reset * gate(&from_state, 2));
         new.clone() + update * (before - new)

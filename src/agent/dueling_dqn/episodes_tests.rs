@@ -93,7 +93,7 @@ fn a_full_buffer_drops_the_oldest_episode_whole() {
     push(&mut replay, 10, 4);
     push(&mut replay, 20, 4);
     assert_eq!(replay.episodes(), 2);
-    // Two places are free, so the third step overwrites the first episode.
+    // Two slots are free, so the third step overwrites the first episode.
     push(&mut replay, 30, 3);
     assert_eq!(replay.episodes(), 2);
     push(&mut replay, 40, 5);

@@ -32,7 +32,7 @@ impl RecurrentLayers {
         let first = before.first().unwrap_or(&gru[0]);
         let (inputs, units) = (first.inputs, gru[1].inputs);
         let mut end = 0;
-        let mut place = |dense: &dyn Fn(usize) -> Dense| {
+        let mut append = |dense: &dyn Fn(usize) -> Dense| {
             let dense = dense(end);
             end = dense.end();
             dense
@@ -41,12 +41,12 @@ impl RecurrentLayers {
             let layer = layer.clone();
             move |start| Dense::new(layer.clone(), 1, start)
         };
-        let before = before.iter().map(|layer| place(&hidden(layer))).collect();
+        let before = before.iter().map(|layer| append(&hidden(layer))).collect();
         let [gru_input, gru_hidden] =
-            gru.map(|layer| place(&|start| Dense::new(layer.clone(), GATES, start)));
-        let after = after.iter().map(|layer| place(&hidden(layer))).collect();
+            gru.map(|layer| append(&|start| Dense::new(layer.clone(), GATES, start)));
+        let after = after.iter().map(|layer| append(&hidden(layer))).collect();
         let actions = heads[0].outputs;
-        let heads = place(&|start| Dense::together(&heads, start));
+        let heads = append(&|start| Dense::together(&heads, start));
         let activation = match activation {
             agent::Activation::Relu => Activation::Relu,
             agent::Activation::Tanh => Activation::Tanh,

@@ -77,9 +77,9 @@ impl Design {
         match self.features {
             BanditFeatures::Linear => {}
             BanditFeatures::Interactions => {
-                for place in 1..=self.letters {
-                    for other in place + 1..=self.letters {
-                        out.push(out[place] * out[other]);
+                for index in 1..=self.letters {
+                    for other in index + 1..=self.letters {
+                        out.push(out[index] * out[other]);
                     }
                 }
             }

@@ -165,9 +165,9 @@ impl Posterior {
             joint.learn(&self.row, reward, self.noise_variance);
             return 0;
         }
-        let place = decision.action.index();
-        self.regressions[place].learn(decision.features, reward, self.noise_variance);
-        place
+        let index = decision.action.index();
+        self.regressions[index].learn(decision.features, reward, self.noise_variance);
+        index
     }
 
     /// The regressions.

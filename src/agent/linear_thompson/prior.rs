@@ -308,10 +308,10 @@ mod tests {
             let mut informations = vec![DVector::zeros(width); count];
             for (of, noise) in [(&of_first, 30.0 * 30.0), (&of_second, 12.0 * 12.0)] {
                 for (decision, reward) in of {
-                    let (place, row) = regressors(decision, action_centring);
+                    let (index, row) = regressors(decision, action_centring);
                     let row = DVector::from_vec(row);
-                    precisions[place] += &row * row.transpose() / noise;
-                    informations[place] += row * (*reward / noise);
+                    precisions[index] += &row * row.transpose() / noise;
+                    informations[index] += row * (*reward / noise);
                 }
             }
             let pairs = precisions.into_iter().zip(informations);

@@ -225,10 +225,10 @@ impl SmoothPolicy<'_> {
 
     /// Adds the derivatives by the sums of a regression, given those by the mean and the variance of a prediction: with
     /// w = Λ⁻¹x, the mean x'Λ⁻¹b has the differential w'db - w'dΛ m, and the variance x'Λ⁻¹x has -w'dΛ w.
-    fn add_normal(&self, (place, row): (usize, &[f64]), by: (f64, f64), out: &mut [f64]) {
-        let own = &mut out[place * self.of.of_one()..(place + 1) * self.of.of_one()];
+    fn add_normal(&self, (index, row): (usize, &[f64]), by: (f64, f64), out: &mut [f64]) {
+        let own = &mut out[index * self.of.of_one()..(index + 1) * self.of.of_one()];
         let (by_mean, by_variance) = by;
-        let one = &self.factored[place];
+        let one = &self.factored[index];
         let (solved, mean) = (one.solve(row), one.mean());
         let mut at = 0;
         for i in 0..solved.len() {

@@ -89,13 +89,13 @@ impl Person {
         let [features, chances] =
             [&self.features, &self.probabilities].map(|all| all.len() / decisions);
         while self.times.get(self.counted).is_some_and(|time| *time < before) {
-            let place = self.counted;
+            let index = self.counted;
             let decision = Made {
-                features: &self.features[place * features..(place + 1) * features],
-                probabilities: &self.probabilities[place * chances..(place + 1) * chances],
-                action: Action::from_index(self.actions[place].into()).unwrap_or_default(),
+                features: &self.features[index * features..(index + 1) * features],
+                probabilities: &self.probabilities[index * chances..(index + 1) * chances],
+                action: Action::from_index(self.actions[index].into()).unwrap_or_default(),
             };
-            self.known.learn_made(decision, self.rewards[place]);
+            self.known.learn_made(decision, self.rewards[index]);
             self.counted += 1;
         }
     }
@@ -193,8 +193,8 @@ impl LinearThompsonStudy {
 
     /// The means of all coefficients of a person's posterior.
     pub fn means(&mut self, person: usize) -> Vec<f64> {
-        let place = person.min(self.acting.len() - 1);
-        self.acting[place].factored().iter().flat_map(|one| one.mean().to_vec()).collect()
+        let index = person.min(self.acting.len() - 1);
+        self.acting[index].factored().iter().flat_map(|one| one.mean().to_vec()).collect()
     }
 }
 

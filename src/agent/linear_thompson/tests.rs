@@ -21,7 +21,7 @@ fn stream(seed: u64) -> Stream {
 /// Regressors as in the simulation, with the intercept first, and rewards up to 200.
 fn data(steps: usize, width: usize, stream: &mut Stream) -> Vec<(Vec<f64>, f64)> {
     let mut row = || -> Vec<f64> {
-        (0..width).map(|place| if place == 0 { 1.0 } else { stream.unit() }).collect()
+        (0..width).map(|index| if index == 0 { 1.0 } else { stream.unit() }).collect()
     };
     let rows: Vec<Vec<f64>> = (0..steps).map(|_| row()).collect();
     rows.into_iter().map(|row| (row.clone(), 200.0 * row[1] - 30.0 * row[2])).collect()

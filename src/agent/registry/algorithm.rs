@@ -445,10 +445,10 @@ struct KeysOf<P>(PhantomData<P>);
 impl<P: AlgorithmParameters> KeysOf<P> {
     const FILLED: &'static [Key; MOST_KEYS] = &{
         let mut all = [HISTORY; MOST_KEYS];
-        let mut place = 0;
-        while place < P::KEYS.len() {
-            all[place] = P::KEYS[place];
-            place += 1;
+        let mut index = 0;
+        while index < P::KEYS.len() {
+            all[index] = P::KEYS[index];
+            index += 1;
         }
         all
     };

@@ -22,10 +22,10 @@ const KEYS: &[Key] = StepCount::KEYS;
 const RULE_AND_ENVIRONMENT: [Parameter; KEYS.len() + 2] = {
     let mut all = [RULE; KEYS.len() + 2];
     all[KEYS.len() + 1] = Parameter::SCENARIO;
-    let mut place = 0;
-    while place < KEYS.len() {
-        all[place + 1] = Parameter::Environment(KEYS[place].name);
-        place += 1;
+    let mut index = 0;
+    while index < KEYS.len() {
+        all[index + 1] = Parameter::Environment(KEYS[index].name);
+        index += 1;
     }
     all
 };
@@ -35,10 +35,10 @@ const POPULATION: &[Key] = Population::KEYS;
 /// The rule and all keys of the population, in their order.
 const RULE_AND_POPULATION: [Parameter; POPULATION.len() + 1] = {
     let mut all = [RULE; POPULATION.len() + 1];
-    let mut place = 0;
-    while place < POPULATION.len() {
-        all[place + 1] = Parameter::Population(POPULATION[place].name);
-        place += 1;
+    let mut index = 0;
+    while index < POPULATION.len() {
+        all[index + 1] = Parameter::Population(POPULATION[index].name);
+        index += 1;
     }
     all
 };

@@ -206,7 +206,7 @@ pub fn figure(
         CurveAxis::ContextInferenceError => (ERROR_AXIS.to_owned(), "environment.sigma".to_owned()),
         CurveAxis::Swept(parameter) => (parameter.to_string(), parameter.to_string()),
     };
-    let place = |value: f64| match axis {
+    let x_of = |value: f64| match axis {
         CurveAxis::ContextInferenceError => inference_error(value),
         CurveAxis::Swept(_) => value,
     };
@@ -221,8 +221,8 @@ pub fn figure(
             let name = arm.name.clone();
             let here = super::Arm { name, jobs };
             let best = here.optimum_of(metric);
-            optimum.extend(best.map(|best| (place(value), best)));
-            LinePoint { x: place(value), parameter: value, sample: here.sample(metric) }
+            optimum.extend(best.map(|best| (x_of(value), best)));
+            LinePoint { x: x_of(value), parameter: value, sample: here.sample(metric) }
         });
         let points = points.collect();
         let value = |name: &str| arm.jobs.first()?.setting(name);
@@ -235,7 +235,7 @@ pub fn figure(
             optimum,
             published: published
                 .into_iter()
-                .filter_map(|row| Some((place(row.value_of(swept?)?), row.value)))
+                .filter_map(|row| Some((x_of(row.value_of(swept?)?), row.value)))
                 .collect(),
             name: arm.name,
         }

@@ -36,7 +36,7 @@ pub struct HeatFigure {
 /// The lead of the tile with the largest mean over its neighbours, those at most one column and one row away.
 #[derive(Clone, Debug, PartialEq)]
 pub struct PeakLead {
-    /// The place of the tile and of its closest neighbour, that with the smallest difference, among the tiles.
+    /// The index of the tile and of its closest neighbour, that with the smallest difference, among the tiles.
     pub tiles: [usize; 2],
     /// Their difference, its interval, and whether that is paired by seed.
     pub difference: f64,
@@ -191,31 +191,31 @@ fn figure(
 
 /// The lead of the largest mean; `samples` has one per tile. `None` without a neighbour or a test.
 fn lead(tiles: &[HeatTile], samples: &[Sample]) -> Option<PeakLead> {
-    let value = |place: &usize| tiles[*place].value.ok();
-    let known = (0..samples.len()).filter(|place| value(place).is_some());
+    let value = |index: &usize| tiles[*index].value.ok();
+    let known = (0..samples.len()).filter(|index| value(index).is_some());
     let best = known.max_by(|one, other| {
         let values = value(one).zip(value(other));
         values.map_or(Ordering::Equal, |(one, other)| one.total_cmp(&other))
     })?;
     let width = tiles.iter().take_while(|tile| tile.y == tiles[0].y).count();
-    let is_near = |place: &usize| {
+    let is_near = |index: &usize| {
         let away = |coordinate: fn(usize, usize) -> usize| {
-            coordinate(*place, width).abs_diff(coordinate(best, width))
+            coordinate(*index, width).abs_diff(coordinate(best, width))
         };
-        *place != best
-            && away(|place, width| place / width) < 2
-            && away(|place, width| place % width) < 2
+        *index != best
+            && away(|index, width| index / width) < 2
+            && away(|index, width| index % width) < 2
     };
     let near: Vec<(usize, Contrast)> = (0..samples.len())
         .filter(is_near)
-        .filter(|place| value(place).is_some())
-        .map(|place| {
-            let design = SeedPairing::of(&samples[best], &samples[place]);
-            (place, Contrast::new(&samples[best], &samples[place], design))
+        .filter(|index| value(index).is_some())
+        .map(|index| {
+            let design = SeedPairing::of(&samples[best], &samples[index]);
+            (index, Contrast::new(&samples[best], &samples[index], design))
         })
         .collect();
     let by_difference =
-        near.iter().filter_map(|(place, of)| Some((*place, of, of.difference.ok()?)));
+        near.iter().filter_map(|(index, of)| Some((*index, of, of.difference.ok()?)));
     let (closest, contrast, difference) =
         by_difference.min_by(|(.., one), (.., other)| one.total_cmp(other))?;
     let tests = near.iter().filter_map(|(_, contrast)| contrast.test.ok());

@@ -152,13 +152,13 @@ fn curve(job: &JobRecord, action: u32, state: &[f64]) -> Option<Trial> {
 fn panel(name: ArmId, state: &[f64], sides: &[Vec<Trial>; 2]) -> LearnedPanel {
     // Realities such as an outage are the same in all trials of an arm.
     let updates = sides.iter().flatten().map(|(_, updates)| updates.len()).max().unwrap_or(0);
-    let at = |place: usize, trials: &Vec<Trial>| -> Vec<f64> {
-        trials.iter().filter_map(|(_, updates)| Some(updates.get(place)?.2)).collect()
+    let at = |index: usize, trials: &Vec<Trial>| -> Vec<f64> {
+        trials.iter().filter_map(|(_, updates)| Some(updates.get(index)?.2)).collect()
     };
-    let point = |place: usize| {
+    let point = |index: usize| {
         let mut trials = sides.iter().flatten();
-        let (update, day, _) = *trials.find_map(|(_, updates)| updates.get(place))?;
-        let [with, without] = sides.each_ref().map(|trials| OverTrials::of(&at(place, trials)));
+        let (update, day, _) = *trials.find_map(|(_, updates)| updates.get(index))?;
+        let [with, without] = sides.each_ref().map(|trials| OverTrials::of(&at(index, trials)));
         Some(LearnedPoint { update, day, over: [with?, without?] })
     };
     let last = |trials: &Vec<Trial>| -> Vec<(u64, f64)> {

@@ -19,7 +19,7 @@ const PEOPLE: Parameter = Parameter::Trial("people");
 pub struct OperatingFigure {
     /// Dotted name of the horizontal axis; `None` without a figure.
     pub axis: Option<String>,
-    /// One row per term, arm and place on the axis, by term and arm.
+    /// One row per term, arm and point on the axis, by term and arm.
     pub rows: Vec<OperatingRow>,
     /// The power that is sought, and what was found for each line; `None` if none is sought.
     pub sought: Option<(f64, Vec<Sought>)>,
@@ -105,14 +105,14 @@ pub fn figure(kind: &OperatingCharacteristics, jobs: &[&JobRecord]) -> Operating
     for term in terms(jobs, &kind.estimates.0) {
         // An estimate can be declared for some agents alone.
         for arm in arms.iter().filter(|arm| has_estimate(arm, &term)) {
-            let places: Vec<(Option<f64>, Vec<&JobRecord>)> = match &axis {
+            let points: Vec<(Option<f64>, Vec<&JobRecord>)> = match &axis {
                 Some(axis) if arm.jobs.iter().any(|job| job.number(axis).is_some()) => {
-                    let places = by_value(axis, &arm.jobs).into_iter();
-                    places.map(|(x, jobs)| (Some(x), jobs)).collect()
+                    let points = by_value(axis, &arm.jobs).into_iter();
+                    points.map(|(x, jobs)| (Some(x), jobs)).collect()
                 }
                 _ => vec![(None, arm.jobs.clone())],
             };
-            rows.extend(places.into_iter().map(|(x, jobs)| row(arm, x, &jobs, &term)));
+            rows.extend(points.into_iter().map(|(x, jobs)| row(arm, x, &jobs, &term)));
         }
     }
     let sought = sought.map(|power| (power, seek(&rows, power)));

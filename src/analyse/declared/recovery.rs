@@ -62,9 +62,9 @@ pub fn rows(recovery: &Recovery, jobs: &[&JobRecord]) -> Vec<RecoveryRow> {
     }
     let mut rows = Vec::new();
     for with in select(&recovery.with) {
-        let place = environment(&with.name);
-        let optimum = optima.get(&place);
-        let partners = partners.get(&place).into_iter().flatten();
+        let shared = environment(&with.name);
+        let optimum = optima.get(&shared);
+        let partners = partners.get(&shared).into_iter().flatten();
         let partners: Vec<&&Arm<'_>> =
             partners.filter(|without| are_partners(recovery, with, without)).collect();
         for without in partners.iter().filter(|one| is_nearest(with, one, &partners)) {

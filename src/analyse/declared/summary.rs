@@ -186,9 +186,9 @@ fn on_all_cores<T: Sync, R: Send>(items: &[T], compute: impl Fn(&T) -> R + Sync)
     let cores = thread::available_parallelism().map_or(1, usize::from).min(MOST_AT_ONCE);
     let next = AtomicUsize::new(0);
     let work = || {
-        let places = std::iter::repeat_with(|| next.fetch_add(1, Ordering::Relaxed));
-        let items = places.map_while(|place| Some((place, items.get(place)?)));
-        items.map(|(place, item)| (place, compute(item))).collect::<Vec<_>>()
+        let indices = std::iter::repeat_with(|| next.fetch_add(1, Ordering::Relaxed));
+        let items = indices.map_while(|index| Some((index, items.get(index)?)));
+        items.map(|(index, item)| (index, compute(item))).collect::<Vec<_>>()
     };
     let mut found: Vec<(usize, R)> = thread::scope(|scope| {
         // Where the system refuses a thread, the others do its work.
@@ -200,7 +200,7 @@ fn on_all_cores<T: Sync, R: Send>(items: &[T], compute: impl Fn(&T) -> R + Sync)
         }
         found
     });
-    found.sort_by_key(|(place, _)| *place);
+    found.sort_by_key(|(index, _)| *index);
     found.into_iter().map(|(_, result)| result).collect()
 }
 

@@ -63,13 +63,13 @@ const VERY_MANY: f64 = 0.8;
 pub struct Brushing {
     parameters: Oralytics,
     people: Arc<Vec<Person>>,
-    /// The places in [`SEEN`] that observations show.
+    /// The indices in [`SEEN`] that observations show.
     shown: Vec<usize>,
     history: Option<History>,
     /// The weights of the last decisions in an average, oldest first.
     weights: [f64; WINDOW],
     times: Vec<u32>,
-    /// Places in `people`.
+    /// Indices in `people`.
     rows: Vec<u32>,
     /// The rows of the people in the lanes; empty if people are drawn.
     assigned: Vec<u32>,
@@ -95,7 +95,7 @@ pub struct Brushing {
 }
 
 impl Brushing {
-    /// Ended lanes with these people, which show the features at these places of all features.
+    /// Ended lanes with these people, which show the features at these indices of all features.
     pub(super) fn new(
         parameters: &Oralytics,
         people: Arc<Vec<Person>>,
@@ -267,9 +267,9 @@ impl Brushing {
         let cost = if is_prompted { self.cost(lane) } else { 0.0 };
         self.habituate(lane);
         let horizon = self.parameters.horizon();
-        let place = lane * horizon as usize + self.times[lane] as usize;
-        self.seconds[place] = seconds;
-        self.prompts[place] = f64::from(u8::from(is_prompted));
+        let index = lane * horizon as usize + self.times[lane] as usize;
+        self.seconds[index] = seconds;
+        self.prompts[index] = f64::from(u8::from(is_prompted));
         self.brushed[lane] = seconds;
         self.times[lane] += 1;
         self.derive(lane);
@@ -357,13 +357,13 @@ impl WithSimd for Step<'_> {
     }
 }
 
-/// What observations show: the features at these places of [`SEEN`].
+/// What observations show: the features at these indices of [`SEEN`].
 pub(super) fn spec(parameters: &Oralytics, shown: &[usize]) -> ObservationSpec {
     let mut spec = ObservationSpec::of(SEEN);
     let [first, last] = [1, parameters.days].map(|day| normalised_day(day) as f32);
     let day = &mut spec.features[SEEN.len() - 1];
     (day.low, day.high) = (first, last);
-    spec.features = shown.iter().map(|place| spec.features[*place].clone()).collect();
+    spec.features = shown.iter().map(|index| spec.features[*index].clone()).collect();
     spec
 }
 
@@ -445,7 +445,7 @@ impl Brushing {
         out.clear();
         for lane in 0..self.times.len() {
             let seen = self.seen(lane);
-            out.features.extend(self.shown.iter().map(|place| seen[*place] as f32));
+            out.features.extend(self.shown.iter().map(|index| seen[*index] as f32));
         }
     }
 
@@ -484,7 +484,7 @@ impl Simulation for Brushing {
             out.extend(observations.row(lane)[..earlier].iter().copied().map(f64::from));
         }
         let seen = self.seen(lane);
-        out.extend(self.shown.iter().map(|place| seen[*place]));
+        out.extend(self.shown.iter().map(|index| seen[*index]));
     }
 
     fn exact_features_read_observations(&self) -> bool {

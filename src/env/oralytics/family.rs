@@ -37,7 +37,7 @@ pub static FAMILY: Family = Family {
     },
 };
 
-/// The places of a scenario's features among all features.
+/// The indices of a scenario's features among all features.
 fn shown(scenario: &Scenario) -> Result<Vec<usize>, ScenarioError> {
     let Some(names) = scenario.names() else { return Ok((0..SEEN.len()).collect()) };
     let index = |name: &str| SEEN.iter().position(|(known, ..)| *known == name);

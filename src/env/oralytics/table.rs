@@ -60,13 +60,13 @@ impl Table {
 
     fn begin(names: &csv::StringRecord) -> Result<Table, String> {
         let columns: Vec<String> = names.iter().map(str::to_owned).collect();
-        for (place, name) in columns.iter().enumerate() {
+        for (index, name) in columns.iter().enumerate() {
             if !OTHERS.contains(&name.as_str()) && !is_weight(name) {
                 return Err(format!(
                     "there is no column `{name}`; docs/oralytics.md lists the columns"
                 ));
             }
-            if columns[..place].contains(name) {
+            if columns[..index].contains(name) {
                 return Err(format!("column `{name}` is listed twice"));
             }
         }

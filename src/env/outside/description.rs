@@ -78,10 +78,10 @@ impl Description {
         counted("state", state.len(), 0..=MOST_STATE)?;
         names("state", state.iter())?;
         let nothing = nothing.map(|name| numbered(&actions, &name)).transpose()?;
-        if let Some(place) = nothing.filter(|place| *place != 0) {
+        if let Some(index) = nothing.filter(|index| *index != 0) {
             return Err(format!(
                 "`nothing`: expected the first action, `{}`, found `{}`; list the action that does nothing first",
-                actions[0], actions[place],
+                actions[0], actions[index],
             ));
         }
         if declared.availability && nothing.is_none() {

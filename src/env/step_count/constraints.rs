@@ -95,10 +95,10 @@ fn is_idle(
 /// Every key of the population, in the order of the keys.
 const KEYS: [Parameter; Population::KEYS.len()] = {
     let mut all = [Parameter::Population(""); Population::KEYS.len()];
-    let mut place = 0;
-    while place < all.len() {
-        all[place] = Parameter::Population(Population::KEYS[place].name);
-        place += 1;
+    let mut index = 0;
+    while index < all.len() {
+        all[index] = Parameter::Population(Population::KEYS[index].name);
+        index += 1;
     }
     all
 };
@@ -106,10 +106,10 @@ const KEYS: [Parameter; Population::KEYS.len()] = {
 /// The keys of the population, and the keys of the environment for the kinds of noise.
 const KEYS_AND_NOISE: [Parameter; KEYS.len() + 2] = {
     let mut all = [STATE_NOISE; KEYS.len() + 2];
-    let mut place = 0;
-    while place < KEYS.len() {
-        all[place] = KEYS[place];
-        place += 1;
+    let mut index = 0;
+    while index < KEYS.len() {
+        all[index] = KEYS[index];
+        index += 1;
     }
     all[KEYS.len() + 1] = STEP_NOISE;
     all
@@ -118,10 +118,10 @@ const KEYS_AND_NOISE: [Parameter; KEYS.len() + 2] = {
 /// The keys of the population, and what decides whether beliefs can be computed.
 const KEYS_OF_BELIEFS: [Parameter; KEYS.len() + 5] = {
     let mut all = [Parameter::SCENARIO; KEYS.len() + 5];
-    let mut place = 0;
-    while place < KEYS.len() {
-        all[place] = KEYS[place];
-        place += 1;
+    let mut index = 0;
+    while index < KEYS.len() {
+        all[index] = KEYS[index];
+        index += 1;
     }
     all[KEYS.len() + 1] = STATE_NOISE;
     all[KEYS.len() + 2] = STEP_NOISE;

@@ -157,7 +157,7 @@ impl Model for StepCountModel {
     }
 
     fn differing(&self) -> usize {
-        ParticipantSampler::new(&self.population).places().len()
+        ParticipantSampler::new(&self.population).indices().len()
     }
 
     fn describe_participants(
@@ -169,8 +169,8 @@ impl Model for StepCountModel {
         let sampler = ParticipantSampler::new(&self.population);
         for participant in 1..=count {
             let values = sampler.participant(stream);
-            let places = sampler.places().iter().map(|place| *place as u8);
-            places.zip(values).for_each(|(place, value)| describe(participant, place, value));
+            let indices = sampler.indices().iter().map(|index| *index as u8);
+            indices.zip(values).for_each(|(index, value)| describe(participant, index, value));
         }
     }
 }

@@ -28,7 +28,7 @@ pub(super) fn meanings(environment: &StepCount, scenario: &Scenario) -> Vec<Mean
         .collect()
 }
 
-/// The meaning of an entry of an observation: the one of a feature at this place.
+/// The meaning of an entry of an observation: the one of a feature at this index.
 fn meaning(environment: &StepCount, feature: Feature, at: usize) -> Meaning {
     let (meaning, unit, scale) = match feature {
         Feature::Context => ("true context".to_owned(), "0 or 1", 1.0),

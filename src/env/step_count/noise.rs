@@ -137,7 +137,7 @@ impl DrawnNoise {
         self.states::<1>(dynamics.state_spread, dynamics.kappa_d, values);
     }
 
-    /// Draws a part of the state in every lane, given its noise-free value, from the word at a place.
+    /// Draws a part of the state in every lane, given its noise-free value, from the word at an index.
     #[inline(always)]
     fn states<const PLACE: usize>(&self, width: f64, concentration: f64, values: &mut [f64]) {
         let all_words = self.state.words().as_chunks::<2>().0;

@@ -32,7 +32,7 @@ impl Participants {
     ) -> Self {
         let sampler = ParticipantSampler::new(population);
         Participants {
-            values: vec![0.0; lanes * sampler.places().len()],
+            values: vec![0.0; lanes * sampler.indices().len()],
             population: population.clone(),
             sampler,
             people: vec![environment.clone(); lanes],
@@ -47,11 +47,11 @@ impl Participants {
         &self.population
     }
 
-    /// The places of the drawn parameters and their values in a lane.
+    /// The indices of the drawn parameters and their values in a lane.
     pub(super) fn values(&self, lane: usize) -> impl Iterator<Item = (usize, f64)> {
-        let places = self.sampler.places();
-        let values = &self.values[lane * places.len()..(lane + 1) * places.len()];
-        places.iter().copied().zip(values.iter().copied())
+        let indices = self.sampler.indices();
+        let values = &self.values[lane * indices.len()..(lane + 1) * indices.len()];
+        indices.iter().copied().zip(values.iter().copied())
     }
 
     /// The parameters of a lane.
@@ -76,14 +76,14 @@ impl Participants {
 
     /// Draws the stream's next participant for a lane.
     pub(super) fn draw(&mut self, lane: usize, stream: &mut Stream) {
-        let count = self.sampler.places().len();
+        let count = self.sampler.indices().len();
         self.sampler.fill(stream, &mut self.values[lane * count..(lane + 1) * count]);
         self.derive(lane);
     }
 
     /// Updates the parameters of a lane from its drawn values.
     fn derive(&mut self, lane: usize) {
-        let count = self.sampler.places().len();
+        let count = self.sampler.indices().len();
         let values = &self.values[lane * count..(lane + 1) * count];
         self.sampler.give(values, &mut self.people[lane]);
         let person = &self.people[lane];

@@ -465,7 +465,7 @@ impl PhysicalActivity {
         self.participants.as_ref().map_or(&self.parameters, |people| people.person(lane))
     }
 
-    /// The values drawn for the participant in a lane, with the places of their parameters; empty without a
+    /// The values drawn for the participant in a lane, with the indices of their parameters; empty without a
     /// population.
     pub fn participant(&self, lane: usize) -> impl Iterator<Item = (usize, f64)> {
         self.participants.iter().flat_map(move |people| people.values(lane))

@@ -55,7 +55,7 @@ macro_rules! distributions {
     };
 }
 
-// The place of a parameter is the place of its word among a participant's words, so new parameters come last.
+// The index of a parameter is the index of its word among a participant's words, so new parameters come last.
 distributions! {
     /// feature noise of participants; context inference uses each participant's value
     sigma in Kind::NON_NEGATIVE, |e, x| e.sigma = x;
@@ -124,8 +124,8 @@ impl Population {
 
     /// The smallest and largest values of a parameter that the population gives.
     fn range(&self, name: &str) -> Option<[f64; 2]> {
-        let place = COLUMNS.iter().position(|column| column.name == name)?;
-        self.rows.range(name).or_else(|| self.distributions()[place].range())
+        let index = COLUMNS.iter().position(|column| column.name == name)?;
+        self.rows.range(name).or_else(|| self.distributions()[index].range())
     }
 
     /// Whether every participant has the environment's own parameters.
@@ -187,11 +187,11 @@ pub(super) enum Extreme {
 #[derive(Clone, Debug)]
 pub struct ParticipantSampler {
     rows: Rows,
-    /// The places in [`COLUMNS`] of the rows' columns.
-    row_places: Vec<usize>,
-    /// Place in [`COLUMNS`] and distribution of single parameters.
+    /// The indices in [`COLUMNS`] of the rows' columns.
+    row_indices: Vec<usize>,
+    /// Index in [`COLUMNS`] and distribution of single parameters.
     single: Vec<(usize, Distribution)>,
-    /// The places in [`COLUMNS`] of all parameters that the population gives.
+    /// The indices in [`COLUMNS`] of all parameters that the population gives.
     given: Vec<usize>,
 }
 
@@ -207,23 +207,23 @@ impl ParticipantSampler {
         let given = (0..COLUMNS.len()).filter(|index| population.gives(COLUMNS[*index].name));
         ParticipantSampler {
             rows: population.rows.clone(),
-            row_places: population.rows.columns().iter().filter_map(|name| index(name)).collect(),
+            row_indices: population.rows.columns().iter().filter_map(|name| index(name)).collect(),
             single: single.collect(),
             given: given.collect(),
         }
     }
 
-    /// The names of all parameters that can differ between participants, by place.
+    /// The names of all parameters that can differ between participants, by index.
     pub fn all_names() -> impl Iterator<Item = &'static str> {
         COLUMNS.iter().map(|column| column.name)
     }
 
-    /// The places of the parameters that are drawn, in ascending order.
-    pub fn places(&self) -> &[usize] {
+    /// The indices of the parameters that are drawn, in ascending order.
+    pub fn indices(&self) -> &[usize] {
         &self.given
     }
 
-    /// Draws the stream's next participant: the values of the parameters, in the order of their places.
+    /// Draws the stream's next participant: the values of the parameters, in the order of their indices.
     pub fn participant(&self, stream: &mut Stream) -> Vec<f64> {
         let mut values = vec![0.0; self.given.len()];
         self.fill(stream, &mut values);
@@ -231,14 +231,14 @@ impl ParticipantSampler {
     }
 
     /// Draws the stream's next participant: fills `values` with one value per parameter, in the order of
-    /// their places.
+    /// their indices.
     pub(super) fn fill(&self, stream: &mut Stream, values: &mut [f64]) {
         let words = stream.next_participant();
         let share = |index: usize| open_unit_from_bits(words[index]);
         // `mu` is set before `mu_0` and `mu_1`, which override it.
         let mut drawn = [f64::NAN; COLUMNS.len()];
         let row = self.rows.row(share(ROW_WORD));
-        for (index, value) in self.row_places.iter().zip(row) {
+        for (index, value) in self.row_indices.iter().zip(row) {
             drawn[*index] = *value;
         }
         for (index, distribution) in &self.single {
@@ -253,8 +253,8 @@ impl ParticipantSampler {
 
     /// Sets drawn values in an environment.
     pub(super) fn give(&self, values: &[f64], person: &mut StepCount) {
-        for (place, value) in self.given.iter().zip(values) {
-            SETTERS[*place](person, *value);
+        for (index, value) in self.given.iter().zip(values) {
+            SETTERS[*index](person, *value);
         }
     }
 }

@@ -109,7 +109,7 @@ impl<const K: usize> Forward<'_, K> {
 
     /// R registers of rows with one moment. The tile computes one virtual lane after the other, so that sums
     /// across lanes are sums of registers. `MOMENTS` is whether there are moments. `waiting` is scratch
-    /// space: place i holds the sum of 2^i lanes until the other half is complete, and the last place
+    /// space: slot i holds the sum of 2^i lanes until the other half is complete, and the last slot
     /// receives the total.
     ///
     /// There are no closures around the sums, and they are stored one register at a time. Closures and

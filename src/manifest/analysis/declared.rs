@@ -33,7 +33,7 @@ pub struct Analysis {
 #[derive(Clone, Debug)]
 pub(in crate::manifest) struct AnalysisDraft {
     /// Its index among the analyses of the file.
-    pub place: usize,
+    pub index: usize,
     pub analysis: Analysis,
     /// The conditions on its jobs and sides, with their positions.
     pub conditions: Vec<Located<Condition>>,

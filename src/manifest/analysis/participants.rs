@@ -82,7 +82,7 @@ impl Reader<'_> {
         }
         let parameter = parameter?;
         let index = names.iter().position(|name| *name == parameter)? as u8;
-        Some(Located { value: ParticipantRange { parameter, place: index, from, to }, span: here })
+        Some(Located { value: ParticipantRange { parameter, index, from, to }, span: here })
     }
 
     fn share(&mut self, name: &str, node: &Node) -> Option<f64> {

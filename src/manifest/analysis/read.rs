@@ -120,7 +120,7 @@ impl Reader<'_> {
 
 /// The analysis in a table. A faulty part has been reported, and is replaced by one that always holds.
 fn analysis(
-    place: usize,
+    index: usize,
     kind: Option<&KindDeclaration>,
     mut table: TableReader<'_, '_>,
 ) -> AnalysisDraft {
@@ -151,7 +151,7 @@ fn analysis(
         kind: kind.unwrap_or(AnalysisKind::LearningCurve(LearningCurve { window: 1 })),
     };
     let mut draft = AnalysisDraft {
-        place,
+        index,
         analysis,
         conditions: Vec::new(),
         participants,
@@ -197,7 +197,7 @@ pub(in crate::manifest) fn lost(
         }
         checked.axes(&mut faults);
         if !faults.is_empty() {
-            lost.push((analysis.place, faults));
+            lost.push((analysis.index, faults));
         }
     }
     lost

@@ -76,8 +76,8 @@ impl Draw {
                 Value::Integer(from + ((count * u) as u64).min(to - from))
             }
             (_, choices) => {
-                let place = (choices.len() as f64 * u) as usize;
-                choices[place.min(choices.len() - 1)].clone()
+                let index = (choices.len() as f64 * u) as usize;
+                choices[index.min(choices.len() - 1)].clone()
             }
         }
     }

@@ -177,7 +177,7 @@ impl Reader<'_> {
 /// The parameters that an agent draws.
 fn drawn_parameters(agent: &AgentDraft) -> Vec<Parameter> {
     let section = agent.settings.section;
-    let name = |place: &usize| section.parameter(section.keys()[*place].name);
+    let name = |index: &usize| section.parameter(section.keys()[*index].name);
     agent.settings.draws.keys().map(name).collect()
 }
 

@@ -31,7 +31,7 @@ impl RaceCells {
         self.arms.filter(|_| self.stage.is_some()).into_iter().chain(seeds)
     }
 
-    /// Whether the cell with these places on the axes belongs to the race.
+    /// Whether the cell with these positions on the axes belongs to the race.
     pub fn has(&self, cell: &[usize]) -> bool {
         let seed = cell[self.seeds];
         match (self.arms.map(|axis| cell[axis]), self.stage.as_deref()) {

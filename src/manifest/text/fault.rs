@@ -257,9 +257,9 @@ impl Faults {
             let Some(span) = fault.span else { continue };
             match edits.original(span) {
                 (span, None) => fault.span = Some(span),
-                (_, Some(place)) => {
+                (_, Some(index)) => {
                     fault.span = None;
-                    fault.message = format!("{}: {}", options[place], fault.message);
+                    fault.message = format!("{}: {}", options[index], fault.message);
                 }
             }
         }

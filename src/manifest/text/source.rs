@@ -85,7 +85,7 @@ impl Source {
         Position { line: index + 1, column: before.chars().count() + 1 }
     }
 
-    /// The first line of `span`, shortened around the span if long, with the place of its carets.
+    /// The first line of `span`, shortened around the span if long, with the position of its carets.
     pub(in crate::manifest) fn excerpt(&self, span: Span) -> Excerpt {
         let start = self.text.floor_char_boundary(span.start);
         let index = self.line_index(start);

@@ -25,7 +25,7 @@ pub(crate) type Node<'t> = Spanned<DeValue<'t>>;
 pub(in crate::manifest) struct Reader<'t> {
     pub text: &'t str,
     pub faults: FaultList,
-    /// Parameters in zips. Their lists may repeat values, because places of a zip differ as a whole.
+    /// Parameters in zips. Their lists may repeat values, because positions of a zip differ as a whole.
     pub zipped: HashSet<Parameter>,
     /// Keys of the environment that stand in another table.
     pub misplaced: Vec<(&'static str, Span)>,
@@ -60,7 +60,7 @@ impl fmt::Debug for Runs<'_> {
 pub(in crate::manifest) enum Repeats {
     /// A repeated value is a fault.
     Refused,
-    /// A repeated value is allowed, because another list of the same zip distinguishes the places.
+    /// A repeated value is allowed, because another list of the same zip distinguishes the positions.
     Zipped,
 }
 
@@ -196,17 +196,17 @@ impl<'t> Reader<'t> {
         let entries = node.get_ref().as_array().filter(|_| entry_kind != kind);
         let faulty = entries
             .and_then(|entries| entries.iter().find(|entry| read(entry_kind, entry).is_none()));
-        let (expected, place) = match faulty {
+        let (expected, faulty) = match faulty {
             Some(entry) => (entry_kind.expectation(), entry),
             None => (kind.expectation(), node),
         };
-        let found = match place.get_ref() {
+        let found = match faulty.get_ref() {
             DeValue::Array(items) if !items.is_empty() => format!("a list of {}", items.len()),
-            _ => self.found(place),
+            _ => self.found(faulty),
         };
         let message = format!("`{name}`: expected {expected}, found {found}");
-        let fault = Fault::at(place.span().into(), message);
-        self.faults.add(hint(fault, kind, place));
+        let fault = Fault::at(faulty.span().into(), message);
+        self.faults.add(hint(fault, kind, faulty));
     }
 
     /// Reports that `name` should be `expected`.

@@ -17,7 +17,7 @@ pub struct Axis {
     scale: AxisScale,
     /// How its numbers are written.
     numbers: NumberFormat,
-    /// Ascending numbers before the range, each at a place of its own before a break of the axis: 0 on a
+    /// Ascending numbers before the range, each at a position of its own before a break of the axis: 0 on a
     /// logarithmic axis.
     aside: Vec<f64>,
     /// The ascending numbers of the points, if they are few: the ticks where they fit.
@@ -210,7 +210,7 @@ impl Axis {
     pub fn ticks(&self, wanted: usize) -> Vec<Tick> {
         let (low, high) = self.displayed();
         let before = self.before();
-        let place = |share: f64| before + (1.0 - before) * share;
+        let behind_break = |share: f64| before + (1.0 - before) * share;
         let aside = self.aside.iter().map(|number| Tick {
             share: self.share(*number),
             label: signed(&Scalar::Real(*number).to_string()),
@@ -221,7 +221,7 @@ impl Axis {
                 let base = self.base().map_or(0.0, |(_, base)| base);
                 let ends = (low - base, high - base);
                 let tick = |(number, label): (f64, String)| Tick {
-                    share: place((number - ends.0) / (ends.1 - ends.0)),
+                    share: behind_break((number - ends.0) / (ends.1 - ends.0)),
                     label,
                     is_zero: number == 0.0 && base == 0.0,
                 };
@@ -230,7 +230,7 @@ impl Axis {
             AxisScale::Log => {
                 let span = high.log10() - low.log10();
                 let tick = |(number, label): (f64, String)| Tick {
-                    share: place((number.log10() - low.log10()) / span),
+                    share: behind_break((number.log10() - low.log10()) / span),
                     label,
                     is_zero: false,
                 };
@@ -310,7 +310,7 @@ pub fn round_range(low: f64, high: f64) -> (f64, f64) {
 
 impl Frame {
     /// The position of a point.
-    pub fn place(&self, (x, y): (&Axis, &Axis), at: (f64, f64)) -> (f64, f64) {
+    pub fn position(&self, (x, y): (&Axis, &Axis), at: (f64, f64)) -> (f64, f64) {
         // Points beyond the ends are drawn at the edge.
         let down = (1.0 - y.share(at.1)).clamp(0.0, 1.0);
         (self.left + x.share(at.0) * self.width, self.top + down * self.height)
@@ -447,16 +447,16 @@ mod tests {
 
     #[test]
     fn a_constant_has_an_axis_around_it_and_tiny_numbers_keep_their_place() {
-        for place in [0.0, 5.0, -3e7, 1e-300, f64::MIN_POSITIVE, 1e300] {
+        for value in [0.0, 5.0, -3e7, 1e-300, f64::MIN_POSITIVE, 1e300] {
             for scale in [AxisScale::Linear, AxisScale::Log] {
-                let axis = axis((place, place), scale);
+                let axis = axis((value, value), scale);
                 let ticks = axis.ticks(5);
-                assert!((0.2..0.8).contains(&axis.share(place)), "{place} {axis:?}");
-                assert!((1..20).contains(&ticks.len()), "{place} {ticks:?}");
+                assert!((0.2..0.8).contains(&axis.share(value)), "{value} {axis:?}");
+                assert!((1..20).contains(&ticks.len()), "{value} {ticks:?}");
                 assert!(ticks.iter().all(|tick| (-0.1..1.1).contains(&tick.share)), "{ticks:?}");
             }
-            let (low, high) = round_range(place, place);
-            assert!(low < high && low <= place && place <= high, "{place}: {low} {high}");
+            let (low, high) = round_range(value, value);
+            assert!(low < high && low <= value && value <= high, "{value}: {low} {high}");
         }
     }
 

@@ -3,7 +3,9 @@
 use super::NumberFormat;
 use super::axis::{Axis, AxisScale, Frame, HEIGHT_TICKS, round_range, tick_width};
 use super::label::{Placing, below, beside, end_labels, placing};
-use super::line::{ALONE, Chart, GAP, LEAST_PLOT, LEFT, Line, Place, Spread, marker, single};
+use super::line::{
+    ALONE, Chart, GAP, LEAST_PLOT, LEFT, Line, PlottedPoint, Spread, marker, single,
+};
 use super::overlap::{dodges, widenings};
 use super::style::Style;
 use super::{FAINT, INK, LINE, NOTE, TEXT, fitting, heading_lines, text};
@@ -139,7 +141,9 @@ fn draw_one(
     let of_each = chart.lines.iter().enumerate();
     let placed: Vec<Vec<Point>> = of_each
         .clone()
-        .map(|(_, line)| line.points.iter().map(|at| frame.place((x, y), (at.x, at.y))).collect())
+        .map(|(_, line)| {
+            line.points.iter().map(|at| frame.position((x, y), (at.x, at.y))).collect()
+        })
         .collect();
     let (dodges, wider) = (dodges(&chart.lines), widenings(&chart.lines, &placed));
     marks.extend(of_each.clone().flat_map(|(series, line)| {
@@ -184,8 +188,8 @@ fn line_marks(
 ) -> Vec<Mark> {
     let mut marks = Vec::new();
     let color = line.look.color;
-    let place = |x, y| frame.place(axes, (x, y));
-    let reference: Vec<Point> = line.reference.iter().map(|(x, y)| place(*x, *y)).collect();
+    let position = |x, y| frame.position(axes, (x, y));
+    let reference: Vec<Point> = line.reference.iter().map(|(x, y)| position(*x, *y)).collect();
     if reference.len() > 1 {
         let stroke = Stroke { color, width: 0.8, dash: None, opacity: 0.65 };
         marks.push(SceneShape::Line { points: reference, stroke }.into());
@@ -193,7 +197,7 @@ fn line_marks(
     if line.spread == Spread::Band {
         let banded = line.points.iter().filter_map(|point| Some((point.x, point.interval?)));
         let (mut upper, mut lower): (Vec<Point>, Vec<Point>) =
-            banded.map(|(x, (low, high))| (place(x, high), place(x, low))).unzip();
+            banded.map(|(x, (low, high))| (position(x, high), position(x, low))).unzip();
         lower.reverse();
         upper.extend(lower);
         if upper.len() > 3 {
@@ -218,7 +222,7 @@ fn line_marks(
         // What separates a line from a wider one below it, whatever their colours.
         let casing = wider.map(|_| Stroke::solid(Color::WHITE, stroke.width + CASING));
         for part in clipped(&points, axes.1.range()) {
-            let points: Vec<Point> = part.into_iter().map(|(x, y)| moved(place(x, y))).collect();
+            let points: Vec<Point> = part.into_iter().map(|(x, y)| moved(position(x, y))).collect();
             let casing =
                 casing.map(|stroke| SceneShape::Line { points: points.clone(), stroke }.into());
             marks.extend(casing);
@@ -230,7 +234,7 @@ fn line_marks(
             && !line.label.is_empty()
             && (low..=high).contains(height)
         {
-            let (x, y) = moved(place(*at, *height));
+            let (x, y) = moved(position(*at, *height));
             let points = vec![(x - ALONE, y), (x + ALONE, y)];
             marks.push(SceneShape::Line { points, stroke }.into());
         }
@@ -284,15 +288,15 @@ fn clipped(points: &[(f64, f64)], (low, high): (f64, f64)) -> Vec<Vec<(f64, f64)
 fn point_marks(line: &Line, axes: (&Axis, &Axis), frame: &Frame, right: f64) -> Vec<Mark> {
     let is_marked = matches!(line.spread, Spread::Bars | Spread::Points);
     let (low, high) = axes.1.range();
-    let is_inside = |point: &&Place| (low..=high).contains(&point.y);
+    let is_inside = |point: &&PlottedPoint| (low..=high).contains(&point.y);
     let said = line.points.iter().filter(|point| is_marked || !point.tip.is_empty());
     let said = said.filter(is_inside);
-    let place = |x, y| {
-        let at = frame.place(axes, (x, y));
+    let position = |x, y| {
+        let at = frame.position(axes, (x, y));
         (at.0 + right, at.1)
     };
-    let mark = |point: &Place| {
-        let at = place(point.x, point.y);
+    let mark = |point: &PlottedPoint| {
+        let at = position(point.x, point.y);
         let shape = if is_marked && point.is_single {
             single(at, &line.look)
         } else if is_marked {
@@ -305,16 +309,16 @@ fn point_marks(line: &Line, axes: (&Axis, &Axis), frame: &Frame, right: f64) -> 
         if point.tip.is_empty() { mark } else { mark.saying(&point.tip) }
     };
     let is_mixed = line.points.iter().any(|point| !point.is_single);
-    let number = |point: &Place| {
+    let number = |point: &PlottedPoint| {
         let is_said = is_marked && point.is_single && is_mixed;
-        let (x, y) = place(point.x, point.y);
+        let (x, y) = position(point.x, point.y);
         is_said.then(|| {
             text((x + 4.5, y - 3.0), "n = 1", (NOTE, Weight::Regular), FAINT, Anchor::Start).into()
         })
     };
-    let bar = |point: &Place| {
+    let bar = |point: &PlottedPoint| {
         let (low, high) = point.interval.filter(|_| line.spread == Spread::Bars)?;
-        let points = vec![place(point.x, low), place(point.x, high)];
+        let points = vec![position(point.x, low), position(point.x, high)];
         let stroke = Stroke::solid(line.look.color, 1.0);
         Some(Mark::from(SceneShape::Line { points, stroke }))
     };
@@ -437,7 +441,7 @@ mod tests {
             label: "optimum".to_owned(),
             ..Line::through([(0.0, y)], Spread::Exact)
         };
-        let place = |y: f64| {
+        let drawn_at = |y: f64| {
             let scene = drawn(vec![low(), optimum(y)], "");
             let of_optimum = scene.marks.iter().filter(|mark| mark.series == Some(1));
             let (mut dash, mut label) = (None, None);
@@ -450,10 +454,10 @@ mod tests {
             }
             (dash.unwrap(), label.unwrap())
         };
-        let (dash, label) = place(5.0);
+        let (dash, label) = drawn_at(5.0);
         assert!(label.0 > dash.0 && (label.1 - dash.1).abs() < TEXT, "{dash:?} {label:?}");
         // A line runs there.
-        let (dash, label) = place(1.0);
+        let (dash, label) = drawn_at(1.0);
         assert!((label.1 - dash.1).abs() > TEXT, "{dash:?} {label:?}");
     }
 

@@ -122,7 +122,7 @@ pub(super) fn beside(chart: &Chart, axes: (&Axis, &Axis), frame: &Frame) -> Vec<
     let right = frame.left + frame.width;
     let ends = chart.labelled().filter_map(|(series, line)| {
         let last = line.points.last()?;
-        let end = frame.place(axes, (last.x, last.y));
+        let end = frame.position(axes, (last.x, last.y));
         Some((series, end, end.1))
     });
     let mut ends: Vec<(usize, Point, f64)> = ends.collect();
@@ -162,10 +162,10 @@ pub(super) fn end_labels(
     let mut inside: Vec<(usize, Point, f64)> = Vec::new();
     for (series, line) in chart.labelled() {
         if let Some(last) = line.points.last() {
-            let end = frame.place(axes, (last.x, last.y));
+            let end = frame.position(axes, (last.x, last.y));
             match ends_early(chart, line) && end.0 < right - FAR {
                 true => {
-                    let (end, height) = inside_place(chart, axes, frame, (series, end));
+                    let (end, height) = inside_position(chart, axes, frame, (series, end));
                     inside.push((series, end, height));
                 }
                 false => ends.push((series, end, end.1)),
@@ -212,21 +212,21 @@ fn inside_label(line: &Line, frame: &Frame, end: Point) -> (f64, f64) {
 
 /// Where the label of a line that ends early overlaps no other line: the end that it belongs to, and its height. A
 /// line of one point, which is drawn as a dash, has its label behind the dash if there is room.
-fn inside_place(
+fn inside_position(
     chart: &Chart,
     axes: (&Axis, &Axis),
     frame: &Frame,
     (series, end): (usize, Point),
 ) -> (Point, f64) {
     let others = chart.lines.iter().enumerate().filter(|(other, _)| *other != series);
-    let place = |line: &Line| -> Vec<Point> {
-        let points = line.points.iter().map(|point| frame.place(axes, (point.x, point.y)));
+    let points = |line: &Line| -> Vec<Point> {
+        let points = line.points.iter().map(|point| frame.position(axes, (point.x, point.y)));
         match points.clone().collect::<Vec<_>>().as_slice() {
             [(x, y)] => vec![(x - ALONE, *y), (x + ALONE, *y)],
             _ => points.collect(),
         }
     };
-    let others: Vec<Vec<Point>> = others.map(|(_, line)| place(line)).collect();
+    let others: Vec<Vec<Point>> = others.map(|(_, line)| points(line)).collect();
     let line = &chart.lines[series];
     if line.points.len() == 1 && line.spread == Spread::Exact {
         let left = end.0 + ALONE + 4.0;

@@ -31,7 +31,7 @@ pub struct Line {
     /// Its label; empty for one of many lines that a note describes together.
     pub label: String,
     pub look: Look,
-    pub points: Vec<Place>,
+    pub points: Vec<PlottedPoint>,
     /// The published line, as x and y.
     pub reference: Vec<(f64, f64)>,
     pub spread: Spread,
@@ -46,7 +46,10 @@ impl Line {
         Line {
             label: "arm".to_owned(),
             look: Look { color: super::INK, dash: None, marker: Marker::Disc },
-            points: points.into_iter().map(|(x, y)| Place { x, y, ..Place::default() }).collect(),
+            points: points
+                .into_iter()
+                .map(|(x, y)| PlottedPoint { x, y, ..PlottedPoint::default() })
+                .collect(),
             reference: Vec::new(),
             spread,
             facets: Facets::new(),
@@ -71,7 +74,7 @@ pub enum Spread {
 
 /// A point of a line.
 #[derive(Default)]
-pub struct Place {
+pub struct PlottedPoint {
     pub x: f64,
     pub y: f64,
     pub interval: Option<(f64, f64)>,

@@ -92,7 +92,7 @@ const MARKERS: [Marker; 4] = [Marker::Disc, Marker::Ring, Marker::Square, Marker
 pub struct Looks {
     agents: Vec<String>,
     scenarios: Vec<String>,
-    /// The place of each arm apart from its scenario, and apart from its agent; empty if no arm has settings.
+    /// The index of each arm apart from its scenario, and apart from its agent; empty if no arm has settings.
     of_agents: HashMap<Apart, usize>,
     of_scenarios: HashMap<Apart, usize>,
 }
@@ -122,7 +122,7 @@ impl Looks {
 
     /// The look of the optimum in an arm's environment.
     pub fn of_optimum(&self, name: &ArmId) -> Look {
-        let scenario = place(&self.scenarios, &name.scenario);
+        let scenario = index_of(&self.scenarios, &name.scenario);
         let color = match self.distinguishes_agents() {
             true => INK,
             false => self.look(name).color.towards(INK, 0.25),
@@ -134,22 +134,22 @@ impl Looks {
 
     /// The look of an arm.
     pub fn look(&self, name: &ArmId) -> Look {
-        let agent = place(&self.agents, &name.agent);
-        let scenario = place(&self.scenarios, &name.scenario);
+        let agent = index_of(&self.agents, &name.agent);
+        let scenario = index_of(&self.scenarios, &name.scenario);
         let (base, kind) = match self.distinguishes_agents() {
             true => (OF_AGENTS[agent % OF_AGENTS.len()], scenario),
             false => (self.color_of_scenario(&name.scenario), agent),
         };
         // Arms that differ in settings have colours of their own, if scenarios or agents need none; else dashes and
         // markers of their own, and shades when these are used up.
-        let (places, word) = match self.distinguishes_agents() {
+        let (indices, word) = match self.distinguishes_agents() {
             true => (&self.of_scenarios, &name.scenario),
             false => (&self.of_agents, &name.agent),
         };
-        let at = places.get(&(word.clone(), words(name))).copied().unwrap_or(kind);
+        let at = indices.get(&(word.clone(), words(name))).copied().unwrap_or(kind);
         let colored = if self.distinguishes_agents() { &self.agents } else { &self.scenarios };
         let (base, kind, shade) = match colored.len() {
-            _ if places.is_empty() => (base, kind, 0.0),
+            _ if indices.is_empty() => (base, kind, 0.0),
             0 | 1 => {
                 let first = COLORS.iter().position(|color| *color == base).unwrap_or(0);
                 (COLORS[(first + at) % COLORS.len()], at / COLORS.len(), 0.0)
@@ -197,7 +197,7 @@ impl Looks {
     }
 }
 
-fn place(list: &[String], word: &str) -> usize {
+fn index_of(list: &[String], word: &str) -> usize {
     list.iter().position(|known| known == word).unwrap_or(0)
 }
 

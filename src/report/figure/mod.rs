@@ -17,7 +17,7 @@ mod ticks;
 
 pub use axis::{Axis, AxisScale, round_range};
 pub use chart::{axes, axes_of, draw};
-pub use line::{Chart, Line, Place, Spread, marker};
+pub use line::{Chart, Line, PlottedPoint, Spread, marker};
 pub use look::{
     COLORS, DASHES, Look, Looks, Marker, arm_key, arm_label, facets, settings_key, settings_label,
 };

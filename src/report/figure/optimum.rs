@@ -1,6 +1,6 @@
 //! Lines of the best mean return that any policy can reach.
 
-use super::line::{Line, Place, Spread};
+use super::line::{Line, PlottedPoint, Spread};
 use super::look::{Look, Looks, facets, labels};
 use crate::analyse::declared::ArmId;
 use crate::report::data_table::shown;
@@ -69,14 +69,14 @@ impl Optimum {
             _ => "optimum".to_owned(),
         };
         let of = self.labels.join(", ");
-        let place = |(x, y): &(f64, f64)| {
+        let point = |(x, y): &(f64, f64)| {
             let tip = format!("optimum {of}: {}", shown(*y, 0));
-            Place { x: *x, y: *y, interval: None, is_single: false, tip }
+            PlottedPoint { x: *x, y: *y, interval: None, is_single: false, tip }
         };
         Line {
             label,
             look: self.look,
-            points: self.points.iter().map(place).collect(),
+            points: self.points.iter().map(point).collect(),
             reference: Vec::new(),
             spread: Spread::Exact,
             facets: self.facets,
@@ -113,8 +113,8 @@ mod tests {
         let lines = optimum_lines(optima.clone().into_iter(), &looks);
         let labels: Vec<&str> = lines.iter().map(|line| line.label.as_str()).collect();
         assert_eq!(labels, ["optimum P-H-D σ=0.6", "optimum H-D σ=0.6, H-D σ=1"]);
-        let places: Vec<(f64, f64)> = lines[0].points.iter().map(|p| (p.x, p.y)).collect();
-        assert_eq!(places, [(1.0, 95.0), (2.0, 90.0), (3.0, 80.0)]);
+        let points: Vec<(f64, f64)> = lines[0].points.iter().map(|p| (p.x, p.y)).collect();
+        assert_eq!(points, [(1.0, 95.0), (2.0, 90.0), (3.0, 80.0)]);
         let alone = optimum_lines(optima.into_iter().take(2), &looks);
         assert_eq!(alone.len(), 1);
         assert_eq!(alone[0].label, "optimum");

@@ -8,18 +8,18 @@ use crate::report::scene::Point;
 /// Lines closer than this cover each other.
 const NEAR: f64 = 1.2;
 
-/// The horizontal shift of each line with bars: intervals of several arms at one place stand side by side.
+/// The horizontal shift of each line with bars: intervals of several arms at one x stand side by side.
 pub(super) fn dodges(lines: &[Line]) -> Vec<f64> {
     /// Maximum distance between neighbouring lines, and between the first and the last line.
     const STEP: f64 = 2.4;
     const WHOLE: f64 = 8.0;
     let with_bars: Vec<usize> =
         (0..lines.len()).filter(|at| lines[*at].spread == Spread::Bars).collect();
-    let mut places: Vec<f64> =
+    let mut positions: Vec<f64> =
         with_bars.iter().flat_map(|at| &lines[*at].points).map(|point| point.x).collect();
-    places.sort_by(f64::total_cmp);
+    positions.sort_by(f64::total_cmp);
     let mut dodges = vec![0.0; lines.len()];
-    if places.windows(2).any(|pair| pair[0] == pair[1]) && with_bars.len() > 1 {
+    if positions.windows(2).any(|pair| pair[0] == pair[1]) && with_bars.len() > 1 {
         let last = (with_bars.len() - 1) as f64;
         let step = STEP.min(WHOLE / last);
         for (rank, at) in with_bars.iter().enumerate() {
@@ -68,7 +68,7 @@ fn covers(one: &[Point], other: &[Point]) -> bool {
     common.map(|ends| ends[1].0 - ends[0].0).sum::<f64>() >= LEAST
 }
 
-/// The height of a line at a place between its ends.
+/// The height of a line at an x between its ends.
 fn height_at(line: &[Point], x: f64) -> Option<f64> {
     let ends = line.windows(2).find(|ends| ends[0].0 <= x && x <= ends[1].0)?;
     let (one, other) = (ends[0], ends[1]);
@@ -85,7 +85,7 @@ mod tests {
     }
 
     #[test]
-    fn intervals_of_several_arms_at_one_place_stand_beside_each_other() {
+    fn intervals_of_several_arms_at_one_x_stand_beside_each_other() {
         let arm = |xs: &[f64]| line(xs, Spread::Bars);
         let exact = || line(&[1.0], Spread::Exact);
         assert_eq!(dodges(&[arm(&[1.0]), exact(), arm(&[1.0])]), [-1.2, 0.0, 1.2]);

@@ -63,14 +63,14 @@ mod tests {
     fn a_label_stands_where_no_line_runs_through_it() {
         let level = |height: f64| vec![(0.0, height), (200.0, height)];
         let limits = (0.0, 200.0);
-        let place = |lines: &[Vec<Point>]| free_height(lines, (50.0, 90.0), 100.0, limits);
-        assert_eq!(place(&[]), 88.0);
-        assert_eq!(place(&[level(88.0)]), 112.0);
-        assert_eq!(place(&[level(90.0), level(112.0)]), 76.0);
+        let height = |lines: &[Vec<Point>]| free_height(lines, (50.0, 90.0), 100.0, limits);
+        assert_eq!(height(&[]), 88.0);
+        assert_eq!(height(&[level(88.0)]), 112.0);
+        assert_eq!(height(&[level(90.0), level(112.0)]), 76.0);
         // A line beside the label does not count. For a rising line, only the part behind the label counts.
-        assert_eq!(place(&[vec![(100.0, 88.0), (200.0, 88.0)]]), 88.0);
-        assert_eq!(place(&[vec![(0.0, 50.0), (200.0, 150.0)]]), 112.0);
+        assert_eq!(height(&[vec![(100.0, 88.0), (200.0, 88.0)]]), 88.0);
+        assert_eq!(height(&[vec![(0.0, 50.0), (200.0, 150.0)]]), 112.0);
         let full: Vec<Vec<Point>> = (0..20).map(|line| level(10.0 * f64::from(line))).collect();
-        assert_eq!(place(&full), 88.0);
+        assert_eq!(height(&full), 88.0);
     }
 }

@@ -164,9 +164,9 @@ fn widest(rows: &[(&ContrastRow, f64)], metric: Measure, names: &Names) -> Strin
     let difference = row.contrast.difference.unwrap_or_default();
     let side = if difference < 0.0 { "below" } else { "above" };
     let label = names.label(&row.name);
-    let place = if label.is_empty() { String::new() } else { format!(", for {label}") };
+    let subject = if label.is_empty() { String::new() } else { format!(", for {label}") };
     let [first, second] = sides(row, names);
-    format!("{first} is {side} {second} by {}{place}", gap(difference.abs(), metric))
+    format!("{first} is {side} {second} by {}{subject}", gap(difference.abs(), metric))
 }
 
 /// The name of the t test of a row.

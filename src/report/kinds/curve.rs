@@ -9,8 +9,8 @@ use crate::job::Measure;
 use crate::report::arm_tables::{optimum, share};
 use crate::report::data_table::{DataTable, TableEntry, shown};
 use crate::report::figure::{
-    AxisScale, Chart, Line, NumberFormat, Panel, Panels, Place, Spread, arm_label, axes, draw,
-    facets, optimum_lines, seeds,
+    AxisScale, Chart, Line, NumberFormat, Panel, Panels, PlottedPoint, Spread, arm_label, axes,
+    draw, facets, optimum_lines, seeds,
 };
 use crate::report::names::Names;
 use crate::report::scene::Scene;
@@ -68,7 +68,7 @@ impl Drawn for CurveFigure {
 }
 
 impl CurveFigure {
-    /// The place of a point in words.
+    /// The x of a point in words.
     fn at(&self, point: &LinePoint) -> String {
         match self.is_error() {
             true => format!("{} % error", shown(point.x * 100.0, 0)),
@@ -166,10 +166,10 @@ fn curve_figures(figure: &CurveFigure, sheet: &Sheet<'_>) -> Vec<(String, Scene)
         let (line, label) = (&figure.lines[at], panels.labels[at].clone());
         let seen = line.points.iter().filter(|point| point.sample.n() > 0);
         let name = arm_label(&arms[at]);
-        let points = seen.map(|point| curve_place(point, &name, (metric, figure)));
+        let points = seen.map(|point| curve_point(point, &name, (metric, figure)));
         let across = line.across.iter().filter(|sample| sample.n() > 0);
         let across =
-            across.flat_map(|sample| across_places(sample, &name, extent, (metric, figure)));
+            across.flat_map(|sample| across_points(sample, &name, extent, (metric, figure)));
         let is_single = line.seeds().all(|n| n == 1) && line.seeds().next().is_some();
         let label = if is_single { format!("{label} (n = 1)") } else { label };
         Line {
@@ -216,7 +216,7 @@ fn note(numbers: Vec<usize>, has_reference: bool) -> String {
     format!("{shown}{}.{published}", seeds(numbers.into_iter()))
 }
 
-/// The places of the first and the last point of all lines; of all declared points if none has a mean.
+/// The x of the first and of the last point of all lines; of all declared points if none has a mean.
 fn extent(figure: &CurveFigure) -> Option<(f64, f64)> {
     let points = || figure.lines.iter().flat_map(|line| &line.points);
     let seen: Vec<f64> = points().filter(|one| one.sample.n() > 0).map(|one| one.x).collect();
@@ -226,19 +226,19 @@ fn extent(figure: &CurveFigure) -> Option<(f64, f64)> {
 }
 
 /// The ends of the line of an arm that lacks the parameter of the axis.
-fn across_places(
+fn across_points(
     sample: &Sample,
     name: &str,
     extent: Option<(f64, f64)>,
     (metric, of): (Measure, &CurveFigure),
-) -> Vec<Place> {
+) -> Vec<PlottedPoint> {
     let axis = symbols::short(&of.axis);
     let tip = format!("{name}, which lacks {axis}: {}", measured(sample, metric));
     let interval = sample.interval().ok().map(|interval| (interval.low, interval.high));
     let y = sample.mean().unwrap_or(f64::NAN);
     let is_single = sample.n() == 1;
-    let place = |x| Place { x, y, interval, is_single, tip: tip.clone() };
-    extent.map_or_else(Vec::new, |(left, right)| vec![place(left), place(right)])
+    let point = |x| PlottedPoint { x, y, interval, is_single, tip: tip.clone() };
+    extent.map_or_else(Vec::new, |(left, right)| vec![point(left), point(right)])
 }
 
 /// The scale of a parameter's axis: logarithmic if the largest value is many times the smallest above 0, and
@@ -255,7 +255,11 @@ fn scale_of<'l>(lines: impl Iterator<Item = &'l Line> + Clone) -> AxisScale {
 }
 
 /// A point of a curve with its tooltip. The axis shows the context inference error or a parameter.
-fn curve_place(point: &LinePoint, name: &str, (metric, of): (Measure, &CurveFigure)) -> Place {
+fn curve_point(
+    point: &LinePoint,
+    name: &str,
+    (metric, of): (Measure, &CurveFigure),
+) -> PlottedPoint {
     let at = match of.is_error() {
         true => {
             let error = shown(point.x * 100.0, 1);
@@ -266,7 +270,7 @@ fn curve_place(point: &LinePoint, name: &str, (metric, of): (Measure, &CurveFigu
     let tip = format!("{name}, {at}: {}", measured(&point.sample, metric));
     let interval = point.sample.interval().ok().map(|interval| (interval.low, interval.high));
     let y = point.sample.mean().unwrap_or(f64::NAN);
-    Place { x: point.x, y, interval, is_single: point.sample.n() == 1, tip }
+    PlottedPoint { x: point.x, y, interval, is_single: point.sample.n() == 1, tip }
 }
 
 /// The mean of a sample with its interval and its number of seeds.
@@ -308,9 +312,9 @@ fn table(title: &str, figure: &CurveFigure, metric: Measure, names: &Names) -> D
     ];
     let mut table = DataTable::new(title, &columns);
     for line in &figure.lines {
-        let row = |place: [TableEntry; 2], sample: &Sample, best, published: Option<f64>| {
+        let row = |position: [TableEntry; 2], sample: &Sample, best, published: Option<f64>| {
             let (mean, interval) = (sample.mean(), sample.interval());
-            let [parameter, x] = place;
+            let [parameter, x] = position;
             vec![
                 arm(&line.name, names),
                 parameter,
@@ -332,12 +336,12 @@ fn table(title: &str, figure: &CurveFigure, metric: Measure, names: &Names) -> D
                 true => shown(point.x * 100.0, 1),
                 false => parameter(point.x),
             };
-            let place = [
+            let position = [
                 TableEntry::Number { value: point.parameter, shown: parameter(point.parameter) },
                 TableEntry::Number { value: point.x, shown: x },
             ];
             let best = line.optimum_at(point.x);
-            table.rows.push(row(place, &point.sample, best, published.map(|(_, value)| *value)));
+            table.rows.push(row(position, &point.sample, best, published.map(|(_, value)| *value)));
         }
         if let Some(sample) = &line.across {
             let lacks = || TableEntry::Missing(format!("the arm lacks {axis}"));

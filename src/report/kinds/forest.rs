@@ -32,7 +32,7 @@ struct Across {
 }
 
 impl Across {
-    fn place(&self, value: f64) -> f64 {
+    fn position(&self, value: f64) -> f64 {
         self.left + self.axis.share(value).clamp(0.0, 1.0) * (self.right - self.left)
     }
 }
@@ -137,16 +137,16 @@ fn forest(
     for (at, (row, label, words)) in rows.iter().enumerate() {
         let middle = top + high * (at as f64 + 0.5);
         let plain = (TEXT, Weight::Regular);
-        let place = (left - 6.0, middle + TEXT * 0.35);
-        let mut of_row: Vec<Mark> = vec![text(place, *label, plain, INK, Anchor::End).into()];
-        let place = (whole - 4.0, middle + NOTE * 0.35);
-        of_row.push(text(place, *words, (NOTE, Weight::Regular), INK, Anchor::End).into());
+        let point = (left - 6.0, middle + TEXT * 0.35);
+        let mut of_row: Vec<Mark> = vec![text(point, *label, plain, INK, Anchor::End).into()];
+        let point = (whole - 4.0, middle + NOTE * 0.35);
+        of_row.push(text(point, *words, (NOTE, Weight::Regular), INK, Anchor::End).into());
         of_row.extend(row_marks(row, label, middle, (across, metric)));
         marks.extend(of_row.into_iter().map(|mark| mark.of(at)));
     }
     for (at, line) in note.iter().rev().enumerate() {
-        let place = (whole / 2.0, height - 5.0 - at as f64 * style.note());
-        marks.push(fitting(place, line.trim_end(), (NOTE, whole - 8.0), FAINT).into());
+        let point = (whole / 2.0, height - 5.0 - at as f64 * style.note());
+        marks.push(fitting(point, line.trim_end(), (NOTE, whole - 8.0), FAINT).into());
     }
     let description = format!("differences in {}", metric.title());
     let series = rows.iter().map(|(row, ..)| facets(&names.arm(&row.name))).collect();
@@ -223,7 +223,7 @@ fn row_marks(
     let mut marks = Vec::new();
     let interval = row.contrast.test.ok().map(|test| test.interval);
     if let Some(interval) = interval {
-        let (low, high) = (across.place(interval.low), across.place(interval.high));
+        let (low, high) = (across.position(interval.low), across.position(interval.high));
         let mut line = |points, width| {
             marks.push(SceneShape::Line { points, stroke: Stroke::solid(INK, width) }.into());
         };
@@ -242,14 +242,16 @@ fn row_marks(
         // A difference of single seeds is an open circle.
         let shape = if first.min(second) > 1 { Marker::Disc } else { Marker::Ring };
         let look = Look { color: INK, dash: None, marker: shape };
-        marks.push(Mark::from(marker((across.place(difference), middle), &look, 2.4)).saying(tip));
+        marks.push(
+            Mark::from(marker((across.position(difference), middle), &look, 2.4)).saying(tip),
+        );
     }
     // Above our point, whose rim remains visible if both coincide.
     if let Some((effect, p)) = row.published {
         let look = Look { color: PUBLISHED, dash: None, marker: Marker::Diamond };
         let p = p.map_or_else(String::new, |p| format!(" (p = {p})"));
         let tip = format!("{label}: published {}{p}", shown(effect, 0));
-        marks.push(Mark::from(marker((across.place(effect), middle), &look, 3.2)).saying(tip));
+        marks.push(Mark::from(marker((across.position(effect), middle), &look, 3.2)).saying(tip));
     }
     marks
 }

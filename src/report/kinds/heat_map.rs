@@ -77,7 +77,7 @@ impl Drawn for Vec<HeatFigure> {
         let tied = tiles().filter(|(_, _, value)| amount(*value, metric) == most).count();
         let [agent, subject] = named(map, names);
         let [x, y] = axes(map);
-        let place = match tied {
+        let largest = match tied {
             1 => format!(
                 "at {x} = {} and {y} = {} of {agent} {}",
                 parameter(tile.x),
@@ -86,7 +86,7 @@ impl Drawn for Vec<HeatFigure> {
             ),
             tied => format!("in {tied} of {all} tiles"),
         };
-        let range = format!("Values range from {least} to {most}; the largest is {place}");
+        let range = format!("Values range from {least} to {most}; the largest is {largest}");
         if map.scale == Scale::Mean {
             let lead = map.lead.as_ref().filter(|_| tied == 1).map(|lead| ahead(map, lead, metric));
             let clear = self.iter().filter(|map| map.lead.as_ref().is_some_and(PeakLead::is_clear));
@@ -203,7 +203,7 @@ fn scales(figures: &[HeatFigure]) -> BTreeMap<&str, (f64, f64)> {
     }
     let ranges: BTreeMap<&str, (f64, f64)> =
         of_agents.into_iter().map(|(agent, figures)| (agent, heat_range(&figures))).collect();
-    // Differences are coloured by their distance from 0, means by their place in the range.
+    // Differences are coloured by their distance from 0, means by their position in the range.
     let is_difference = figures.first().is_some_and(|map| map.scale == Scale::Difference);
     let span = |(low, high): (f64, f64)| match is_difference {
         true => low.abs().max(high.abs()),
@@ -236,11 +236,11 @@ fn heat_figure(
     let letters = letters(figure, metric, tile_width);
     let mut marks: Vec<Mark> = Vec::new();
     for tile in &figure.tiles {
-        let place =
+        let index =
             |list: &[f64], value: f64| list.iter().position(|one| *one == value).unwrap_or(0);
-        let left = first + place(columns, tile.x) as f64 * tile_width;
+        let left = first + index(columns, tile.x) as f64 * tile_width;
         // Small values are at the bottom, as on an axis.
-        let top = over + (rows.len() - 1 - place(rows, tile.y)) as f64 * tile_height;
+        let top = over + (rows.len() - 1 - index(rows, tile.y)) as f64 * tile_height;
         let color = match tile.value {
             Ok(value) => color(value, range, figure.scale),
             Err(_) => Color(240, 240, 240),
@@ -344,13 +344,13 @@ fn color_bar(
     marks.push(text((at, base), &least, plain, FAINT, Anchor::Start).into());
     at += width(&least, NOTE, Weight::Regular) + ROOM;
     let (top, step) = (base - HIGH, long / STEPS as f64);
-    for place in 0..STEPS {
-        let share = (place as f64 + 0.5) / STEPS as f64;
+    for index in 0..STEPS {
+        let share = (index as f64 + 0.5) / STEPS as f64;
         let fill =
             Fill { color: color((1.0 - share) * low + share * high, range, scale), opacity: 1.0 };
         // Neighbours overlap, so that no seam is visible between them.
-        let wide = if place + 1 < STEPS { step + 0.4 } else { step };
-        let points = rectangle(at + place as f64 * step, top, wide, HIGH);
+        let wide = if index + 1 < STEPS { step + 0.4 } else { step };
+        let points = rectangle(at + index as f64 * step, top, wide, HIGH);
         marks.push(SceneShape::Area { points, fill, stroke: None }.into());
     }
     let rim = Some(Stroke::solid(EDGE, 0.6));
@@ -556,10 +556,10 @@ mod tests {
     use crate::manifest::FigureKeys;
     use crate::report::figure::Looks;
 
-    fn map(values: &[f64], place: f64) -> HeatFigure {
+    fn map(values: &[f64], unit: f64) -> HeatFigure {
         let tile = |(x, value): (usize, &f64)| HeatTile {
-            x: place * (x + 1) as f64,
-            y: place,
+            x: unit * (x + 1) as f64,
+            y: unit,
             value: Ok(*value),
             interval: Ok(Interval {
                 low: value - value.abs() / 2.0,
@@ -575,7 +575,7 @@ mod tests {
             subject: "P".into(),
             scale: Scale::Mean,
             x: ("environment.sigma".into(), tiles.iter().map(|tile| tile.x).collect()),
-            y: ("environment.delta_d".into(), vec![place]),
+            y: ("environment.delta_d".into(), vec![unit]),
             tiles,
             lead: None,
         }
@@ -588,8 +588,8 @@ mod tests {
         let style = Style::of(&FigureKeys::default());
         let values =
             [-1e7, 0.3, 0.000_02, 1_690_988.0, 123_456_789_012.0, 1e300, 1e-300, 0.0, 7.0, 7.5];
-        for place in [1e-300, 0.1, 1e6, 0.300_000_000_000_000_04] {
-            let map = map(&values, place);
+        for unit in [1e-300, 0.1, 1e6, 0.300_000_000_000_000_04] {
+            let map = map(&values, unit);
             let range = heat_range(std::slice::from_ref(&map));
             let (names, looks) = (&Names::default(), &Looks::default());
             let sheet = Sheet { stem: "", metric: RETURN, names, looks, style: &style };

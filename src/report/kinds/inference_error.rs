@@ -6,8 +6,8 @@ use crate::env::inference_error;
 use crate::job::{Measure, counted};
 use crate::report::data_table::{DataTable, TableEntry, shown};
 use crate::report::figure::{
-    Axis, AxisScale, Chart, INK, Line, Look, Marker, NumberFormat, PUBLISHED, Place, Spread, Style,
-    draw,
+    Axis, AxisScale, Chart, INK, Line, Look, Marker, NumberFormat, PUBLISHED, PlottedPoint, Spread,
+    Style, draw,
 };
 use crate::report::names::Names;
 use crate::report::scene::Scene;
@@ -61,7 +61,13 @@ fn error_figure(figure: &ErrorFigure, style: &Style) -> Vec<Scene> {
     let look = |color, marker| Look { color, dash: None, marker };
     let exact = (0..=STEPS).map(|at| {
         let x = most * at as f64 / STEPS as f64;
-        Place { x, y: inference_error(x), interval: None, is_single: false, tip: String::new() }
+        PlottedPoint {
+            x,
+            y: inference_error(x),
+            interval: None,
+            is_single: false,
+            tip: String::new(),
+        }
     });
     let seen = figure.points.iter().filter_map(|point| {
         let y = point.seen?;
@@ -73,13 +79,13 @@ fn error_figure(figure: &ErrorFigure, style: &Style) -> Vec<Scene> {
             counted(point.runs, "run"),
             shown(point.exact * 100.0, 1)
         );
-        Some(Place { x: point.sigma, y, interval: None, is_single: false, tip })
+        Some(PlottedPoint { x: point.sigma, y, interval: None, is_single: false, tip })
     });
     let reported = figure.published.iter().map(|(sigma, rate)| {
         let tip = format!("σ = {}: {} % published", parameter(*sigma), shown(rate * 100.0, 1));
-        Place { x: *sigma, y: *rate, interval: None, is_single: false, tip }
+        PlottedPoint { x: *sigma, y: *rate, interval: None, is_single: false, tip }
     });
-    let line = |label: &str, look, points: Vec<Place>, spread| Line {
+    let line = |label: &str, look, points: Vec<PlottedPoint>, spread| Line {
         label: label.to_owned(),
         look,
         points,

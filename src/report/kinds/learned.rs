@@ -6,8 +6,8 @@ use crate::analyse::{CHANCE, Interval, MonteCarloMean, Undefined};
 use crate::job::{Measure, MetricUnit, counted, distinct};
 use crate::report::data_table::{DataTable, TableEntry, shown};
 use crate::report::figure::{
-    AxisScale, Chart, FAINT, Line, Look, Marker, NumberFormat, Place, Spread, arm_label, axes_of,
-    draw, facets,
+    AxisScale, Chart, FAINT, Line, Look, Marker, NumberFormat, PlottedPoint, Spread, arm_label,
+    axes_of, draw, facets,
 };
 use crate::report::names::Names;
 use crate::report::scene::Scene;
@@ -143,7 +143,7 @@ impl LearnedFigure {
         let without = Look { color: FAINT, dash: Some((2.6, 1.6)), marker: Marker::Ring };
         let line = |side: usize, label: &str, look: Look| {
             let n = panel.trials[side];
-            let place = |point: &LearnedPoint| {
+            let point = |point: &LearnedPoint| {
                 let OverTrials { low, median, high } = point.over[side];
                 let tip = format!(
                     "{}, {label}, day {}: {}, {}",
@@ -153,12 +153,12 @@ impl LearnedFigure {
                     counted(n, "trial")
                 );
                 let interval = (n > 1).then_some((low, high));
-                Place { x: point.day, y: median, interval, is_single: false, tip }
+                PlottedPoint { x: point.day, y: median, interval, is_single: false, tip }
             };
             Line {
                 label: label.to_owned(),
                 look,
-                points: panel.points.iter().map(place).collect(),
+                points: panel.points.iter().map(point).collect(),
                 reference: Vec::new(),
                 spread: Spread::Band,
                 facets: facets(&name),

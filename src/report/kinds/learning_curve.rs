@@ -8,8 +8,8 @@ use crate::job::{Measure, MetricUnit, counted};
 use crate::manifest::PanelKey;
 use crate::report::data_table::{DataTable, TableEntry, shown};
 use crate::report::figure::{
-    AxisScale, Chart, Line, Look, NumberFormat, Panel, Panels, Place, Spread, arm_label, axes,
-    draw, facets, optimum_lines, seeds,
+    AxisScale, Chart, Line, Look, NumberFormat, Panel, Panels, PlottedPoint, Spread, arm_label,
+    axes, draw, facets, optimum_lines, seeds,
 };
 use crate::report::names::Names;
 use crate::report::scene::Scene;
@@ -145,7 +145,7 @@ fn drawn_line((line, arm): (&LearningLine, &ArmId), label: String, look: Look) -
     let every = line.points.len().div_ceil(TIPS).max(1);
     let last = line.points.len().saturating_sub(1);
     let n = seeds(std::iter::once(line.seeds.0));
-    let place = |at: usize| {
+    let point = |at: usize| {
         let (episode, mean, interval) = &line.points[at];
         let spread = spread(interval.ok_or(()), MetricUnit::Return);
         let tip = match at.is_multiple_of(every) || at == last {
@@ -156,13 +156,13 @@ fn drawn_line((line, arm): (&LearningLine, &ArmId), label: String, look: Look) -
             false => String::new(),
         };
         let interval = interval.map(|interval| (interval.low, interval.high));
-        Place { x: f64::from(*episode), y: *mean, interval, is_single: false, tip }
+        PlottedPoint { x: f64::from(*episode), y: *mean, interval, is_single: false, tip }
     };
     let label = if line.seeds.0 == 1 { format!("{label} (n = 1)") } else { label };
     Line {
         label,
         look,
-        points: thinned(&line.points).into_iter().map(place).collect(),
+        points: thinned(&line.points).into_iter().map(point).collect(),
         reference: Vec::new(),
         spread: Spread::Band,
         facets: facets(arm),
@@ -177,13 +177,13 @@ fn thinned<T>(points: &[T]) -> Vec<usize> {
         return (0..points.len()).collect();
     }
     let top = (points.len() as f64).ln();
-    let mut places: Vec<usize> = (0..MOST)
+    let mut indices: Vec<usize> = (0..MOST)
         .map(|at| ((top * at as f64 / (MOST - 1) as f64).exp() as usize - 1).min(points.len() - 1))
         .chain((0..MOST).map(|at| at * (points.len() - 1) / (MOST - 1)))
         .collect();
-    places.sort_unstable();
-    places.dedup();
-    places
+    indices.sort_unstable();
+    indices.dedup();
+    indices
 }
 
 fn table(title: &str, panels: &[LearningPanel], names: &Names) -> DataTable {

@@ -257,7 +257,7 @@ mod tests {
     }
 
     fn is_shown(table: &DataTable, name: &str) -> bool {
-        table.shown_columns().any(|place| table.columns[place].name == name)
+        table.shown_columns().any(|index| table.columns[index].name == name)
     }
 
     fn number(table: &DataTable, name: &str) -> f64 {
@@ -386,7 +386,7 @@ mod tests {
                 SeedPairing::Matched,
             )
         };
-        let range = ParticipantRange { parameter: "epsilon_d", place: 4, from: 0.8, to: 1.0 };
+        let range = ParticipantRange { parameter: "epsilon_d", index: 4, from: 0.8, to: 1.0 };
         let finding = |p| Finding {
             name: String::new(),
             title: String::new(),

@@ -6,7 +6,8 @@ use crate::analyse::{Interval, LEVEL, MonteCarloMean, Undefined};
 use crate::job::{CONSTANT, GROSS_REWARD, Measure, MetricUnit, REWARD, counted, distinct};
 use crate::report::data_table::{DataTable, TableEntry, shown};
 use crate::report::figure::{
-    AxisScale, Chart, Line, NumberFormat, Panels, Place, Spread, arm_label, axes_of, draw, facets,
+    AxisScale, Chart, Line, NumberFormat, Panels, PlottedPoint, Spread, arm_label, axes_of, draw,
+    facets,
 };
 use crate::report::names::Names;
 use crate::report::scene::Scene;
@@ -221,9 +222,9 @@ impl OperatingFigure {
                     what.word(),
                     counted(row.operating.trials, "trial"),
                 );
-                Some(Place { x, y: found.value, interval, is_single: false, tip })
+                Some(PlottedPoint { x, y: found.value, interval, is_single: false, tip })
             };
-            let points: Vec<Place> = rows.filter_map(draw).collect();
+            let points: Vec<PlottedPoint> = rows.filter_map(draw).collect();
             // The level stands once, in the look of the first line with points.
             let is_drawn = lines.iter().any(|line| !line.reference.is_empty());
             let level = level.filter(|_| !is_drawn && !points.is_empty());

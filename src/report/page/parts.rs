@@ -183,7 +183,7 @@ fn links(stem: &str, files: &[(&str, &str)]) -> Markup {
 pub fn html_table(table: &DataTable) -> Markup {
     let columns: Vec<(usize, Option<&str>)> = table
         .shown_columns()
-        .map(|place| (place, table.is_numeric(place).then_some("number")))
+        .map(|index| (index, table.is_numeric(index).then_some("number")))
         .collect();
     let every = table.rows.len().div_ceil(MOST_ROWS).max(1);
     html! {
@@ -193,16 +193,16 @@ pub fn html_table(table: &DataTable) -> Markup {
             table {
                 thead {
                     tr {
-                        @for (place, class) in &columns {
+                        @for (index, class) in &columns {
                             th scope="col" class=[class] aria-sort="none" {
-                                button type="button" { (symbols(&table.columns[*place].heading)) }
+                                button type="button" { (symbols(&table.columns[*index].heading)) }
                             }
                         }
                     }
                 }
                 tbody {
                     @for row in thinned(&table.rows, every) {
-                        tr { @for (place, class) in &columns { (html_entry(&row[*place], *class)) } }
+                        tr { @for (index, class) in &columns { (html_entry(&row[*index], *class)) } }
                     }
                 }
             }

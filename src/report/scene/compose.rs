@@ -106,8 +106,8 @@ mod tests {
             SceneShape::Line { points, .. } => points[0],
             other => panic!("{other:?}"),
         };
-        let places: Vec<Point> = all.marks.iter().map(first).collect();
-        assert_eq!(places, [(1.0, 2.0), (31.0, 2.0), (1.0, 12.0)]);
+        let positions: Vec<Point> = all.marks.iter().map(first).collect();
+        assert_eq!(positions, [(1.0, 2.0), (31.0, 2.0), (1.0, 12.0)]);
         let series: Vec<_> = all.marks.iter().map(|mark| mark.series).collect();
         assert_eq!(series, [Some(0), Some(1), Some(2)]);
     }

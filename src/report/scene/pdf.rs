@@ -140,12 +140,12 @@ impl Page {
         let _ = write!(self.content, "{} {} m ", number(x + radius), number(y));
         for (cos, sin) in [(1.0, 0.0), (0.0, 1.0), (-1.0, 0.0), (0.0, -1.0)] {
             // From the point at an angle to the point a quarter turn further.
-            let places = [
+            let points = [
                 (x + radius * cos - handle * sin, y + radius * sin + handle * cos),
                 (x - radius * sin + handle * cos, y + radius * cos + handle * sin),
                 (x - radius * sin, y + radius * cos),
             ];
-            for (x, y) in places {
+            for (x, y) in points {
                 let _ = write!(self.content, "{} {} ", number(x), number(y));
             }
             self.content.push_str("c ");
@@ -283,18 +283,18 @@ fn to_unicode(letters: &BTreeMap<u16, char>) -> String {
 struct File {
     bytes: Vec<u8>,
     /// The byte offset of each object.
-    places: Vec<usize>,
+    offsets: Vec<usize>,
 }
 
 impl File {
     fn new() -> File {
         // Four bytes above 127 mark the file as binary.
-        File { bytes: b"%PDF-1.4\n%\xe2\xe3\xcf\xd3\n".to_vec(), places: Vec::new() }
+        File { bytes: b"%PDF-1.4\n%\xe2\xe3\xcf\xd3\n".to_vec(), offsets: Vec::new() }
     }
 
     /// The number of the next object.
     fn next(&self) -> usize {
-        self.places.len() + 1
+        self.offsets.len() + 1
     }
 
     /// Adds an object and returns its number.
@@ -304,7 +304,7 @@ impl File {
 
     fn add_bytes(&mut self, object: &[u8]) -> usize {
         let number = self.next();
-        self.places.push(self.bytes.len());
+        self.offsets.push(self.bytes.len());
         self.bytes.extend(format!("{number} 0 obj\n").bytes());
         self.bytes.extend(object);
         self.bytes.extend(b"\nendobj\n");
@@ -327,8 +327,8 @@ impl File {
     fn end(mut self, root: usize, info: usize) -> Vec<u8> {
         let (table, count) = (self.bytes.len(), self.next());
         let mut out = format!("xref\n0 {count}\n0000000000 65535 f \n");
-        for place in &self.places {
-            let _ = writeln!(out, "{place:010} 00000 n ");
+        for offset in &self.offsets {
+            let _ = writeln!(out, "{offset:010} 00000 n ");
         }
         let _ = write!(
             out,
@@ -402,9 +402,9 @@ mod tests {
         for number in 1..count {
             let entry = lines.by_ref().nth(usize::from(number == 1)).unwrap();
             assert_eq!(entry.len() + 1, 20, "an entry has 20 bytes with its end of line");
-            let place: usize = entry[..10].parse().unwrap();
+            let offset: usize = entry[..10].parse().unwrap();
             let expected = format!("{number} 0 obj\n");
-            assert!(bytes[place..].starts_with(expected.as_bytes()), "object {number}");
+            assert!(bytes[offset..].starts_with(expected.as_bytes()), "object {number}");
         }
         // 321 and 100 units of 1/96 inch.
         assert!(text.contains("/MediaBox [0 0 240.75 75]"));

@@ -92,12 +92,12 @@ impl ResultRows {
     fn by_name(&self, values: &[Value], columns: usize) -> Option<Vec<(&str, Range<usize>)>> {
         let mut found: Vec<(&str, Range<usize>)> = Vec::new();
         let mut last = None;
-        for (row, place) in values.chunks(columns).zip((0..).step_by(columns)) {
+        for (row, start) in values.chunks(columns).zip((0..).step_by(columns)) {
             let Value::Integer(metric) = row[0] else { return None };
-            let end = place + columns;
+            let end = start + columns;
             match found.last_mut().filter(|_| last == Some(metric)) {
                 Some((_, rows)) => rows.end = end,
-                None => found.push((self.metrics.0.get(&metric)?, place..end)),
+                None => found.push((self.metrics.0.get(&metric)?, start..end)),
             }
             last = Some(metric);
         }
@@ -180,20 +180,20 @@ fn insert_rows(
 ) -> rusqlite::Result<()> {
     let columns = table.width();
     let bind = |statement: &mut CachedStatement<'_>, rows: &[Value]| -> rusqlite::Result<()> {
-        let mut place = 1;
+        let mut index = 1;
         for row in rows.chunks(columns) {
             let (first, named) = table.first_of(own, &row[0]);
-            statement.raw_bind_parameter(place, first)?;
+            statement.raw_bind_parameter(index, first)?;
             for (column, value) in row.iter().enumerate().skip(named) {
-                place += 1;
+                index += 1;
                 match (column, value, metrics) {
                     (0, Value::Integer(metric), Some(metrics)) => {
-                        statement.raw_bind_parameter(place, metrics.get(metric))?;
+                        statement.raw_bind_parameter(index, metrics.get(metric))?;
                     }
-                    _ => statement.raw_bind_parameter(place, value)?,
+                    _ => statement.raw_bind_parameter(index, value)?,
                 }
             }
-            place += 1;
+            index += 1;
         }
         statement.raw_execute().map(drop)
     };

@@ -443,9 +443,9 @@ fn copy_session(target: &Connection, row: &SessionRow) -> rusqlite::Result<Optio
     if let Some(own) = same_session(target, row)? {
         return Ok(Some(own));
     }
-    let places = vec!["?"; SESSION.len() + 1].join(", ");
+    let marks = vec!["?"; SESSION.len() + 1].join(", ");
     let columns = SESSION.join(", ");
-    let insert = format!("INSERT INTO session ({columns}, heartbeat_at) VALUES ({places})");
+    let insert = format!("INSERT INTO session ({columns}, heartbeat_at) VALUES ({marks})");
     let mut values = row.identity.to_vec();
     values.push(row.heartbeat_at.clone());
     Ok(match write(target, &insert, &values)? {

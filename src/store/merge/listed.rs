@@ -17,7 +17,7 @@ const PARTS: &str = "parts";
 /// **Errors**: links lead in a circle, a folder cannot be read, or `into` itself is named.
 pub fn stores_of(from: &[PathBuf], into: &Path) -> Result<Vec<PathBuf>, StoreError> {
     let target = resolve(into)?;
-    let mut places = Vec::new();
+    let mut resolved = Vec::new();
     let mut stores = Vec::new();
     for path in from {
         let found = if path.is_dir() {
@@ -28,9 +28,9 @@ pub fn stores_of(from: &[PathBuf], into: &Path) -> Result<Vec<PathBuf>, StoreErr
             vec![path.clone()]
         };
         for store in found {
-            let place = resolve(&store)?;
-            if place != target && !places.contains(&place) {
-                places.push(place);
+            let path = resolve(&store)?;
+            if path != target && !resolved.contains(&path) {
+                resolved.push(path);
                 stores.push(store);
             }
         }

@@ -49,17 +49,17 @@ pub(super) struct ParticleScratch {
     is_noisy: bool,
     /// Whether particles need a disengagement risk.
     has_risk: bool,
-    /// The noise of particle i at place i.
+    /// The noise of particle i at index i.
     noise: DrawnNoise,
     /// The word from which the next words of the step come.
     words: u64,
     /// \[2 particles\]: the particles after the step, and the risks that a wrong message in the next step would lead to.
     next: Particles,
     wrong: Vec<f64>,
-    /// \[2 particles + 1\]: the particles of `next` that come to the next places; the last entry is for those without one.
+    /// \[2 particles + 1\]: the particles of `next` that come to the next slots; the last entry is for those without one.
     from: Vec<u32>,
     /// \[2 particles\]: the cells of particles, as numbers whose low bits are the cell.
-    places: Vec<f64>,
+    cells_of: Vec<f64>,
     /// \[particles\]: sums within cells, of the weights of both contexts and of risk times weight; 0 between steps.
     cells: Vec<[f64; 4]>,
 }
@@ -75,7 +75,7 @@ impl ParticleScratch {
             next: Particles::new(2 * most),
             wrong: vec![0.0; 2 * most],
             from: vec![0; 2 * most + 1],
-            places: vec![0.0; 2 * most],
+            cells_of: vec![0.0; 2 * most],
             cells: vec![[0.0; 4]; most],
         }
     }
@@ -189,8 +189,8 @@ impl Particles {
         if has_risk {
             draws.annoy(&dynamics, count, all);
         }
-        let ParticleScratch { next, wrong, from, places, cells, is_noisy, words, .. } = draws;
-        let first = (0..all).find(|place| next.zero[*place] + next.one[*place] > 0.0)?;
+        let ParticleScratch { next, wrong, from, cells_of, cells, is_noisy, words, .. } = draws;
+        let first = (0..all).find(|index| next.zero[*index] + next.one[*index] > 0.0)?;
         let sums = next.sums(&dynamics, first, wrong, *is_noisy);
         let moments = sums.moments()?;
         let (sum, most) = (sums.weight(), self.risk.len());
@@ -205,8 +205,8 @@ impl Particles {
             self.take(next, &from[..most], true);
             self.level();
         } else {
-            next.place(&dynamics, wrong, most, places);
-            self.join(next, places, cells, sum);
+            next.find_cells(&dynamics, wrong, most, cells_of);
+            self.join(next, cells_of, cells, sum);
         }
         Some(moments)
     }
@@ -365,11 +365,11 @@ impl Particles {
 
     /// Lists the particles that have a weight. Returns their number.
     #[inline(always)]
-    fn list(&self, places: &mut [u32]) -> usize {
+    fn list(&self, slots: &mut [u32]) -> usize {
         let mut filled = 0;
         for (of, (zero, one)) in self.zero[..self.count].iter().zip(&self.one).enumerate() {
             // Which have one is unpredictable, so there are no branches: the next replaces one without.
-            places[filled] = of as u32;
+            slots[filled] = of as u32;
             filled += usize::from(*zero + *one > 0.0);
         }
         filled
@@ -416,22 +416,22 @@ impl Particles {
         }
     }
 
-    /// Finds the particles of all `places` but the last in proportion to their weights, which add up to `sum`: those at
+    /// Finds the particles of all `slots` but the last in proportion to their weights, which add up to `sum`: those at
     /// evenly spaced points, from a share `start` of the first space. The first particle with a weight is known.
     #[inline(always)]
-    fn draw(&self, first: usize, sum: f64, start: f64, places: &mut [u32]) {
-        let most = places.len() - 1;
-        places.fill(0);
-        // Marks the first place of every particle. One without a place is replaced by the next.
+    fn draw(&self, first: usize, sum: f64, start: f64, slots: &mut [u32]) {
+        let most = slots.len() - 1;
+        slots.fill(0);
+        // Marks the first slot of every particle. One without a slot is replaced by the next.
         let (mut weight, mut index, mut last) = (0.0, 0, first as u32);
         for (of, (zero, one)) in self.zero[..self.count].iter().zip(&self.one).enumerate() {
             last = if *zero + *one > 0.0 { of as u32 } else { last };
-            places[usize::min(index, most)] = last;
+            slots[usize::min(index, most)] = last;
             weight += zero + one;
             index = (weight * (most as f64 / sum) - start + 1.0) as usize;
         }
         let mut of = 0;
-        for index in places {
+        for index in slots {
             of = u32::max(of, *index);
             *index = of;
         }
@@ -440,23 +440,23 @@ impl Particles {
     /// Finds the cells of all risks, which are below `most`. No cell reaches across the risk from which a wrong message
     /// ends the episode.
     #[inline(always)]
-    fn place(&self, dynamics: &Dynamics, wrong: &[f64], most: usize, places: &mut [f64]) {
+    fn find_cells(&self, dynamics: &Dynamics, wrong: &[f64], most: usize, cells_of: &mut [f64]) {
         let threshold = dynamics.disengagement_threshold;
         let (cut, cells) = (threshold - dynamics.epsilon_d, (most - 3) as f64);
         // Half a cell turns the nearest whole number into the next lower one.
         let lowest = (-cut * cells).floor() + 0.5;
-        for ((place, risk), wrong) in places[..self.count].iter_mut().zip(&self.risk).zip(wrong) {
+        for ((cell, risk), wrong) in cells_of[..self.count].iter_mut().zip(&self.risk).zip(wrong) {
             let near = if *wrong >= threshold { 1.0 } else { 0.0 };
-            *place = math::nearest((*risk - cut) * cells - lowest) + near;
+            *cell = math::nearest((*risk - cut) * cells - lowest) + near;
         }
     }
 
     /// Joins the particles of others within cells, which keeps the probability and the mean of a cell.
     #[inline(always)]
-    fn join(&mut self, others: &Particles, places: &[f64], cells: &mut [[f64; 4]], sum: f64) {
+    fn join(&mut self, others: &Particles, cells_of: &[f64], cells: &mut [[f64; 4]], sum: f64) {
         let states = others.zero[..others.count].iter().zip(&others.one).zip(&others.risk);
-        for (((zero, one), risk), place) in states.zip(places) {
-            let [a, b, c, _] = &mut cells[math::low_bits(*place)];
+        for (((zero, one), risk), cell) in states.zip(cells_of) {
+            let [a, b, c, _] = &mut cells[math::low_bits(*cell)];
             (*a, *b, *c) = (*a + *zero, *b + *one, *c + (*zero + *one) * *risk);
         }
         // Of equal lengths, so that a single check of the bounds is enough.
@@ -522,14 +522,14 @@ mod tests {
     fn particles_are_drawn_in_proportion_to_their_weights() {
         let third = 1.0 / 3.0;
         let before = with(&[0.0, third, third, 0.0, third, 0.0, 0.0, 0.0], &[0.5; 8]);
-        let mut places = [0; 9];
-        before.draw(1, 1.0, 0.5, &mut places);
-        assert_eq!(places[..8], [1, 1, 1, 2, 2, 4, 4, 4]);
+        let mut slots = [0; 9];
+        before.draw(1, 1.0, 0.5, &mut slots);
+        assert_eq!(slots[..8], [1, 1, 1, 2, 2, 4, 4, 4]);
         // Without a first space, the first point is where the second particle begins.
-        before.draw(1, 1.0, 0.0, &mut places);
-        assert_eq!(places[0], 1);
+        before.draw(1, 1.0, 0.0, &mut slots);
+        assert_eq!(slots[0], 1);
         let mut after = Particles::new(8);
-        after.take(&before, &places[..8], true);
+        after.take(&before, &slots[..8], true);
         after.level();
         assert!(after.zero.iter().chain(&after.one).all(|weight| *weight == 0.0625));
     }
@@ -543,10 +543,10 @@ mod tests {
         let risks = [0.0, 0.1, 0.3, 0.55, 0.59, 0.61, 0.99, 1.0];
         let before = with(&weights, &risks);
         let wrong = risks.map(|risk| dynamics.annoyed(risk));
-        let (mut places, mut cells) = ([0.0; 8], [[0.0; 4]; 8]);
-        before.place(&dynamics, &wrong, 8, &mut places);
+        let (mut cells_of, mut cells) = ([0.0; 8], [[0.0; 4]; 8]);
+        before.find_cells(&dynamics, &wrong, 8, &mut cells_of);
         let mut after = Particles::new(8);
-        after.join(&before, &places, &mut cells, 2.0);
+        after.join(&before, &cells_of, &mut cells, 2.0);
         let near = |of: &[f64], to: &[f64]| of.iter().zip(to).all(|(x, y)| (x - y).abs() < 1e-12);
         assert!(near(&after.risk[..4], &[0.05, 0.57, 0.61, 0.99]), "{:?}", after.risk);
         assert_eq!(after.zero[..5], [0.125, 0.125, 0.125, 0.125, 0.0]);

@@ -220,8 +220,8 @@ fn same_episodes(e: &StepCount, population: &Population, is_shared: bool) {
                 ended.enumerate().map(|(lane, ended)| is_reset(lane, ended)).collect();
             lanes.reset(LaneSet::Masked(&reset), streams);
             lanes.step(&actions, rewards, streams);
-            let places: Vec<_> = (0..LANES).map(|lane| streams.of(lane).position()).collect();
-            (bits(rewards), bits(lanes.habituation()), bits(lanes.disengagement()), places)
+            let positions: Vec<_> = (0..LANES).map(|lane| streams.of(lane).position()).collect();
+            (bits(rewards), bits(lanes.habituation()), bits(lanes.disengagement()), positions)
         });
         assert_eq!(plain, full, "{step} {e:?}");
         let [(plain, ..), (full, ..)] = &both;

@@ -71,7 +71,7 @@ fn draws_have_the_distributions_that_were_asked_for() {
     let mut stream = Stream::new(3, Purpose::Environment);
     let sampler = ParticipantSampler::new(&people());
     let all: Vec<&str> = ParticipantSampler::all_names().collect();
-    let names: Vec<&str> = sampler.places().iter().map(|index| all[*index]).collect();
+    let names: Vec<&str> = sampler.indices().iter().map(|index| all[*index]).collect();
     assert_eq!(names, ["delta_d", "mu", "mu_1", "initial_disengagement"]);
     let rows = drawn(&people(), &mut stream, count);
     for (column, name) in names.iter().enumerate() {
