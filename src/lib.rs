@@ -107,6 +107,7 @@ pub mod schedule;
 pub mod state;
 #[doc(hidden)]
 pub mod store;
+mod text;
 #[doc(hidden)]
 pub mod train;
 #[doc(hidden)]

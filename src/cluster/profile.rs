@@ -15,10 +15,8 @@ use super::engines::EngineKind;
 use super::order::{Order, Tasks};
 use crate::key::{Key, Keyed, Value};
 use crate::keys;
-use crate::manifest::{
-    Document, Fault, FaultList, Faults, Node, Source, Span, document, nearest, single, unexpected,
-    value_schema,
-};
+use crate::manifest::{Node, single, unexpected, value_schema};
+use crate::text::{Document, Fault, FaultList, Faults, Source, Span, document, nearest};
 
 /// Maximum size of a profile, in bytes.
 const MOST_BYTES: usize = 1_000_000;

@@ -16,10 +16,10 @@ mod free;
 mod normal;
 mod number_range;
 mod parameter;
-mod printable;
 mod rows;
 mod value;
 
+pub use crate::text::{DIRECTION, hidden, printable, quoted};
 pub use canonical::{CanonicalError, canonical_object, read_object};
 pub use constraint::{Assignment, Constraint, Size, Violation};
 pub use content::{Canonical, Content, ContentForm, Parsed, shortened};
@@ -29,6 +29,5 @@ pub use distribution::{Distribution, DistributionError};
 pub use free::{WithFreeKeys, free_key, free_keys, free_values};
 pub use number_range::NumberRange;
 pub use parameter::{Parameter, PerSection, SectionName};
-pub use printable::{DIRECTION, hidden, printable, quoted};
 pub use rows::{Column, MOST_ROWS, Rows, RowsError, read_csv};
 pub use value::{Kind, Value};

@@ -8,8 +8,8 @@ use serde::{Serialize, Serializer};
 use super::content::{Content, ContentForm};
 use super::distribution::Distribution;
 use super::number_range::NumberRange;
-use super::printable::quoted;
 use super::rows::{Column, Rows};
+use crate::text::quoted;
 
 /// A single value of a key.
 #[derive(Clone, Debug, PartialEq, Serialize)]

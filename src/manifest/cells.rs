@@ -10,10 +10,9 @@ use crate::manifest::draft::Draft;
 use crate::manifest::parameter::{meant, named, parameter};
 use crate::manifest::read::MOST_ENTRIES;
 use crate::manifest::section::Section;
-use crate::manifest::text::fault::{Fault, near, nearest, shortened};
-use crate::manifest::text::source::{Located, Span};
 use crate::manifest::value::free::PARAMETERS;
 use crate::manifest::value::sweep::{Node, Reader, Repeats};
+use crate::text::{Fault, Located, Span, near, nearest, shortened};
 
 /// The keys of an exclusion in addition to the keys of the sections.
 const CONDITIONS: [&str; 2] = ["scenario", "seed"];

@@ -13,9 +13,8 @@ use crate::manifest::estimate::declared::DeclaredEstimate;
 use crate::manifest::grid::{Axis, Grid, axes, size, zipped};
 use crate::manifest::limits::{MOST_COMPARISONS, MOST_JOBS};
 use crate::manifest::presence::absent;
-use crate::manifest::text::fault::{Fault, FaultList};
-use crate::manifest::text::source::Span;
 use crate::manifest::{analysis, estimate};
+use crate::text::{Fault, FaultList, Span};
 
 /// Reports faults between the keys of `manifest`, which was completed from `draft`.
 ///

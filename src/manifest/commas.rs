@@ -2,8 +2,7 @@
 
 use crate::key::Kind;
 use crate::manifest::section::Section;
-use crate::manifest::text::fault::{Fault, FaultList};
-use crate::manifest::text::source::Span;
+use crate::text::{Fault, FaultList, Span};
 
 /// What a decimal comma is reported as.
 const DECIMAL_COMMA: &str = "a decimal comma; numbers have a decimal point";

@@ -8,9 +8,8 @@ use crate::manifest::draft::{Draft, Settings};
 use crate::manifest::parameter::Parameters;
 use crate::manifest::search::draw::Draw;
 use crate::manifest::section::Section;
-use crate::manifest::text::fault::{Fault, FaultList};
-use crate::manifest::text::source::{Located, Span};
 use crate::manifest::text::written;
+use crate::text::{Fault, FaultList, Located, Span};
 
 /// The manifest that `draft` declares; reports missing keys.
 ///

@@ -14,7 +14,7 @@ use crate::manifest::estimate::declared::EstimateDraft;
 use crate::manifest::search::declared::Search;
 use crate::manifest::search::draw::Draw;
 use crate::manifest::section::{Section, SharedSections};
-use crate::manifest::text::source::{Located, Span};
+use crate::text::{Located, Span};
 
 /// The content of a manifest or a preset.
 #[derive(Clone, Debug)]

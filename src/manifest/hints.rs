@@ -15,8 +15,8 @@ use crate::manifest::declared::{DeclaredAgent, Manifest};
 use crate::manifest::estimate::declared::DeclaredEstimate;
 use crate::manifest::grid::Grid;
 use crate::manifest::parameter::Parameters;
-use crate::manifest::text::fault::Fault;
 use crate::manifest::text::written::share;
+use crate::text::Fault;
 
 /// Standard deviation of the context feature above which the feature says next to nothing.
 const LARGE_SIGMA: f64 = 10.0;

@@ -7,11 +7,9 @@ use std::path::Path;
 use crate::manifest::commas::decimal_commas;
 use crate::manifest::declared::Manifest;
 use crate::manifest::read::newer_format;
-use crate::manifest::text::document::{Document, document};
-use crate::manifest::text::fault::{Fault, FaultList, Faults};
-use crate::manifest::text::source::{Source, Span};
 use crate::manifest::value::sweep::{Reader, Runs};
 use crate::manifest::{check, complete};
+use crate::text::{Document, Fault, FaultList, Faults, Source, Span, document};
 
 /// Maximum size of a manifest in bytes; ranges keep large sweeps short.
 const MOST_BYTES: u64 = 10_000_000;

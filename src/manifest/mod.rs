@@ -59,12 +59,9 @@ pub use search::keys::{Fresh, Leaving};
 pub use search::stage::Stage;
 pub use section::{Section, SharedSections};
 pub use set::{Overridden, Override, OverrideForm, load_with, parse_with};
-pub(crate) use text::document::{Document, document};
-pub(crate) use text::fault::FaultList;
-pub use text::fault::{Fault, Faults, nearest, nearest_value};
-pub use text::source::Position;
-pub(crate) use text::source::{Source, Span};
 pub(crate) use value::schema::value as value_schema;
 pub(crate) use value::sweep::{Node, single, unexpected, written_value};
 pub use value::sweep::{PolicyOf, Runs};
 pub use varying::Varying;
+
+pub use crate::text::{Fault, Faults, Position, nearest, nearest_value};

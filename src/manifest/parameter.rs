@@ -4,7 +4,7 @@ use crate::env::{Family, Scenario};
 use crate::job::{Condition, short_name};
 use crate::key::{Key, Parameter, Value, free_key};
 use crate::manifest::section::Section;
-use crate::manifest::text::fault::nearest;
+use crate::text::nearest;
 
 /// Every parameter, in the order of the grid: scenario, keys by section, seed.
 pub fn parameters() -> Vec<Parameter> {

@@ -6,8 +6,7 @@ use crate::job::Condition;
 use crate::key::{Parameter, Value};
 use crate::manifest::declared::Manifest;
 use crate::manifest::draft::Draft;
-use crate::manifest::text::fault::{Fault, nearest_value};
-use crate::manifest::text::source::Span;
+use crate::text::{Fault, Span, nearest_value};
 
 /// A value of a condition that does not occur in a manifest.
 pub(super) struct Absent {

@@ -13,11 +13,10 @@ use crate::manifest::limits::MOST_JOBS;
 use crate::manifest::preset;
 use crate::manifest::search::draw::is_draw;
 use crate::manifest::section::Section;
-use crate::manifest::text::fault::{Fault, nearest, shortened};
-use crate::manifest::text::source::{Located, Span};
 use crate::manifest::value::free::{FAMILY, Free, PARAMETERS};
 use crate::manifest::value::respelt::respelt;
 use crate::manifest::value::sweep::{Node, Reader, Repeats, whole, zipped};
+use crate::text::{Fault, Located, Span, nearest, shortened};
 
 /// The top-level keys of a manifest: first the keys above all tables, then the tables.
 pub(super) static TOP_KEYS: LazyLock<Vec<&'static str>> =

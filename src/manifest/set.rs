@@ -21,9 +21,8 @@ use crate::manifest::search;
 use crate::manifest::search::declared::Search;
 use crate::manifest::table::{Fields, names};
 use crate::manifest::text::edits::Edits;
-use crate::manifest::text::fault::{Fault, Faults, nearest};
-use crate::manifest::text::source::Source;
 use crate::manifest::value::sweep::Runs;
+use crate::text::{Fault, Faults, Source, nearest};
 
 /// Top-level keys that can be set.
 const TOP: [&str; 6] =
@@ -125,7 +124,11 @@ fn overridden(
     let label = &manifest.path;
     let edited = with(&manifest, overrides).map_err(|fault| Faults::of_file(label, fault))?;
     let options: Vec<String> = edited.options.iter().map(|set| format!("--set {set}")).collect();
-    let traced = |faults: Faults| faults.before_options(&edited.edits, &options, &manifest.source);
+    let origin = |span| {
+        let (span, option) = edited.edits.original(span);
+        (span, option.map(|index| options[index].clone()))
+    };
+    let traced = |faults: Faults| faults.in_original(&manifest.source, origin);
     let (read, faults, lost) = read_text(label, &edited.text, runs).map_err(traced)?;
     if !faults.is_empty() {
         return Err(traced(faults.of(label, Source::new(&edited.text))));

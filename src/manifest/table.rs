@@ -11,11 +11,10 @@ use toml::de::DeTable;
 
 use crate::job::Condition;
 use crate::key::{KeyType, Kind, Parameter};
-use crate::manifest::text::fault::Fault;
-use crate::manifest::text::source::{Located, Span};
 use crate::manifest::value::respelt::respelt;
 use crate::manifest::value::schema;
 use crate::manifest::value::sweep::{Node, Reader};
+use crate::text::{Fault, Located, Span};
 
 /// A key of a table.
 #[derive(Clone, Copy, Debug)]

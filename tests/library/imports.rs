@@ -14,7 +14,8 @@ const TABLE: &[(&str, &[&str])] = &[
     ("kill_point", &[]),
     // It starts programs and exchanges lines with them; `train` knows the job that a line belongs to.
     ("external", &[]),
-    ("key", &[]),
+    ("text", &[]),
+    ("key", &["text"]),
     ("state", &["rng"]),
     // The program of an environment of the user's simulates its lanes.
     ("env", &["rng", "kernel", "external", "key", "state"]),
@@ -28,7 +29,7 @@ const TABLE: &[(&str, &[&str])] = &[
     ("train", &["rng", "external", "key", "state", "env", "agent", "job", "estimate"]),
     // A manifest declares environments and agents; it neither simulates nor trains.
     // The settings of a search have a random stream of their own.
-    ("manifest", &["rng", "key", "env", "agent", "job"]),
+    ("manifest", &["rng", "text", "key", "env", "agent", "job"]),
     // The race of a search compares arms by Student's t.
     ("plan", &["key", "env", "agent", "job", "estimate", "manifest"]),
     ("store", &["kill_point", "key", "job", "record"]),
@@ -48,7 +49,10 @@ const TABLE: &[(&str, &[&str])] = &[
             "portable",
         ],
     ),
-    ("cluster", &["external", "key", "job", "manifest", "plan", "train", "store", "schedule"]),
+    (
+        "cluster",
+        &["external", "text", "key", "job", "manifest", "plan", "train", "store", "schedule"],
+    ),
     ("watch", &["key", "job", "manifest", "plan", "store", "schedule", "cluster"]),
     // The bootstrap has a random stream of its own.
     ("analyse", &["rng", "key", "env", "job", "estimate", "manifest", "record"]),

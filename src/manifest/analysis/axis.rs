@@ -6,9 +6,9 @@ use crate::key::{Kind, Parameter, free_key};
 use crate::manifest::parameter::{meant, named};
 use crate::manifest::section::Section;
 use crate::manifest::table::{Field, Need, TableReader};
-use crate::manifest::text::fault::Fault;
 use crate::manifest::text::written::quoted;
 use crate::manifest::value::sweep::{Node, Reader};
+use crate::text::Fault;
 
 /// The horizontal axis of a curve.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

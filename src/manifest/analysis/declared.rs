@@ -8,7 +8,7 @@ use crate::job::{Condition, MetricName};
 use crate::key::Parameter;
 use crate::manifest::analysis::figure_keys::FigureKeys;
 use crate::manifest::analysis::kind::AnalysisKind;
-use crate::manifest::text::source::{Located, Span};
+use crate::text::{Located, Span};
 
 /// A figure or table that an author declares with `[[analysis]]`.
 #[derive(Clone, Debug, PartialEq)]

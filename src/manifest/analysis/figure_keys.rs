@@ -5,8 +5,8 @@ use serde_json::{Value as Json, json};
 use crate::key::{FixedKind, Kind, Parameter, choices};
 use crate::manifest::parameter::{meant, named};
 use crate::manifest::table::{Field, Need, TableReader, fields};
-use crate::manifest::text::fault::Fault;
 use crate::manifest::text::written::quoted;
+use crate::text::Fault;
 
 fields! {
     /// The layout of the figures of an analysis; `None` stands for the default.

@@ -10,8 +10,7 @@ use crate::manifest::declared::{DeclaredAgent, Manifest};
 use crate::manifest::draft::Draft;
 use crate::manifest::parameter::scenario_of;
 use crate::manifest::presence::absent;
-use crate::manifest::text::fault::{Fault, FaultList};
-use crate::manifest::text::source::Located;
+use crate::text::{Fault, FaultList, Located};
 
 /// Reports a recovery without an optimum, or with a group of conditions that no job meets.
 pub(in crate::manifest) fn of_groups(

@@ -12,8 +12,7 @@ use crate::manifest::analysis::forms::{Bins, EstimateNames, FamilyName, Find, St
 use crate::manifest::analysis::participants;
 use crate::manifest::analysis::sides::Sides;
 use crate::manifest::table::{Fields, TableKey, TableReader, fields, name_key, names};
-use crate::manifest::text::fault::{Fault, FaultList};
-use crate::manifest::text::source::Span;
+use crate::text::{Fault, FaultList, Span};
 
 /// Declares the kinds: the word of each in manifests, the shared keys that it has, the keys of figures that it
 /// follows, and its own keys.

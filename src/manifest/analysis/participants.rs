@@ -7,10 +7,9 @@ use crate::env::ParticipantSampler;
 use crate::job::metric::metrics_with;
 use crate::job::{MetricName, MetricPlace, ParticipantRange};
 use crate::key::{Kind, Value};
-use crate::manifest::text::fault::Fault;
-use crate::manifest::text::source::{Located, Span};
 use crate::manifest::value::respelt::respelt;
 use crate::manifest::value::sweep::{Node, Reader};
+use crate::text::{Fault, Located, Span};
 
 /// The range as a manifest writes it.
 pub(in crate::manifest) fn written(range: &ParticipantRange) -> String {

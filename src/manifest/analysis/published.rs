@@ -14,9 +14,8 @@ use crate::key::{Kind, Parameter, free_key};
 use crate::manifest::analysis::axis::ERROR_AXIS;
 use crate::manifest::parameter::named;
 use crate::manifest::section::Section;
-use crate::manifest::text::fault::{Fault, Faults};
-use crate::manifest::text::source::Span;
 use crate::manifest::{Manifest, nearest};
+use crate::text::{Fault, Faults, Span};
 
 /// Maximum size of a file of published numbers in bytes.
 const MOST_BYTES: u64 = 10_000_000;

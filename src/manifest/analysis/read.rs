@@ -19,10 +19,9 @@ use crate::manifest::draft::Draft;
 use crate::manifest::limits::MOST_COMPARISONS;
 use crate::manifest::presence::absent;
 use crate::manifest::table::{Fields, Need, TableReader};
-use crate::manifest::text::fault::{Fault, FaultList, near};
-use crate::manifest::text::source::{Located, Span};
 use crate::manifest::value::respelt::respelt;
 use crate::manifest::value::sweep::{Node, Reader};
+use crate::text::{Fault, FaultList, Located, Span, near};
 
 /// The probability of context 1.
 const CONTEXT_PROBABILITY: Parameter = Parameter::Environment("context_probability");

@@ -7,9 +7,9 @@ use crate::key::{Kind, Parameter};
 use crate::manifest::analysis::axis::kind_of;
 use crate::manifest::parameter::named;
 use crate::manifest::table::{Field, TableKey, TableReader};
-use crate::manifest::text::fault::Fault;
 use crate::manifest::text::written::quoted;
 use crate::manifest::value::sweep::{Node, Reader};
+use crate::text::Fault;
 
 /// Two sides of a difference: two conditions on the same parameter, with one value each.
 #[derive(Clone, Debug, PartialEq)]

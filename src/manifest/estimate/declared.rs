@@ -5,7 +5,7 @@
 use std::sync::Arc;
 
 use crate::job::EstimateDeclaration;
-use crate::manifest::text::source::Span;
+use crate::text::Span;
 
 /// An estimate of a manifest, and the agents whose jobs have it.
 #[derive(Clone, Debug, PartialEq)]

@@ -10,10 +10,10 @@ use crate::job::{
 use crate::key::{FixedKind, Kind};
 use crate::manifest::estimate::declared::DeclaredEstimate;
 use crate::manifest::table::{Field, Fields, TableKey, TableReader, fields, name_key};
-use crate::manifest::text::fault::Fault;
 use crate::manifest::text::written::{list, quoted};
 use crate::manifest::value::schema;
 use crate::manifest::value::sweep::{Node, Reader, number, whole};
+use crate::text::Fault;
 
 /// The most features in a list.
 const MOST_FEATURES: usize = 100;

@@ -9,8 +9,8 @@ use crate::manifest::estimate::declared::{DeclaredEstimate, EstimateDraft};
 use crate::manifest::estimate::keys::keys;
 use crate::manifest::grid::Grid;
 use crate::manifest::table::{Fields, TableReader, names};
-use crate::manifest::text::fault::{Fault, FaultList};
 use crate::manifest::value::sweep::{Node, Reader};
+use crate::text::{Fault, FaultList};
 
 /// The most numbers of all people that the estimates of a job may hold: 400 MB.
 const MOST_NUMBERS: u64 = 50_000_000;

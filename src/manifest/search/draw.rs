@@ -6,10 +6,10 @@
 use std::fmt;
 
 use crate::key::{Kind, Value, choices};
-use crate::manifest::text::fault::{Fault, nearest};
 use crate::manifest::text::written::list;
 use crate::manifest::value::respelt::respelt;
 use crate::manifest::value::sweep::{Node, Reader};
+use crate::text::{Fault, nearest};
 
 choices! {
     /// How values are drawn.

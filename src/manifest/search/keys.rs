@@ -6,10 +6,10 @@ use crate::job::MetricName;
 use crate::key::{KeyType, Kind, Value};
 use crate::manifest::parameter::seed_of;
 use crate::manifest::table::{Field, TableKey, TableReader};
-use crate::manifest::text::fault::Fault;
 use crate::manifest::text::written::list;
 use crate::manifest::value::schema;
 use crate::manifest::value::sweep::{self, Node};
+use crate::text::Fault;
 
 const RUNGS: Kind = Kind::Counts { most: 20, max: 10_000 };
 const FRESH: Kind = Kind::Integer { min: 1, max: 10_000 };

@@ -11,9 +11,8 @@ use crate::manifest::search::declared::Search;
 use crate::manifest::search::draw::Draw;
 use crate::manifest::search::points::points;
 use crate::manifest::table::{Fields, TableReader, names};
-use crate::manifest::text::fault::Fault;
-use crate::manifest::text::source::{Located, Span};
 use crate::manifest::value::sweep::{Node, Reader};
+use crate::text::{Fault, Located, Span};
 
 /// The points that are tried per setting, until the draws count as exhausted: choices and whole numbers repeat.
 const TRIES: usize = 50;

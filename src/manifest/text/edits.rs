@@ -1,6 +1,6 @@
 //! Changes of a text, through which positions in the changed text are traced back to the original.
 
-use crate::manifest::text::source::Span;
+use crate::text::Span;
 
 /// Changes that were made one after the other.
 #[derive(Clone, Debug, Default)]

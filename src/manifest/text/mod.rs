@@ -1,7 +1,4 @@
-//! The text of a manifest, its TOML tree, what is wrong with it, and values as a manifest writes them.
+//! Values and lists as a manifest writes them, and changes of its text.
 
-pub(super) mod document;
 pub(super) mod edits;
-pub(super) mod fault;
-pub(super) mod source;
 pub(super) mod written;

@@ -4,8 +4,8 @@ use toml::de::DeTable;
 
 use crate::env::Family;
 use crate::key::{free_key, free_keys};
-use crate::manifest::text::fault::{Fault, shortened};
 use crate::manifest::value::sweep::{Node, Reader};
+use crate::text::{Fault, shortened};
 
 /// The table of an outside program's parameters, in its [[agent]] or in [environment].
 pub(in crate::manifest) const PARAMETERS: &str = "parameters";

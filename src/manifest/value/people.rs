@@ -6,9 +6,8 @@ use std::io::Read;
 use toml::de::DeValue;
 
 use crate::key::{Column, Content, ContentForm, Distribution, Kind, NumberRange, Rows, Value};
-use crate::manifest::text::fault::Fault;
-use crate::manifest::text::source::Span;
 use crate::manifest::value::sweep::{Node, Reader};
+use crate::text::{Fault, Span};
 
 /// Maximum size of a file of rows in bytes.
 const MOST_BYTES: u64 = 10_000_000;

@@ -5,7 +5,7 @@ use std::borrow::Cow;
 use toml::Spanned;
 use toml::de::DeTable;
 
-use crate::manifest::text::fault::near;
+use crate::text::near;
 
 /// The table with each misspelt key under the name that was probably meant, if the table lacks that name.
 pub(in crate::manifest) fn respelt<'r, 't>(

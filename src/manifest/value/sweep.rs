@@ -11,11 +11,10 @@ use toml::de::{DeTable, DeValue};
 use crate::env::Family;
 use crate::key::{Kind, Parameter, Value};
 use crate::manifest::parameter::parameter;
-use crate::manifest::text::fault::{Fault, FaultList, shortened};
-use crate::manifest::text::source::Span;
 use crate::manifest::text::written::share;
 use crate::manifest::value::range::{self, MOST_VALUES, MOST_VALUES_IN_ALL, RangeError, Spacing};
 use crate::manifest::value::respelt::respelt;
+use crate::text::{Fault, FaultList, Span, shortened};
 
 /// A value of the TOML tree with its position in the text.
 pub(crate) type Node<'t> = Spanned<DeValue<'t>>;

@@ -7,8 +7,7 @@ use std::fmt;
 
 use serde::ser::{Serialize, SerializeSeq, Serializer};
 
-use crate::manifest::text::edits::Edits;
-use crate::manifest::text::source::{Position, Source, Span, visible};
+use crate::text::source::{Position, Source, Span, visible};
 
 /// One thing that is wrong.
 #[derive(Clone, Debug)]
@@ -80,10 +79,7 @@ pub fn nearest<'w>(
 const LONGEST: usize = 60;
 
 /// The word nearest to `found`, whose edit distance is at most a third of the length of `found`.
-pub(in crate::manifest) fn near<'w>(
-    found: &str,
-    words: impl IntoIterator<Item = &'w str>,
-) -> Option<&'w str> {
+pub(crate) fn near<'w>(found: &str, words: impl IntoIterator<Item = &'w str>) -> Option<&'w str> {
     let lower = found.to_lowercase();
     let letters = lower.chars().count();
     if letters > LONGEST {
@@ -245,21 +241,20 @@ impl Faults {
         self.source.text()
     }
 
-    /// The faults at their positions in `text`, before changes by options; faults of a changed value name
-    /// the option instead.
-    pub(in crate::manifest) fn before_options(
+    /// The faults in the text that this one was made from. `origin` gives a fault's span there, or what was changed there
+    /// in the place of a position.
+    pub(crate) fn in_original(
         mut self,
-        edits: &Edits,
-        options: &[String],
         text: &str,
+        origin: impl Fn(Span) -> (Span, Option<String>),
     ) -> Faults {
         for fault in &mut self.list {
             let Some(span) = fault.span else { continue };
-            match edits.original(span) {
+            match origin(span) {
                 (span, None) => fault.span = Some(span),
-                (_, Some(index)) => {
+                (_, Some(change)) => {
                     fault.span = None;
-                    fault.message = format!("{}: {}", options[index], fault.message);
+                    fault.message = format!("{change}: {}", fault.message);
                 }
             }
         }
@@ -337,7 +332,7 @@ impl Serialize for Faults {
 }
 
 /// A text of the author's, shortened for messages.
-pub(in crate::manifest) fn shortened(text: &str) -> String {
+pub(crate) fn shortened(text: &str) -> String {
     let short: String = text.chars().take(60).collect();
     if short.len() < text.len() { format!("{short}…") } else { short }
 }

@@ -5,7 +5,7 @@
 
 use unicode_width::UnicodeWidthStr;
 
-use crate::key::hidden;
+use crate::text::printable::hidden;
 
 /// A stretch of the text, in bytes; the end is excluded.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
@@ -22,7 +22,7 @@ impl From<std::ops::Range<usize>> for Span {
 
 /// A value and its position in the text.
 #[derive(Clone, Debug)]
-pub(in crate::manifest) struct Located<T> {
+pub(crate) struct Located<T> {
     pub value: T,
     pub span: Span,
 }
@@ -45,7 +45,7 @@ pub(crate) struct Source {
 
 /// A line ready to print, and the terminal columns that a fault covers in it.
 #[derive(Debug, PartialEq, Eq)]
-pub(in crate::manifest) struct Excerpt {
+pub(crate) struct Excerpt {
     pub text: String,
     pub indent: usize,
     pub carets: usize,
@@ -63,7 +63,7 @@ impl Source {
     }
 
     /// The whole text.
-    pub(in crate::manifest) fn text(&self) -> &str {
+    pub(crate) fn text(&self) -> &str {
         &self.text
     }
 
@@ -86,7 +86,7 @@ impl Source {
     }
 
     /// The first line of `span`, shortened around the span if long, with the position of its carets.
-    pub(in crate::manifest) fn excerpt(&self, span: Span) -> Excerpt {
+    pub(crate) fn excerpt(&self, span: Span) -> Excerpt {
         let start = self.text.floor_char_boundary(span.start);
         let index = self.line_index(start);
         let line = self.line(index);
@@ -112,7 +112,7 @@ impl Source {
 }
 
 /// The characters with each tab as one space, and [`hidden`] characters escaped.
-pub(in crate::manifest) fn visible(characters: impl Iterator<Item = char>) -> String {
+pub(crate) fn visible(characters: impl Iterator<Item = char>) -> String {
     let mut shown = String::new();
     for character in characters {
         match character {

@@ -3,8 +3,8 @@
 use toml::Spanned;
 use toml::de::DeTable;
 
-use crate::manifest::text::fault::{Fault, FaultList, shortened};
-use crate::manifest::text::source::{Source, Span};
+use crate::text::fault::{Fault, FaultList, shortened};
+use crate::text::source::{Source, Span};
 
 /// A TOML text, as far as the parser could read it.
 pub(crate) struct Document<'t> {
@@ -13,7 +13,7 @@ pub(crate) struct Document<'t> {
     pub(crate) repeats: FaultList,
     pub(crate) syntax: FaultList,
     /// The offset from which lines may belong to an unclosed list or table.
-    pub(in crate::manifest) broken_at: usize,
+    pub(crate) broken_at: usize,
 }
 
 /// Reads a TOML text, and continues after syntax faults.
