@@ -1,10 +1,11 @@
 //! The registry of families: every family that a manifest can name, in one list.
 
 use crate::env::family::Family;
-use crate::env::{oralytics, outside, step_count};
+use crate::env::{declared, oralytics, outside, step_count};
 
 /// The families that come with the library, in the order of the documentation.
-static BUILT_IN: [&Family; 3] = [&step_count::FAMILY, &oralytics::FAMILY, &outside::FAMILY];
+static BUILT_IN: [&Family; 4] =
+    [&step_count::FAMILY, &declared::FAMILY, &oralytics::FAMILY, &outside::FAMILY];
 
 impl Family {
     /// Every family.

@@ -14,6 +14,10 @@ use crate::env::vector::Interface;
 use crate::key::{Constraint, Key, Value};
 use crate::rng::Stream;
 
+/// A family with keys for parameters: the names of the keys, `parameters.<name>`. `None` if a name is not of this form, or
+/// if there are too many.
+pub type WithParameters = fn(&[&str]) -> Option<&'static Family>;
+
 /// A family of environments: its name, its keys and the rules between them.
 pub struct Family {
     /// The name in manifests and in the store.
@@ -22,8 +26,8 @@ pub struct Family {
     pub keys: &'static [Key],
     /// The keys of `[population]`; empty where participants cannot differ.
     pub people: &'static [Key],
-    /// Constraints between these keys, beyond the ranges of single keys.
-    pub constraints: fn() -> Vec<&'static Constraint>,
+    /// Lists of constraints between these keys, beyond the ranges of single keys.
+    pub constraints: &'static [&'static [Constraint]],
     /// The unit of rewards and returns.
     pub return_unit: &'static str,
     /// The metric that is the share of episodes that were terminated.
@@ -36,6 +40,8 @@ pub struct Family {
     pub has_contexts: bool,
     /// Whether scenarios are letters joined by hyphens; names of features otherwise.
     pub has_letters: bool,
+    /// The family with keys for these parameters, whose names the author chooses; `None` where there are no such names.
+    pub with_parameters: Option<WithParameters>,
     /// Checks that an environment can have a scenario, as far as the family knows.
     pub check_scenario: fn(&Scenario) -> Result<(), ScenarioError>,
     /// What a scenario consists of, for messages: "expected …".
@@ -181,6 +187,16 @@ pub trait Model: Any + fmt::Debug + Send + Sync {
         describe: &mut dyn FnMut(u32, u8, f64),
     ) {
         let _ = (stream, count, describe);
+    }
+
+    /// The same environment for another job, which shares no failures; `None`, the default, where simulations cannot fail.
+    fn fresh(&self) -> Option<Environment> {
+        None
+    }
+
+    /// Why a simulation could not go on. None by default.
+    fn failure(&self) -> Option<String> {
+        None
     }
 
     /// Whether messages can be unavailable at some steps for anybody.

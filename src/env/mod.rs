@@ -5,11 +5,12 @@
 //! arrays. Any lane can be reset while others continue, and the whole state can be saved. The module
 //! [`contract`] tests any implementation. A family declares keys and makes environments: `step_count`, the
 //! simulation of Karine et al. (2023) with the dynamics of StepCountJITAI (2024); [`oralytics`], a trial of
-//! oral health; and [`outside`], programs of users. `docs/environment.md`, `docs/oralytics.md` and
-//! `docs/outside-environments.md` state the models. The module does not depend on agents or training.
+//! oral health; [`declared`], models in files of users; and [`outside`], programs of users.
+//! `docs/environment.md`, `docs/oralytics.md`, `docs/models.md` and `docs/outside-environments.md` describe them. The module does not depend on agents or training.
 
 mod companion_words;
 pub mod contract;
+pub mod declared;
 mod families;
 mod family;
 mod history;
@@ -23,7 +24,7 @@ mod step_count;
 mod variates;
 mod vector;
 
-pub use family::{Environment, Family, Meaning, Model};
+pub use family::{Environment, Family, Meaning, Model, WithParameters};
 pub use history::History;
 pub use observation::{FeatureSpec, ObservationSpec, Observations};
 pub use reported::{Reported, Reports};

@@ -95,7 +95,7 @@ pub trait Simulation: VectorEnvironment + Any + fmt::Debug + Send + Sync {
 
     /// Calls `show` with the names and columns of the state before the next step, which programs show beside
     /// observations. None by default.
-    fn show_state<'s>(&'s self, show: &mut dyn FnMut(&'static str, StateColumn<'s>)) {
+    fn show_state<'s>(&'s self, show: &mut dyn FnMut(&'s str, StateColumn<'s>)) {
         let _ = show;
     }
 

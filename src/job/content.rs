@@ -452,10 +452,10 @@ fn read_environment(
         None => Family::first(),
         Some(name) => name.as_str().and_then(Family::named).ok_or_else(part)?,
     };
-    if family.is_external() {
+    if let Some(with_parameters) = family.with_parameters {
         // Keys that are not parameter names are rejected below.
         let free = environment.keys().map(String::as_str).filter(|key| free_key(key).is_some());
-        family = Family::external(free).ok_or_else(part)?;
+        family = with_parameters(&free.collect::<Vec<_>>()).ok_or_else(part)?;
     }
     let parameters = values("environment", family.keys, &environment)?;
     let people = values("population", family.people, population)?;

@@ -276,7 +276,7 @@ choices! {
     pub enum FailureKind {
         /// The process that trained the job crashed repeatedly.
         Crashed = "crashed",
-        /// A loss or weight became infinite or NaN.
+        /// A loss, a weight, or a number of a model became infinite or NaN.
         Diverged = "diverged",
         /// The outside program did not start, ended early or broke the protocol.
         External = "external",

@@ -6,9 +6,11 @@
 
 use std::borrow::Cow;
 
+use super::content::Content;
 use super::declare::Keyed;
 use super::parameter::Parameter;
 use super::value::Value;
+use crate::text::FaultList;
 
 /// A constraint on jobs.
 #[derive(Debug)]
@@ -30,6 +32,15 @@ pub enum Violation {
         says: String,
         /// The remedy.
         help: String,
+    },
+    /// These faults of a file that a key names.
+    InFile {
+        /// The key.
+        parameter: Parameter,
+        /// The content of the file.
+        content: Content,
+        /// The faults, by their positions in the text.
+        faults: FaultList,
     },
     /// The keys together exceed a limit.
     TooLarge(Size),

@@ -7,18 +7,35 @@ use std::sync::Arc;
 use data_encoding::HEXLOWER;
 use sha2::{Digest, Sha256};
 
+use crate::text::FaultList;
+
 /// The form of the texts of a key.
 #[derive(Debug)]
 pub struct ContentForm {
     /// What the file is, to follow "the name of": "a CSV file of participants".
     pub what: &'static str,
-    /// Parses a text; the error says what is wrong and in which line.
-    pub parse: fn(&str) -> Result<Parsed, String>,
+    /// Parses a text; the error says what is wrong and where.
+    pub parse: fn(&str) -> Result<Parsed, ContentFault>,
     /// The part of a text by which it is known, as a text of the same form; `None` for the whole text. A form with
     /// such a part also takes `run:KEY`, a completed job of a store, whose policy has this form.
     pub canonical: Option<Canonical>,
     /// What to do where the file is missing.
     pub help: Option<&'static str>,
+}
+
+/// What is wrong with a text.
+#[derive(Debug)]
+pub enum ContentFault {
+    /// This, with the line.
+    Says(String),
+    /// These faults, by their positions.
+    Listed(FaultList),
+}
+
+impl From<String> for ContentFault {
+    fn from(says: String) -> ContentFault {
+        ContentFault::Says(says)
+    }
 }
 
 impl ContentForm {
@@ -64,6 +81,13 @@ struct Known {
     sha256: String,
     /// The text with what it has been parsed to; `None` if only the digest is known.
     text: Option<(String, Parsed)>,
+    /// The name of the file, for messages; it is no part of the content.
+    file: Option<String>,
+}
+
+/// A text with line feeds, without a byte-order mark.
+fn plain(text: &str) -> String {
+    text.trim_start_matches('\u{feff}').replace("\r\n", "\n")
 }
 
 /// The word for no text.
@@ -83,9 +107,8 @@ impl Content {
     /// The content of a file of this form with this text.
     ///
     /// **Errors**: the text is not of this form.
-    pub fn read(form: &ContentForm, text: &str) -> Result<Content, String> {
-        let text = text.trim_start_matches('\u{feff}').replace("\r\n", "\n");
-        let text = form.canonical.map_or(Ok(text.clone()), |canonical| canonical(&text))?;
+    pub fn read(form: &ContentForm, text: &str) -> Result<Content, ContentFault> {
+        let text = form.canonical.map_or(Ok(plain(text)), |canonical| canonical(&plain(text)))?;
         let text = format!("{}\n", text.trim_end());
         let parsed = (form.parse)(&text)?;
         let sha256 = HEXLOWER.encode(&Sha256::digest(text.as_bytes()));
@@ -93,7 +116,26 @@ impl Content {
             is_synthetic: text.starts_with(MARK),
             sha256,
             text: Some((text, parsed)),
+            file: None,
         }))))
+    }
+
+    /// The same content, of the file of this name.
+    pub fn of_file(self, name: &str) -> Content {
+        let Some(known) = self.0 else { return self };
+        let Known { is_synthetic, sha256, text, .. } = &*known;
+        let file = Some(name.to_owned());
+        Content(Some(Arc::new(Known {
+            is_synthetic: *is_synthetic,
+            sha256: sha256.clone(),
+            text: text.clone(),
+            file,
+        })))
+    }
+
+    /// The name of the file, if it is known.
+    pub fn file(&self) -> Option<&str> {
+        self.0.as_ref()?.file.as_deref()
     }
 
     /// Whether the key names no file.
@@ -130,7 +172,7 @@ impl Content {
         let is_synthetic = digest.is_some();
         let sha256 = digest.unwrap_or(name).strip_prefix(PREFIX)?.to_owned();
         let is_digest = sha256.len() == DIGITS && HEXLOWER.decode(sha256.as_bytes()).is_ok();
-        is_digest.then(|| Content(Some(Arc::new(Known { is_synthetic, sha256, text: None }))))
+        is_digest.then(|| Content(Some(Arc::new(Known { is_synthetic, sha256, text: None, file: None }))))
     }
 
     /// Whether a text in a manifest is the word for no text.
@@ -175,7 +217,7 @@ mod tests {
         what: "a number",
         parse: |text| match text.trim_start_matches("# synthetic").trim().parse::<u32>() {
             Ok(number) => Ok(Arc::new(number)),
-            Err(error) => Err(error.to_string()),
+            Err(error) => Err(error.to_string().into()),
         },
         canonical: None,
         help: None,

@@ -1,4 +1,4 @@
-//! Keys whose names a user chooses: the parameters of outside programs.
+//! Keys whose names a user chooses: the parameters of outside programs and of models.
 //!
 //! In: names of the form `parameters.<name>`. Out: keys, which stay in memory until the process ends, so that
 //! sweeps, filters, views and labels treat them like declared keys.
@@ -38,13 +38,25 @@ pub fn free_key(name: &str) -> Option<&'static Key> {
     let key: &'static Key = Box::leak(Box::new(Key {
         name,
         kind: Kind::Scalar,
-        written_doc: " a parameter of an outside program",
+        written_doc: " a parameter of an outside program or of a model",
         default: None,
         before: None,
         earlier: None,
     }));
     keys.insert(name, key);
     Some(key)
+}
+
+/// A text of the author's that stays in memory until the process ends, such as a unit.
+pub fn interned(text: &str) -> &'static str {
+    static TEXTS: Mutex<BTreeSet<&'static str>> = Mutex::new(BTreeSet::new());
+    let mut texts = TEXTS.lock().unwrap_or_else(PoisonError::into_inner);
+    if let Some(known) = texts.get(text) {
+        return known;
+    }
+    let text: &'static str = Box::leak(text.into());
+    texts.insert(text);
+    text
 }
 
 /// The free keys with these names, each once, in alphabetical order. `None` if a name is not of the form of

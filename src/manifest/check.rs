@@ -40,7 +40,7 @@ pub(super) fn check(
     let exclusions_hold = exclusions(draft, &manifest, faults);
     let grids: Vec<Grid> =
         (0..manifest.agents.len()).map(|agent| Grid::of(&manifest, agent)).collect();
-    for constraint in (manifest.family().constraints)() {
+    for constraint in manifest.family().constraints.iter().copied().flatten() {
         let certain = grids.iter().enumerate();
         let mut certain = certain.filter(|(index, grid)| {
             is_certain(draft, *index, grid, constraint.parameters, &broken)
@@ -354,14 +354,20 @@ fn report(
         Concerned::Agent(_) if name.value.is_empty() => String::new(),
         Concerned::Agent(_) => format!("agent `{}`: ", name.value),
     };
-    faults.add(match violation {
+    let fault = match violation {
         Violation::Contradiction(says) => fault(format!("{of}{says}")),
         Violation::Impossible { says, help } => fault(format!("{of}{says}")).help(help),
+        Violation::InFile { parameter, content, faults: found } => {
+            let name = parameter.key();
+            let says = faults.add_of_file(content.file(), content.text(), found);
+            fault(format!("{of}`{name}`: {says}"))
+        }
         Violation::TooLarge(Size { what, unit, size, most }) => {
             let says = format!("{what} {size} {unit}; the maximum is {most}");
             fault(format!("{of}{says}")).help(format!("with {}", chosen.listed()))
         }
-    });
+    };
+    faults.add(fault);
 }
 
 /// Reports exclusions that exclude nothing or everything.

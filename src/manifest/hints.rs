@@ -188,7 +188,7 @@ fn few_rollouts(manifest: &Manifest, index: usize) -> Option<String> {
     }
     match Grid::of(manifest, index).violation(&FEW)?.1 {
         Violation::Contradiction(says) => Some(format!("agent {} {says}", printable(&agent.name))),
-        Violation::Impossible { .. } | Violation::TooLarge(_) => None,
+        _ => None,
     }
 }
 

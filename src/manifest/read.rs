@@ -143,8 +143,10 @@ impl Reader<'_> {
     fn shared_section(&mut self, draft: &mut Draft, section: Section, node: &Node) {
         let read = match section {
             Section::Environment(family) => {
-                let others =
-                    if family.is_external() { &[FAMILY, PARAMETERS][..] } else { &[FAMILY] };
+                let others = match family.with_parameters {
+                    Some(_) => &[FAMILY, PARAMETERS][..],
+                    None => &[FAMILY],
+                };
                 self.section(section, others, node)
             }
             Section::Population(family) if family.people.is_empty() => {

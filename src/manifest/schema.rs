@@ -98,7 +98,7 @@ fn environment(family: &'static Family) -> Json {
     let mut properties = Map::new();
     let named = described("the family of the environment", json!({ "const": family.name }));
     properties.insert(FAMILY.to_owned(), named);
-    if family.is_external() {
+    if family.with_parameters.is_some() {
         properties.insert(PARAMETERS.to_owned(), free_parameters());
     }
     let mut schema = section(Section::Environment(family), properties);

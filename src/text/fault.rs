@@ -126,9 +126,11 @@ pub fn nearest_value<'v>(wanted: &str, values: &'v [String]) -> Option<&'v str> 
 
 /// Collects faults while a manifest is read.
 #[derive(Debug, Default)]
-pub(crate) struct FaultList {
+pub struct FaultList {
     list: Vec<Fault>,
     dropped: usize,
+    /// The faults of files that the text names.
+    files: Vec<Faults>,
 }
 
 impl FaultList {
@@ -162,14 +164,32 @@ impl FaultList {
     }
 
     /// Keeps the faults that do not begin on a line of one of `others`.
-    pub fn retain_off_lines_of(&mut self, others: &FaultList, source: &Source) {
+    pub(crate) fn retain_off_lines_of(&mut self, others: &FaultList, source: &Source) {
         let line = |fault: &Fault| fault.span.map(|span| source.position(span.start).line);
         let taken: std::collections::HashSet<_> = others.list.iter().map(line).collect();
         self.list.retain(|fault| !taken.contains(&line(fault)));
     }
 
+    /// Keeps the faults of a file that the text names, if its own text is known. Returns what a fault of the text says
+    /// of it.
+    pub(crate) fn add_of_file(
+        &mut self,
+        name: Option<&str>,
+        text: Option<&str>,
+        found: FaultList,
+    ) -> String {
+        let (count, name) = (found.len(), name.unwrap_or("its text"));
+        let noun = if count == 1 { "fault" } else { "faults" };
+        let says = format!("`{name}` has {count} {noun}");
+        let faults = found.of(name, Source::new(text.unwrap_or_default()));
+        if self.files.iter().all(|known| known.to_string() != faults.to_string()) {
+            self.files.push(faults);
+        }
+        says
+    }
+
     /// Puts each of `explanations` in the place of the faults on its line, if there are any.
-    pub fn explain(&mut self, explanations: FaultList, source: &Source) {
+    pub(crate) fn explain(&mut self, explanations: FaultList, source: &Source) {
         let line = |fault: &Fault| fault.span.map(|span| source.position(span.start).line);
         let faulty: std::collections::HashSet<_> = self.list.iter().map(line).collect();
         let mut known = explanations;
@@ -179,20 +199,21 @@ impl FaultList {
     }
 
     /// Keeps the faults that begin before `offset`.
-    pub fn retain_before(&mut self, offset: usize) {
+    pub(crate) fn retain_before(&mut self, offset: usize) {
         self.list.retain(|fault| fault.span.is_none_or(|span| span.start < offset));
     }
 
-    pub fn append(&mut self, mut other: FaultList) {
+    pub(crate) fn append(&mut self, mut other: FaultList) {
         other.list.drain(..).for_each(|fault| self.add(fault));
         self.dropped += other.dropped;
+        self.files.append(&mut other.files);
     }
 
     /// The faults of the file called `file`, by position; faults of the whole file come first.
-    pub fn of(mut self, file: &str, source: Source) -> Faults {
+    pub(crate) fn of(mut self, file: &str, source: Source) -> Faults {
         self.list.sort_by_key(|fault| fault.span.map(|span| span.start));
         let file = visible(file.chars());
-        Faults { file, source, list: self.list, dropped: self.dropped }
+        Faults { file, source, list: self.list, dropped: self.dropped, files: self.files }
     }
 }
 
@@ -206,6 +227,8 @@ pub struct Faults {
     source: Source,
     list: Vec<Fault>,
     dropped: usize,
+    /// The faults of files that the text names.
+    files: Vec<Faults>,
 }
 
 impl Faults {
@@ -232,6 +255,7 @@ impl Faults {
             return vec![self, other];
         }
         self.list.extend(other.list);
+        self.files.extend(other.files);
         self.list.sort_by_key(|fault| fault.span.map(|span| span.start));
         vec![self]
     }
@@ -288,6 +312,7 @@ impl Faults {
 impl fmt::Display for Faults {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         self.list.iter().try_for_each(|fault| self.write(fault, f))?;
+        self.files.iter().try_for_each(|file| writeln!(f, "{file}"))?;
         let total = self.list.len() + self.dropped;
         let noun = if total == 1 { "fault" } else { "faults" };
         write!(f, "{total} {noun} in {}", self.file)?;
@@ -316,16 +341,20 @@ impl Serialize for Faults {
             message: &'f str,
             help: Option<&'f str>,
         }
-        let mut entries = serializer.serialize_seq(Some(self.list.len()))?;
-        for fault in &self.list {
-            let position = self.position(fault);
-            entries.serialize_element(&Entry {
-                file: &self.file,
-                line: position.map(|position| position.line),
-                column: position.map(|position| position.column),
-                message: fault.message(),
-                help: fault.hint(),
-            })?;
+        let all = || std::iter::once(self).chain(&self.files);
+        let count = all().map(|faults| faults.list.len()).sum();
+        let mut entries = serializer.serialize_seq(Some(count))?;
+        for faults in all() {
+            for fault in &faults.list {
+                let position = faults.position(fault);
+                entries.serialize_element(&Entry {
+                    file: &faults.file,
+                    line: position.map(|position| position.line),
+                    column: position.map(|position| position.column),
+                    message: fault.message(),
+                    help: fault.hint(),
+                })?;
+            }
         }
         entries.end()
     }

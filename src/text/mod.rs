@@ -9,8 +9,8 @@ mod printable;
 mod source;
 
 pub(crate) use document::{Document, document};
-pub use fault::{Fault, Faults, nearest, nearest_value};
-pub(crate) use fault::{FaultList, near, shortened};
+pub use fault::{Fault, FaultList, Faults, nearest, nearest_value};
+pub(crate) use fault::{near, shortened};
 pub use printable::{DIRECTION, hidden, printable, quoted};
 pub use source::Position;
 pub(crate) use source::{Located, Source, Span};

@@ -2,22 +2,16 @@
 //!
 //! There are no checkpoints, because the state of a program cannot be saved: a stopped job starts over.
 
-use std::cell::Cell;
-use std::path::Path;
-use std::sync::Arc;
-use std::time::Duration;
-
 use crate::agent::recorded_decisions;
 use crate::env::Environment;
-use crate::env::outside::{Description, EnvironmentProgram, OutsideModel};
+use crate::env::outside::{Description, OutsideModel};
 use crate::external::ProgramError;
 use crate::job::{
-    CurvePoint, EstimateDeclaration, Failure, FailureKind, GROSS_REWARD, Job, Outcome, RunnableJob,
-    STEP, Trial,
+    Failure, FailureKind, GROSS_REWARD, Job, Outcome, RunnableJob, STEP, Trial,
 };
 use crate::key::Size;
-use crate::train::control::{StopHandle, TrainingControl};
-use crate::train::progress::TrainingProgress;
+use crate::train::control::TrainingControl;
+use crate::train::watched::Watched;
 
 /// Runs a job with `train`, in an environment that its program simulates.
 pub(super) fn run(
@@ -37,12 +31,13 @@ pub(super) fn run(
         return refused(fault);
     }
     let described = Job { environment: Environment::of(started), ..job.clone() };
-    let watched = Watched { control, program: &program, episode: Cell::new(0) };
+    let has_failed = || program.failure().is_some();
+    let watched = Watched::without_checkpoints(control, &has_failed);
     let runnable = described.runnable().expect("a description adds no file");
     let outcome = train(runnable, &watched);
     match program.failure() {
         Some(ProgramError::Stopped) => program.stop(),
-        Some(error) => return failed(error.to_string(), watched.episode.get()),
+        Some(error) => return failed(error.to_string(), watched.episode()),
         None if outcome == Outcome::Interrupted => program.stop(),
         None => {
             program.finish();
@@ -115,43 +110,4 @@ pub(super) fn refused(message: String) -> Outcome {
 
 fn failed(message: String, episode: u32) -> Outcome {
     Outcome::Failed(Failure { kind: FailureKind::External, message, episode })
-}
-
-/// The control of a job that also ends once the program of its environment has failed.
-struct Watched<'c> {
-    control: &'c dyn TrainingControl,
-    program: &'c EnvironmentProgram,
-    /// The number of training episodes finished.
-    episode: Cell<u32>,
-}
-
-impl TrainingControl for Watched<'_> {
-    fn report(&self, progress: TrainingProgress, curve: &[CurvePoint]) {
-        self.episode.set(progress.episode);
-        self.control.report(progress, curve);
-    }
-
-    fn report_is_due(&self) -> bool {
-        self.control.report_is_due()
-    }
-
-    fn stop_requested(&self) -> bool {
-        self.control.stop_requested() || self.program.failure().is_some()
-    }
-
-    fn stop_handle(&self) -> StopHandle {
-        self.control.stop_handle()
-    }
-
-    fn worked(&self) -> Duration {
-        self.control.worked()
-    }
-
-    fn folder(&self) -> &Path {
-        self.control.folder()
-    }
-
-    fn estimates(&self) -> &[Arc<EstimateDeclaration>] {
-        self.control.estimates()
-    }
 }

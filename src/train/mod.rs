@@ -25,6 +25,7 @@ mod test;
 mod trace;
 mod training;
 mod truth;
+mod watched;
 
 pub use crate::agent::StepObserver;
 pub use after_study::{BanditTrace, NoAfterStudy};

@@ -2,12 +2,13 @@
 
 use crate::agent::{External, StartError};
 use crate::env::outside::OutsideModel;
-use crate::job::{Job, Outcome, RunnableJob};
+use crate::job::{Failure, FailureKind, Job, Outcome, RunnableJob};
 use crate::train::checkpoint::{self, Resumed};
 use crate::train::control::TrainingControl;
 use crate::train::environment_program;
 use crate::train::outside;
 use crate::train::training::{Stage, Training, out_of_memory};
+use crate::train::watched::Watched;
 
 /// Trains the job's agent, tests it, and returns the outcome. Continues from a checkpoint if there is one,
 /// and writes one if it is stopped.
@@ -16,9 +17,27 @@ use crate::train::training::{Stage, Training, out_of_memory};
 /// If the job cannot run ([`Job::runnable`]), as a job of a store that names files.
 pub fn run(job: &Job, control: &dyn TrainingControl) -> Outcome {
     let job = job.runnable().unwrap_or_else(|error| panic!("{error}"));
-    match job.environment.model::<OutsideModel>() {
-        Some(model) => environment_program::run(&job, model, control, train),
+    if let Some(model) = job.environment.model::<OutsideModel>() {
+        return environment_program::run(&job, model, control, train);
+    }
+    match job.environment.fresh() {
+        Some(environment) => in_model(Job { environment, ..job.job().clone() }, control),
         None => train(job, control),
+    }
+}
+
+/// Runs a job in an environment whose simulations can fail.
+fn in_model(job: Job, control: &dyn TrainingControl) -> Outcome {
+    let failure = || job.environment.failure();
+    let has_failed = || failure().is_some();
+    let watched = Watched::new(control, &has_failed);
+    let outcome = train(job.runnable().expect("the job has been runnable"), &watched);
+    match failure() {
+        Some(message) => {
+            let (kind, episode) = (FailureKind::Diverged, watched.episode());
+            Outcome::Failed(Failure { kind, message, episode })
+        }
+        None => outcome,
     }
 }
 

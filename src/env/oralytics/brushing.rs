@@ -499,7 +499,7 @@ impl Simulation for Brushing {
         self.statuses[lane] = EpisodeStatus::Truncated;
     }
 
-    fn show_state<'s>(&'s self, show: &mut dyn FnMut(&'static str, StateColumn<'s>)) {
+    fn show_state<'s>(&'s self, show: &mut dyn FnMut(&'s str, StateColumn<'s>)) {
         let columns = [
             StateColumn::Reals(&self.average_brushing),
             StateColumn::Reals(&self.average_prompts),

@@ -18,13 +18,14 @@ pub static FAMILY: Family = Family {
     name: "oralytics",
     keys: Oralytics::KEYS,
     people: &[],
-    constraints: || CONSTRAINTS.iter().collect(),
+    constraints: &[&CONSTRAINTS],
     return_unit: "seconds of brushing",
     termination_metric: "termination_rate",
     has_optimum: false,
     has_contexts: false,
     headline: None,
     has_letters: false,
+    with_parameters: None,
     check_scenario: |scenario| shown(scenario).map(|_| ()),
     expected_scenario: || {
         let names: Vec<String> = SEEN.iter().map(|(name, ..)| format!("\"{name}\"")).collect();

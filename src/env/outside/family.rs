@@ -1,9 +1,7 @@
 //! The declaration of the family `external`, and its environments as jobs hold them.
 
 use std::any::Any;
-use std::collections::BTreeSet;
 use std::path::Path;
-use std::sync::{Mutex, PoisonError};
 
 use serde_json::{Map, json};
 
@@ -16,7 +14,7 @@ use crate::env::scenario::Scenario;
 use crate::env::simulation::Simulated;
 use crate::env::vector::Interface;
 use crate::external::{ProgramError, StopRequested};
-use crate::key::{Keyed, Kind, Value, WithFreeKeys, free_keys, free_values, keys};
+use crate::key::{Keyed, Kind, Value, WithFreeKeys, free_keys, free_values, interned, keys};
 
 keys! {
     /// A program of the author's that simulates an environment; `docs/outside-environments.md` has its protocol.
@@ -33,13 +31,14 @@ pub static FAMILY: Family = Family {
     name: "external",
     keys: OutsideParameters::KEYS,
     people: &[],
-    constraints: Vec::new,
+    constraints: &[],
     return_unit: "reward",
     termination_metric: "termination_rate",
     has_optimum: false,
     has_contexts: false,
     headline: None,
     has_letters: false,
+    with_parameters: Some(with_parameters),
     check_scenario: |_| Ok(()),
     expected_scenario: || {
         "\"all\", or a list of names of features, as in [\"position\", \"velocity\"]".to_owned()
@@ -60,16 +59,15 @@ impl Family {
     pub fn is_external(&self) -> bool {
         self.name == FAMILY.name
     }
+}
 
-    /// The family of outside programs whose parameters have these keys. `None` if a key is not of the form of
-    /// [`free_key`](crate::key::free_key), or if there are too many keys.
-    pub fn external<'n>(keys: impl IntoIterator<Item = &'n str>) -> Option<&'static Family> {
-        let free = free_keys(keys)?;
-        if free.is_empty() {
-            return Some(&FAMILY);
-        }
-        Some(FAMILIES.of(FAMILY.keys, &free, |keys| Family { keys, ..FAMILY }))
+/// The family of outside programs whose parameters have these keys.
+fn with_parameters(keys: &[&str]) -> Option<&'static Family> {
+    let free = free_keys(keys.iter().copied())?;
+    if free.is_empty() {
+        return Some(&FAMILY);
     }
+    Some(FAMILIES.of(FAMILY.keys, &free, |keys| Family { keys, ..FAMILY }))
 }
 
 /// An environment that a program simulates. What it consists of is known once the program has started.
@@ -136,18 +134,6 @@ impl OutsideModel {
         let lanes = OutsideEnvironment::new(program, phase, &shown, true, lanes);
         Box::new(lanes.with_history(history))
     }
-}
-
-/// A unit that programs have declared; it stays in memory until the process ends.
-fn interned(unit: &str) -> &'static str {
-    static UNITS: Mutex<BTreeSet<&'static str>> = Mutex::new(BTreeSet::new());
-    let mut units = UNITS.lock().unwrap_or_else(PoisonError::into_inner);
-    if let Some(known) = units.get(unit) {
-        return known;
-    }
-    let unit: &'static str = Box::leak(unit.into());
-    units.insert(unit);
-    unit
 }
 
 impl Model for OutsideModel {

@@ -61,7 +61,7 @@ impl Simulation for PhysicalActivity {
         bin.min(PROBABILITY_BINS - 1) * 2 + usize::from(draw.context)
     }
 
-    fn show_state<'s>(&'s self, show: &mut dyn FnMut(&'static str, StateColumn<'s>)) {
+    fn show_state<'s>(&'s self, show: &mut dyn FnMut(&'s str, StateColumn<'s>)) {
         let states = self.states();
         show("context", StateColumn::Bytes(states.contexts));
         show("probability_0", StateColumn::Reals(states.probabilities));

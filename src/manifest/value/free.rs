@@ -1,4 +1,4 @@
-//! Reads the parameters of outside programs, whose names the author chooses, and the family of the environment.
+//! Reads the parameters of outside programs and models, whose names the author chooses, and the family of the environment.
 
 use toml::de::DeTable;
 
@@ -7,7 +7,7 @@ use crate::key::{free_key, free_keys};
 use crate::manifest::value::sweep::{Node, Reader};
 use crate::text::{Fault, shortened};
 
-/// The table of an outside program's parameters, in its [[agent]] or in [environment].
+/// The table of the parameters of an outside program or a model, in its [[agent]] or in [environment].
 pub(in crate::manifest) const PARAMETERS: &str = "parameters";
 
 /// The key of `[environment]` that names its family.
@@ -47,7 +47,7 @@ impl Reader<'_> {
         Some(given)
     }
 
-    /// The family that the table `environment` names, with the parameters of an outside program. Faults are reported.
+    /// The family that the table `environment` names, with the parameters whose names the author chooses. Faults are reported.
     pub fn family<'n>(&mut self, environment: &'n DeTable<'n>) -> (&'static Family, Free<'n>) {
         let Some(node) = environment.get(FAMILY) else { return (Family::first(), Free::new()) };
         let names: Vec<&str> = Family::all().iter().map(|family| family.name).collect();
@@ -58,14 +58,10 @@ impl Reader<'_> {
             families.find(|family| family.keys.iter().any(|key| environment.contains_key(key.name)))
         };
         let family = named.or_else(meant).unwrap_or(Family::first());
-        let free = environment.get(PARAMETERS).filter(|_| family.is_external());
-        let free = free.and_then(|node| self.free_parameters(node)).unwrap_or_default();
-        match free.is_empty() {
-            true => (family, free),
-            false => {
-                let named = Family::external(free.iter().map(|(name, _)| *name));
-                (named.unwrap_or(family), free)
-            }
-        }
+        let Some(with_parameters) = family.with_parameters else { return (family, Free::new()) };
+        let free = environment.get(PARAMETERS).and_then(|node| self.free_parameters(node));
+        let free = free.unwrap_or_default();
+        let names: Vec<&str> = free.iter().map(|(name, _)| *name).collect();
+        (with_parameters(&names).unwrap_or(family), free)
     }
 }

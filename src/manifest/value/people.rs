@@ -5,7 +5,7 @@ use std::io::Read;
 
 use toml::de::DeValue;
 
-use crate::key::{Column, Content, ContentForm, Distribution, Kind, NumberRange, Rows, Value};
+use crate::key::{Column, Content, ContentFault, ContentForm, Distribution, Kind, NumberRange, Rows, Value};
 use crate::manifest::value::sweep::{Node, Reader};
 use crate::text::{Fault, Span};
 
@@ -96,9 +96,24 @@ impl Reader<'_> {
             (false, None) => (self.file(written), format!("`{written}`, ")),
         };
         let is_missing = text.is_err();
-        let content =
-            text.and_then(|text| Content::read(form, &text).map_err(|says| format!("{of}{says}")));
+        let is_file = !written.contains('\n');
+        let content = match text {
+            Ok(text) => match Content::read(form, &text) {
+                Ok(content) => Ok(content),
+                Err(ContentFault::Says(says)) => Err(format!("{of}{says}")),
+                Err(ContentFault::Listed(found)) => {
+                    let path = self.folder.join(&**written).display().to_string();
+                    let file = is_file.then_some(&*path);
+                    Err(self.faults.add_of_file(file, Some(&text), found))
+                }
+            },
+            Err(says) => Err(says),
+        };
         match content {
+            Ok(content) if is_file => {
+                let path = self.folder.join(&**written);
+                Some(Value::Content(content.of_file(&path.display().to_string())))
+            }
             Ok(content) => Some(Value::Content(content)),
             Err(says) => {
                 let fault = Fault::at(node.span().into(), format!("`{name}`: {says}"));

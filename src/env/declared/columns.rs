@@ -1,0 +1,434 @@
+//! The numbers of a model's lanes, and the execution of its program on them.
+
+use std::sync::Arc;
+
+use pulp::{Simd, WithSimd};
+
+use crate::env::declared::distribution::Distribution;
+use crate::env::declared::expression::{Binary, Summary, Unary};
+use crate::env::declared::model::{Clock, Stage, Table};
+use crate::env::declared::numbers;
+use crate::env::declared::program::{Check, Draw, Drawn, Instruction, Operand, Program, Ring};
+use crate::env::declared::rows::Numbers;
+use crate::env::variates::Expansion;
+use crate::kernel::Isa;
+
+/// The number of lanes that an instruction computes at a time, so that buffers stay in the fastest memory.
+const TILE: usize = 128;
+
+/// The numbers of all lanes.
+#[derive(Clone, Debug)]
+pub(super) struct Columns {
+    program: Arc<Program>,
+    /// \[columns\], each \[lanes\].
+    pub all: Vec<Vec<f64>>,
+    /// \[buffers\], each \[tile\].
+    buffers: Vec<Vec<f64>>,
+    /// \[tile\].
+    valid: Vec<bool>,
+}
+
+/// What an execution needs beside the columns, \[lanes\] each.
+#[derive(Debug)]
+pub(super) struct Inputs<'a> {
+    /// The number of steps of the lanes so far.
+    pub clock: u64,
+    /// The number of decisions before the present one.
+    pub times: &'a [u32],
+    /// The words of the draws.
+    pub words: &'a [u64],
+    /// Lanes whose draws are made.
+    pub drawn: &'a [bool],
+    /// Lanes whose numbers are checked.
+    pub checked: &'a [bool],
+    /// The rows that are replayed, and the row of each lane; empty without rows.
+    pub replay: Option<(&'a Numbers, &'a [u32])>,
+    /// The columns of the rows.
+    pub replayed: &'a [usize],
+}
+
+/// A number out of its range.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Broken {
+    pub check: Check,
+    pub lane: usize,
+}
+
+impl Columns {
+    /// Columns of this number of lanes.
+    pub fn new(program: Arc<Program>, lanes: usize) -> Columns {
+        let mut all = vec![vec![0.0; lanes]; program.columns];
+        for (column, value) in &program.constants {
+            all[*column].fill(*value);
+        }
+        let tile = lanes.min(TILE);
+        let buffers = vec![vec![0.0; tile]; program.buffers];
+        Columns { program, all, buffers, valid: vec![false; tile] }
+    }
+
+    /// The number of an operand that lasts, in a lane.
+    pub fn at(&self, operand: Operand, lane: usize) -> f64 {
+        match operand {
+            Operand::Column(column) => self.all[column][lane],
+            Operand::Buffer(_) => f64::NAN,
+        }
+    }
+
+    /// Sets the clocks of all lanes, of which `entered` has the days of the trial on which their people entered.
+    pub fn set_clocks(&mut self, times: &[u32], entered: &[f64], per_day: u32) {
+        for (clock, column) in &self.program.clocks {
+            let lanes = self.all[*column].iter_mut().zip(times).zip(entered);
+            for ((out, time), entered) in lanes {
+                *out = match clock {
+                    Clock::Step => f64::from(*time),
+                    Clock::Day => f64::from(time / per_day),
+                    Clock::Slot => f64::from(time % per_day),
+                    Clock::CalendarDay => entered + f64::from(time / per_day),
+                };
+            }
+        }
+    }
+
+    /// Computes the quantities of a stage. Returns the first number that is out of its range.
+    pub fn compute(&mut self, stage: Stage, inputs: &Inputs<'_>) -> Option<Broken> {
+        let program = Arc::clone(&self.program);
+        let instructions = &program.stages[stage as usize];
+        Isa::chosen().run(Execution { columns: self, instructions, inputs })
+    }
+
+    /// Remembers the values of a decision.
+    pub fn remember(&mut self, clock: u64, drawn: &[bool]) {
+        let program = Arc::clone(&self.program);
+        for (ring, value) in &program.rings {
+            // The value of the present decision is the one that the next one finds at a lag of 1.
+            let mut newest = std::mem::take(&mut self.all[ring.column(clock, 0)]);
+            newest.copy_from_slice(&self.all[*value]);
+            self.all[ring.column(clock, 0)] = newest;
+        }
+        for (total, value) in &program.totals {
+            let mut sums = std::mem::take(&mut self.all[*total]);
+            for ((sum, value), drawn) in sums.iter_mut().zip(&self.all[*value]).zip(drawn) {
+                if *drawn {
+                    *sum += value;
+                }
+            }
+            self.all[*total] = sums;
+        }
+    }
+
+    /// Forgets the totals of a lane.
+    pub fn forget(&mut self, lane: usize) {
+        for (total, _) in &self.program.totals {
+            self.all[*total][lane] = 0.0;
+        }
+    }
+}
+
+/// The execution of instructions.
+struct Execution<'a> {
+    columns: &'a mut Columns,
+    instructions: &'a [Instruction],
+    inputs: &'a Inputs<'a>,
+}
+
+impl WithSimd for Execution<'_> {
+    type Output = Option<Broken>;
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, _: S) -> Option<Broken> {
+        let Execution { columns, instructions, inputs } = self;
+        let lanes = inputs.times.len();
+        let mut broken = None;
+        let mut first = 0;
+        while first < lanes {
+            let tile = Tile { first, count: (lanes - first).min(TILE) };
+            for instruction in instructions {
+                let found = columns.execute(instruction, tile, inputs);
+                if broken.is_none() {
+                    broken = found;
+                }
+            }
+            first += TILE;
+        }
+        broken
+    }
+}
+
+/// Some of the lanes.
+#[derive(Clone, Copy)]
+struct Tile {
+    first: usize,
+    count: usize,
+}
+
+impl Tile {
+    #[inline(always)]
+    fn of<T>(self, lanes: &[T]) -> &[T] {
+        &lanes[self.first..self.first + self.count]
+    }
+}
+
+#[inline(always)]
+fn one(out: &mut [f64], x: &[f64], of: impl Fn(f64) -> f64) {
+    out.iter_mut().zip(x).for_each(|(out, x)| *out = of(*x));
+}
+
+#[inline(always)]
+fn two(out: &mut [f64], x: &[f64], y: &[f64], of: impl Fn(f64, f64) -> f64) {
+    out.iter_mut().zip(x).zip(y).for_each(|((out, x), y)| *out = of(*x, *y));
+}
+
+/// Calls `$run` with each function as a constant, so that its loop is compiled for it.
+macro_rules! each_function {
+    ($kind:ident, $function:expr, [$($name:ident)*], |$constant:ident| $run:expr) => {
+        match $function {
+            $($kind::$name => {
+                const FUNCTION: $kind = $kind::$name;
+                let $constant = FUNCTION;
+                $run
+            })*
+        }
+    };
+}
+
+impl Columns {
+    #[inline(always)]
+    fn read(&self, operand: Operand, tile: Tile) -> &[f64] {
+        match operand {
+            Operand::Column(column) => tile.of(&self.all[column]),
+            Operand::Buffer(buffer) => &self.buffers[buffer][..tile.count],
+        }
+    }
+
+    /// Computes the numbers of a tile, which are taken out meanwhile: no instruction reads its destination.
+    #[inline(always)]
+    fn write(&mut self, to: Operand, tile: Tile, compute: impl FnOnce(&mut Self, &mut [f64])) {
+        match to {
+            Operand::Column(column) => {
+                let mut numbers = std::mem::take(&mut self.all[column]);
+                compute(self, &mut numbers[tile.first..tile.first + tile.count]);
+                self.all[column] = numbers;
+            }
+            Operand::Buffer(buffer) => {
+                let mut numbers = std::mem::take(&mut self.buffers[buffer]);
+                compute(self, &mut numbers[..tile.count]);
+                self.buffers[buffer] = numbers;
+            }
+        }
+    }
+
+    #[inline(always)]
+    fn execute(
+        &mut self,
+        instruction: &Instruction,
+        tile: Tile,
+        inputs: &Inputs<'_>,
+    ) -> Option<Broken> {
+        match instruction {
+            Instruction::Copy(from, to) => {
+                self.write(*to, tile, |all, out| out.copy_from_slice(all.read(*from, tile)));
+            }
+            Instruction::Unary(function, x, to) => self.write(*to, tile, |all, out| {
+                let x = all.read(*x, tile);
+                each_function!(
+                    Unary, function,
+                    [Minus Not Abs Exp Log Sqrt Sigmoid NormalCdf Floor Round],
+                    |f| one(out, x, |x| numbers::unary(f, x))
+                );
+            }),
+            Instruction::Binary(function, [x, y], to) => self.write(*to, tile, |all, out| {
+                let (x, y) = (all.read(*x, tile), all.read(*y, tile));
+                each_function!(
+                    Binary, function,
+                    [
+                        Plus Minus Times Divided Modulo Power Less AtMost Greater AtLeast Equal
+                        Unequal And Or Min Max Default
+                    ],
+                    |f| two(out, x, y, |x, y| numbers::binary(f, x, y))
+                );
+            }),
+            Instruction::Select([condition, x, y], to) => self.write(*to, tile, |all, out| {
+                let [condition, x, y] = [condition, x, y].map(|of| all.read(*of, tile));
+                for (((out, condition), x), y) in out.iter_mut().zip(condition).zip(x).zip(y) {
+                    *out = numbers::select(*condition, *x, *y);
+                }
+            }),
+            Instruction::Lag(ring, back, to) => self.write(*to, tile, |all, out| {
+                let past = tile.of(&all.all[ring.column(inputs.clock, u64::from(*back))]);
+                let times = tile.of(inputs.times);
+                for ((out, past), time) in out.iter_mut().zip(past).zip(times) {
+                    *out = if time >= back { *past } else { f64::NAN };
+                }
+            }),
+            Instruction::Window(ring, weights, to) => self.write(*to, tile, |all, out| {
+                all.window(*ring, weights, tile, inputs, out);
+            }),
+            Instruction::Total(total, summary, to) => self.write(*to, tile, |all, out| {
+                let sums = tile.of(&all.all[*total]);
+                let times = tile.of(inputs.times);
+                for ((out, sum), time) in out.iter_mut().zip(sums).zip(times) {
+                    *out = match summary {
+                        Summary::Mean => numbers::divided(*sum, f64::from(*time)),
+                        Summary::Sum | Summary::Count => *sum,
+                    };
+                }
+            }),
+            Instruction::Linear(terms, to) => self.write(*to, tile, |all, out| {
+                out.fill(0.0);
+                for (coefficient, factors) in terms {
+                    let coefficient = all.read(*coefficient, tile);
+                    match factors[..] {
+                        [] => one_more(out, coefficient),
+                        [x] => {
+                            let x = all.read(x, tile);
+                            for ((out, c), x) in out.iter_mut().zip(coefficient).zip(x) {
+                                *out += c * x;
+                            }
+                        }
+                        [x, y] => {
+                            let (x, y) = (all.read(x, tile), all.read(y, tile));
+                            for (((out, c), x), y) in out.iter_mut().zip(coefficient).zip(x).zip(y) {
+                                *out += c * (x * y);
+                            }
+                        }
+                        _ => {
+                            for (lane, (out, c)) in out.iter_mut().zip(coefficient).enumerate() {
+                                let product: f64 =
+                                    factors.iter().map(|x| all.read(*x, tile)[lane]).product();
+                                *out += c * product;
+                            }
+                        }
+                    }
+                }
+            }),
+            Instruction::Draw(draw) => self.draw(draw, tile, inputs),
+            Instruction::Replay(column, to) => self.write(*to, tile, |_, out| {
+                if let Some((rows, row)) = inputs.replay {
+                    let column = inputs.replayed[*column];
+                    for (out, row) in out.iter_mut().zip(tile.of(row)) {
+                        let row = *row as usize;
+                        *out = if row < rows.rows() { rows.number(row, column) } else { f64::NAN };
+                    }
+                }
+            }),
+            Instruction::Check(check) => {
+                let numbers = self.read(check.of, tile);
+                let (least, most) = check.range;
+                let checked = tile.of(inputs.checked);
+                let is_bad = |(x, checked): (&f64, &bool)| *checked & !((*x >= least) & (*x <= most));
+                let any = numbers.iter().zip(checked).fold(false, |any, one| any | is_bad(one));
+                if any {
+                    let lane = numbers.iter().zip(checked).position(is_bad);
+                    return lane.map(|lane| Broken { check: *check, lane: tile.first + lane });
+                }
+            }
+        }
+        None
+    }
+
+    #[inline(always)]
+    fn window(
+        &self,
+        ring: Ring,
+        weights: &[f64],
+        tile: Tile,
+        inputs: &Inputs<'_>,
+        out: &mut [f64],
+    ) {
+        out.fill(0.0);
+        for (back, weight) in (1..).zip(weights) {
+            let past = tile.of(&self.all[ring.column(inputs.clock, back)]);
+            for (out, past) in out.iter_mut().zip(past) {
+                *out += weight * past;
+            }
+        }
+        let length = weights.len() as u32;
+        for (out, time) in out.iter_mut().zip(tile.of(inputs.times)) {
+            *out = if *time >= length { *out } else { f64::NAN };
+        }
+    }
+
+    #[inline(always)]
+    fn draw(&mut self, draw: &Draw, tile: Tile, inputs: &Inputs<'_>) {
+        let mut valid = std::mem::take(&mut self.valid);
+        let valid_here = &mut valid[..tile.count];
+        valid_here.copy_from_slice(tile.of(inputs.drawn));
+        for (parameter, (least, most)) in draw.parameters.iter().zip(&draw.ranges) {
+            for (valid, x) in valid_here.iter_mut().zip(self.read(*parameter, tile)) {
+                *valid &= (*x >= *least) & (*x <= *most);
+            }
+        }
+        let words = tile.of(inputs.words);
+        self.write(draw.to, tile, |all, out| {
+            let words = |lane: usize| Expansion(words[lane] ^ draw.stream);
+            let mut few: [&[f64]; 4] = [&[]; 4];
+            let many: Vec<&[f64]>;
+            let parameters = match draw.parameters.len() {
+                count @ 0..=4 => {
+                    for (slot, parameter) in few.iter_mut().zip(&draw.parameters) {
+                        *slot = all.read(*parameter, tile);
+                    }
+                    &few[..count]
+                }
+                _ => {
+                    many = draw.parameters.iter().map(|of| all.read(*of, tile)).collect();
+                    &many[..]
+                }
+            };
+            match &draw.distribution {
+                Drawn::Distribution(Distribution::Gaussian) => {
+                    // Without branches: most draws of most models.
+                    let (mean, sd) = (parameters[0], parameters[1]);
+                    for (lane, (out, (mean, sd))) in out.iter_mut().zip(mean.iter().zip(sd)).enumerate() {
+                        *out = mean + sd * words(lane).normal();
+                    }
+                    for (out, valid) in out.iter_mut().zip(valid_here.iter()) {
+                        *out = if *valid { *out } else { f64::NAN };
+                    }
+                }
+                Drawn::Distribution(distribution) => {
+                    distribution.draw(parameters, words, valid_here, out);
+                }
+                Drawn::Table(table) => {
+                    for (lane, (out, valid)) in out.iter_mut().zip(valid_here.iter()).enumerate() {
+                        let given = parameters.iter().map(|of| of[lane]);
+                        *out = match valid {
+                            true => table.drawn(given, words(lane).open_unit()),
+                            false => f64::NAN,
+                        };
+                    }
+                }
+            }
+        });
+        self.valid = valid;
+    }
+}
+
+#[inline(always)]
+fn one_more(out: &mut [f64], x: &[f64]) {
+    out.iter_mut().zip(x).for_each(|(out, x)| *out += x);
+}
+
+impl Table {
+    /// The value in which a share of the weights of the rows with these given values falls; NaN if there is no such row.
+    fn drawn(&self, given: impl ExactSizeIterator<Item = f64> + Clone, share: f64) -> f64 {
+        let width = given.len();
+        let fits = |row: usize| {
+            let mut own = self.given[row * width..(row + 1) * width].iter();
+            given.clone().all(|x| own.next() == Some(&x))
+        };
+        let rows = || (0..self.values.len()).filter(|row| fits(*row)).map(|row| self.values[row]);
+        let all: f64 = rows().map(|(_, weight)| weight).sum();
+        let (mut before, mut last) = (0.0, f64::NAN);
+        for (value, weight) in rows() {
+            if weight > 0.0 {
+                last = value;
+            }
+            before += weight;
+            if share * all < before {
+                return value;
+            }
+        }
+        last
+    }
+}

@@ -1,0 +1,197 @@
+//! Constraints between a model and what a manifest gives beside it.
+
+use std::sync::Arc;
+
+use crate::env::declared::description::Description;
+use crate::env::declared::model::Model;
+use crate::env::declared::rows::{ColumnFault, Numbers};
+use crate::env::scenario::Scenario;
+use crate::key::{Assignment, Constraint, Content, Key, KeyType, Parameter, Value, Violation};
+use crate::text::{Fault, FaultList, nearest};
+
+const MODEL: Parameter = Parameter::Environment("model");
+const PEOPLE: Parameter = Parameter::Environment("people");
+const REPLAY: Parameter = Parameter::Environment("replay");
+
+/// The constraints on every world.
+pub(super) const CONSTRAINTS: &[Constraint] = &[EXISTS, COLUMNS, ROWS, FEATURES];
+
+/// The constraint on the parameters that are set, by the keys of the environment.
+pub(super) fn of_parameters(keys: &[&'static Key]) -> Constraint {
+    let set = keys.iter().map(|key| Parameter::Environment(key.name));
+    let parameters: Vec<Parameter> = [MODEL].into_iter().chain(set).collect();
+    Constraint { parameters: parameters.leak(), violation: unknown_parameter }
+}
+
+fn content(assignment: &Assignment<'_>, parameter: Parameter) -> Option<Content> {
+    Content::from_value(assignment.value(parameter)?)
+}
+
+fn model(assignment: &Assignment<'_>) -> Option<Arc<Model>> {
+    content(assignment, MODEL)?.parsed()
+}
+
+fn impossible(says: impl Into<String>, help: impl Into<String>) -> Option<Violation> {
+    Some(Violation::Impossible { says: says.into(), help: help.into() })
+}
+
+const EXISTS: Constraint = Constraint {
+    parameters: &[MODEL],
+    violation: |assignment| {
+        content(assignment, MODEL)?.is_none().then_some(())?;
+        impossible(
+            "`model` = \"none\": a world is declared in a file",
+            "experiments/models/ten_lines.toml is a small one",
+        )
+    },
+};
+
+/// The file of people has the columns that the model needs, with numbers.
+const COLUMNS: Constraint = Constraint {
+    parameters: &[MODEL, PEOPLE],
+    violation: |assignment| {
+        let model = model(assignment)?;
+        let people = content(assignment, PEOPLE)?;
+        let table: Option<Arc<Numbers>> = people.parsed();
+        let mut faults = FaultList::default();
+        let known = model.names();
+        for needed in &model.columns {
+            let name = &needed.name;
+            let found = match &table {
+                None => Err(ColumnFault::Missing),
+                Some(table) => needed.find(table),
+            };
+            let fault = match (found, &table) {
+                (Ok(_), _) => continue,
+                (Err(ColumnFault::Text(line, text)), _) => Fault::at(
+                    needed.span,
+                    format!("`{name}` is a column of the people, whose line {line} has `{text}` instead of a number"),
+                ),
+                (Err(ColumnFault::Missing), Some(table)) => {
+                    let fault = Fault::at(
+                        needed.span,
+                        format!("`{name}` is neither declared here nor a column of the people"),
+                    );
+                    let columns = table.columns().iter().map(String::as_str);
+                    fault.nearest(name, known.iter().copied().chain(columns).collect::<Vec<_>>())
+                }
+                (Err(ColumnFault::Missing), None) => {
+                    let fault = Fault::at(needed.span, format!("`{name}` is not declared"));
+                    match nearest(name, known.iter().copied()) {
+                        Some(near) => fault.help(format!("did you mean `{near}`?")),
+                        None => fault.help("if it is a column of people, name their file: people = \"people.csv\" in [environment]"),
+                    }
+                }
+            };
+            faults.add(fault);
+        }
+        if faults.is_empty() {
+            return None;
+        }
+        let content = content(assignment, MODEL)?;
+        Some(Violation::InFile { parameter: MODEL, content, faults })
+    },
+};
+
+/// Rows that are replayed are of the people, and have the model's columns.
+const ROWS: Constraint = Constraint {
+    parameters: &[MODEL, PEOPLE, REPLAY],
+    violation: |assignment| {
+        let model = model(assignment)?;
+        let rows = content(assignment, REPLAY)?;
+        let (Some(_), false) = (model.replay, rows.is_none()) else {
+            return match (model.replay, rows.is_none()) {
+                (Some(_), true) => impossible(
+                    "the model has [replay], and `replay` names no file of rows",
+                    "name a CSV file, as in replay = \"rows.csv\" in [environment]",
+                ),
+                (None, false) => impossible(
+                    "`replay` names rows, and the model has no [replay]",
+                    "leave `replay` out, or add [replay] with its `columns` to the model",
+                ),
+                _ => None,
+            };
+        };
+        let rows: Arc<Numbers> = rows.parsed()?;
+        for name in &model.replayed {
+            match rows.column(name) {
+                Ok(_) => {}
+                Err(ColumnFault::Missing) => {
+                    return impossible(
+                        format!("`replay` has no column `{name}`, which the model's [replay] lists"),
+                        format!("its columns are {}", rows.columns().join(", ")),
+                    );
+                }
+                Err(ColumnFault::Text(line, text)) => {
+                    return impossible(
+                        format!("`replay`: line {line} has `{text}` in column `{name}`"),
+                        "write a number, or leave the field empty for a missing value",
+                    );
+                }
+            }
+        }
+        let people: Option<Arc<Numbers>> = content(assignment, PEOPLE)?.parsed();
+        let own = rows.by_person();
+        let without = people.and_then(|people| {
+            let names = (0..people.rows()).map(|row| people.person(row));
+            { names }.find(|name| own.iter().all(|(known, _)| known != name))
+        });
+        let name = without?;
+        impossible(
+            format!("`replay` has no row of person {name}, who is one of the people"),
+            "give every person at least one row; the column `person` of both files has their names",
+        )
+    },
+};
+
+/// Scenarios show features of the model.
+const FEATURES: Constraint = Constraint {
+    parameters: &[MODEL, Parameter::SCENARIO],
+    violation: |assignment| {
+        let model = model(assignment)?;
+        let scenario: Scenario = assignment.text(Parameter::SCENARIO).parse().ok()?;
+        let description = Description::of(&model, 0);
+        let fault = description.shown(&scenario).err()?;
+        let names: Vec<&str> =
+            description.features.iter().map(|feature| feature.name.as_str()).collect();
+        impossible(
+            format!("{fault} of the model"),
+            format!("its features are {}", names.join(", ")),
+        )
+    },
+};
+
+/// Parameters that a manifest sets are numbers of the model.
+fn unknown_parameter(assignment: &Assignment<'_>) -> Option<Violation> {
+    let model = model(assignment)?;
+    for (parameter, value) in &assignment.0 {
+        let Some(name) = parameter.key().strip_prefix("parameters.") else { continue };
+        let known = model.parameters.iter().map(|one| one.name.as_str());
+        if { known.clone() }.all(|one| one != name) {
+            let all: Vec<&str> = known.clone().collect();
+            let help = match nearest(name, known) {
+                Some(near) => format!("did you mean `{near}`?"),
+                None if all.is_empty() => "the model has no [parameters]".to_owned(),
+                None => format!("its parameters are {}", all.join(", ")),
+            };
+            return impossible(format!("the model has no parameter `{name}`"), help);
+        }
+        if number(value).is_none() {
+            return impossible(
+                format!("parameter `{name}`: expected a number, found {value}"),
+                "parameters of a model are numbers",
+            );
+        }
+    }
+    None
+}
+
+/// The number that a value of a parameter is; true is 1.
+pub(super) fn number(value: &Value) -> Option<f64> {
+    match value {
+        Value::Real(real) => Some(*real),
+        Value::Integer(whole) => Some(*whole as f64),
+        Value::Flag(flag) => Some(f64::from(u8::from(*flag))),
+        _ => None,
+    }
+}

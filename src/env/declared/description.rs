@@ -1,0 +1,67 @@
+//! What a store keeps of a world, whose model it does not keep.
+
+use serde::{Deserialize, Serialize};
+
+use crate::env::declared::model::Model;
+use crate::env::scenario::{Scenario, ScenarioError};
+
+/// What agents and readers know of a world.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub(super) struct Description {
+    pub title: String,
+    pub unit: Option<String>,
+    pub actions: Vec<String>,
+    pub features: Vec<DescribedFeature>,
+    /// The names of the recorded state.
+    pub state: Vec<String>,
+    pub horizon: u32,
+    pub availability: bool,
+    pub ends: bool,
+    /// The number of rows of people; 0 if people do not differ by a file.
+    pub people: usize,
+}
+
+/// A feature of an observation.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub(super) struct DescribedFeature {
+    pub name: String,
+    /// `None` for a feature without a bound.
+    pub low: Option<f64>,
+    pub high: Option<f64>,
+    pub unit: String,
+    pub meaning: String,
+}
+
+impl Description {
+    /// The description of a model with this number of people.
+    pub fn of(model: &Model, people: usize) -> Description {
+        let name = |quantity: &usize| model.quantities[*quantity].name.clone();
+        let features = model.roles.features.iter().map(|feature| DescribedFeature {
+            name: feature.name.clone(),
+            low: Some(feature.low).filter(|low| low.is_finite()),
+            high: Some(feature.high).filter(|high| high.is_finite()),
+            unit: feature.unit.clone(),
+            meaning: feature.meaning.clone(),
+        });
+        Description {
+            title: model.title.clone(),
+            unit: model.unit.clone(),
+            actions: model.actions.clone(),
+            features: features.collect(),
+            state: model.roles.state.iter().map(name).collect(),
+            horizon: model.horizon(),
+            availability: model.roles.available.is_some(),
+            ends: model.roles.ends.is_some(),
+            people,
+        }
+    }
+
+    /// The indices of the features that a scenario shows.
+    ///
+    /// **Errors**: the world has no such feature.
+    pub fn shown(&self, scenario: &Scenario) -> Result<Vec<usize>, ScenarioError> {
+        let Some(names) = scenario.names() else { return Ok((0..self.features.len()).collect()) };
+        let index = |name: &str| self.features.iter().position(|feature| feature.name == name);
+        names.map(|name| index(name).ok_or_else(|| ScenarioError::Unknown(name.into()))).collect()
+    }
+}

@@ -1,0 +1,186 @@
+//! Distributions that a variable is drawn from.
+
+use crate::env::variates::{Expansion, beta, gamma, poisson};
+use crate::kernel::math;
+
+/// A distribution.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Distribution {
+    /// Normal, by mean and standard deviation.
+    Gaussian,
+    /// 1 with a probability, and otherwise 0.
+    Bernoulli,
+    /// The same by the logit of the probability.
+    BernoulliLogit,
+    /// Between two numbers.
+    Uniform,
+    /// By the mean.
+    Poisson,
+    /// By the logarithm of the mean.
+    PoissonLog,
+    /// 0 with a probability by its logit, and otherwise Poisson by the logarithm of the mean.
+    ZeroInflatedPoisson,
+    /// By mean and standard deviation.
+    Gamma,
+    /// By both shapes.
+    Beta,
+    /// By mean and standard deviation of the logarithm.
+    Lognormal,
+    /// The index of a weight, in proportion to the weights.
+    Categorical,
+    /// The same by logarithms of weights.
+    CategoricalLogit,
+}
+
+/// How a model writes a distribution.
+#[derive(Debug)]
+pub(super) struct Form {
+    /// The name in a model.
+    pub name: &'static str,
+    /// The parameters as keys, in the order of a list; empty if there are as many as the author writes.
+    pub keys: &'static [&'static str],
+    pub distribution: Distribution,
+    /// The least and the most of each parameter.
+    pub ranges: &'static [(f64, f64)],
+}
+
+const ANY: (f64, f64) = (f64::MIN, f64::MAX);
+const POSITIVE: (f64, f64) = (f64::MIN_POSITIVE, f64::MAX);
+const AT_LEAST_0: (f64, f64) = (0.0, f64::MAX);
+/// Means of counts are exact as floats.
+const MEAN: (f64, f64) = (0.0, 1e9);
+const LOG_MEAN: (f64, f64) = (f64::MIN, 20.7);
+
+/// Every form, those of one name one behind the other.
+pub(super) static FORMS: [Form; 12] = {
+    use Distribution::*;
+    [
+        form("gaussian", &["mean", "sd"], Gaussian, &[ANY, AT_LEAST_0]),
+        form("bernoulli", &["probability"], Bernoulli, &[(0.0, 1.0)]),
+        form("bernoulli", &["logit"], BernoulliLogit, &[ANY]),
+        form("uniform", &["low", "high"], Uniform, &[ANY, ANY]),
+        form("poisson", &["mean"], Poisson, &[MEAN]),
+        form("poisson", &["log_mean"], PoissonLog, &[LOG_MEAN]),
+        form("zero_inflated_poisson", &["zero", "log_mean"], ZeroInflatedPoisson, &[ANY, LOG_MEAN]),
+        form("gamma", &["mean", "sd"], Gamma, &[POSITIVE, POSITIVE]),
+        form("beta", &["alpha", "beta"], Beta, &[POSITIVE, POSITIVE]),
+        form("lognormal", &["log_mean", "log_sd"], Lognormal, &[(-700.0, 700.0), AT_LEAST_0]),
+        form("categorical", &["weights"], Categorical, &[AT_LEAST_0]),
+        form("categorical", &["logits"], CategoricalLogit, &[ANY]),
+    ]
+};
+
+const fn form(
+    name: &'static str,
+    keys: &'static [&'static str],
+    distribution: Distribution,
+    ranges: &'static [(f64, f64)],
+) -> Form {
+    Form { name, keys, distribution, ranges }
+}
+
+impl Distribution {
+    /// How a model writes the distribution.
+    pub fn form(self) -> &'static Form {
+        let form = FORMS.iter().find(|form| form.distribution == self);
+        form.expect("every distribution has a form")
+    }
+
+    /// Whether the number of parameters is the author's choice.
+    pub fn is_list(self) -> bool {
+        matches!(self, Distribution::Categorical | Distribution::CategoricalLogit)
+    }
+
+    /// The least and the most of the parameter at an index.
+    pub fn range(self, index: usize) -> (f64, f64) {
+        let ranges = self.form().ranges;
+        ranges[index.min(ranges.len() - 1)]
+    }
+
+    /// Draws numbers by their parameters, \[numbers\] each, and a word for each; NaN where the parameters are not valid.
+    #[inline(always)]
+    pub fn draw(
+        self,
+        parameters: &[&[f64]],
+        words: impl Fn(usize) -> Expansion,
+        valid: &[bool],
+        out: &mut [f64],
+    ) {
+        let each = |out: &mut [f64], draw: &dyn Fn(usize) -> f64| {
+            for (i, (out, valid)) in out.iter_mut().zip(valid).enumerate() {
+                *out = if *valid { draw(i) } else { f64::NAN };
+            }
+        };
+        match (self, parameters) {
+            (Distribution::Gaussian, [mean, sd]) => {
+                each(out, &|i| mean[i] + sd[i] * words(i).normal());
+            }
+            (Distribution::Lognormal, [mean, sd]) => {
+                each(out, &|i| math::exp(mean[i] + sd[i] * words(i).normal()));
+            }
+            (Distribution::Bernoulli, [p]) => {
+                each(out, &|i| truth(words(i).open_unit() < p[i]));
+            }
+            (Distribution::BernoulliLogit, [logit]) => {
+                each(out, &|i| truth(words(i).open_unit() < sigmoid(logit[i])));
+            }
+            (Distribution::Uniform, [low, high]) => {
+                each(out, &|i| low[i] + (high[i] - low[i]) * words(i).open_unit());
+            }
+            (Distribution::Poisson, [mean]) => {
+                each(out, &|i| poisson(mean[i], &mut words(i)));
+            }
+            (Distribution::PoissonLog, [log]) => {
+                each(out, &|i| poisson(math::exp(log[i]), &mut words(i)));
+            }
+            (Distribution::ZeroInflatedPoisson, [zero, log]) => each(out, &|i| {
+                let mut words = words(i);
+                let is_zero = words.open_unit() < sigmoid(zero[i]);
+                if is_zero { 0.0 } else { poisson(math::exp(log[i]), &mut words) }
+            }),
+            (Distribution::Gamma, [mean, sd]) => {
+                each(out, &|i| gamma(mean[i], sd[i], words(i).bits()));
+            }
+            (Distribution::Beta, [one, other]) => {
+                each(out, &|i| beta([one[i], other[i]], words(i).bits()));
+            }
+            (Distribution::Categorical, weights) => each(out, &|i| {
+                chosen(weights.iter().map(|weight| weight[i]), words(i).open_unit())
+            }),
+            (Distribution::CategoricalLogit, logits) => each(out, &|i| {
+                let most = logits.iter().fold(f64::MIN, |most, logit| most.max(logit[i]));
+                let weights = logits.iter().map(|logit| math::exp(logit[i] - most));
+                chosen(weights, words(i).open_unit())
+            }),
+            _ => unreachable!("a model has read the parameters of a distribution"),
+        }
+    }
+}
+
+#[inline(always)]
+pub(super) fn truth(is_true: bool) -> f64 {
+    if is_true { 1.0 } else { 0.0 }
+}
+
+/// 1 / (1 + e^-x).
+#[inline(always)]
+pub(super) fn sigmoid(x: f64) -> f64 {
+    1.0 / (1.0 + math::exp(-x))
+}
+
+/// The index of the weight in which a share of the sum of all falls.
+#[inline(always)]
+fn chosen(weights: impl Iterator<Item = f64> + Clone, share: f64) -> f64 {
+    let all: f64 = weights.clone().sum();
+    let (mut before, mut last) = (0.0, 0.0);
+    for (index, weight) in weights.enumerate() {
+        if weight > 0.0 {
+            last = index as f64;
+        }
+        before += weight;
+        if share * all < before {
+            return index as f64;
+        }
+    }
+    last
+}

@@ -1,0 +1,25 @@
+//! The family `declared`: a world that a model file declares.
+//!
+//! In: the text of a model, files of people and rows, values of the model's parameters. Out: a simulation of any number of
+//! people. `docs/models.md` describes the files. A text is read ([`grammar`] for its expressions, [`read`] for its
+//! tables), its names are resolved, and its formulas are compiled once into a [`program`] that computes all lanes at a
+//! time.
+
+mod columns;
+mod constraints;
+mod description;
+mod distribution;
+mod expression;
+mod family;
+mod grammar;
+mod model;
+mod numbers;
+mod program;
+mod read;
+mod resolve;
+mod rows;
+mod world;
+
+pub use family::{DeclaredModel, FAMILY};
+pub use model::Model;
+pub use world::World;

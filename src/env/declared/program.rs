@@ -1,0 +1,442 @@
+//! The program of a model: instructions that compute the numbers of many lanes at a time.
+
+use std::collections::HashMap;
+
+use crate::env::declared::distribution::Distribution;
+use crate::env::declared::expression::{Binary, Node, Summary, Unary};
+use crate::env::declared::model::{
+    Clock, Definition, Formula, Model, Stage, Table, Target,
+};
+use crate::env::declared::numbers;
+
+/// Where an instruction finds a number of each lane.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Operand {
+    /// In a column of numbers that last.
+    Column(usize),
+    /// In a buffer that lasts for one formula.
+    Buffer(usize),
+}
+
+/// A step of the program, with its destination last.
+#[derive(Clone, Debug)]
+pub(super) enum Instruction {
+    Copy(Operand, Operand),
+    Unary(Unary, Operand, Operand),
+    Binary(Binary, [Operand; 2], Operand),
+    Select([Operand; 3], Operand),
+    /// The value of a ring some decisions ago; missing where there is no such decision.
+    Lag(Ring, u32, Operand),
+    /// The sum of a ring's values of the last decisions with weights, newest first; missing where there are fewer.
+    Window(Ring, Vec<f64>, Operand),
+    /// A total of all earlier decisions, or their mean.
+    Total(usize, Summary, Operand),
+    /// A sum of products.
+    Linear(Vec<(Operand, Vec<Operand>)>, Operand),
+    Draw(Draw),
+    /// The column of the rows at this index.
+    Replay(usize, Operand),
+    /// What is checked.
+    Check(Check),
+}
+
+/// A draw.
+#[derive(Clone, Debug)]
+pub(super) struct Draw {
+    pub distribution: Drawn,
+    pub parameters: Vec<Operand>,
+    /// The ranges of the parameters.
+    pub ranges: Vec<(f64, f64)>,
+    /// The number of the stream, by the name of the variable.
+    pub stream: u64,
+    pub to: Operand,
+}
+
+/// What is drawn from.
+#[derive(Clone, Debug)]
+pub(super) enum Drawn {
+    Distribution(Distribution),
+    Table(Table),
+}
+
+/// A number that must lie in a range in every lane that takes part.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Check {
+    pub of: Operand,
+    pub range: (f64, f64),
+    pub quantity: usize,
+    /// The parameter of a draw; `None` for the quantity itself.
+    pub parameter: Option<usize>,
+}
+
+/// The last values of a quantity: columns that take turns.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) struct Ring {
+    /// The first of the columns.
+    pub first: usize,
+    /// Their number.
+    pub depth: usize,
+}
+
+impl Ring {
+    /// The column of the value some decisions ago, after this number of steps of all lanes.
+    #[inline(always)]
+    pub fn column(self, clock: u64, back: u64) -> usize {
+        let depth = self.depth as u64;
+        self.first + ((clock + depth - back % depth) % depth) as usize
+    }
+}
+
+/// A program with the columns that it needs.
+#[derive(Clone, Debug, Default)]
+pub(super) struct Program {
+    /// The instructions of each stage.
+    pub stages: [Vec<Instruction>; Stage::COUNT],
+    /// The number of columns, and of buffers.
+    pub columns: usize,
+    pub buffers: usize,
+    /// Columns that are the same in every lane, with their value.
+    pub constants: Vec<(usize, f64)>,
+    /// The clocks that are used, with their columns.
+    pub clocks: Vec<(Clock, usize)>,
+    /// The columns of the file of people, \[needed columns\].
+    pub people: Vec<usize>,
+    /// The column of each quantity.
+    pub values: Vec<usize>,
+    /// The rings, each with the column of its quantity.
+    pub rings: Vec<(Ring, usize)>,
+    /// The totals of all earlier decisions: their column, and that of the quantity.
+    pub totals: Vec<(usize, usize)>,
+}
+
+/// The number of the stream of a name.
+pub(super) fn stream(name: &str) -> u64 {
+    // FNV-1a, mixed as SplitMix64 mixes.
+    let hash = name.bytes().fold(0xCBF2_9CE4_8422_2325u64, |hash, byte| {
+        (hash ^ u64::from(byte)).wrapping_mul(0x0000_0100_0000_01B3)
+    });
+    crate::env::variates::Expansion(hash).bits()
+}
+
+/// The program of a model with these values of its parameters.
+pub(super) fn compile(model: &Model, parameters: &[f64]) -> Program {
+    let mut compiler = Compiler {
+        model,
+        parameters,
+        program: Program::default(),
+        constants: HashMap::new(),
+        clocks: HashMap::new(),
+        rings: HashMap::new(),
+        totals: HashMap::new(),
+        free: Vec::new(),
+    };
+    compiler.program.values = (0..model.quantities.len()).map(|_| compiler_column(&mut compiler.program)).collect();
+    compiler.program.people = model.columns.iter().map(|_| compiler_column(&mut compiler.program)).collect();
+    for (stage, order) in model.order.iter().enumerate() {
+        for index in order {
+            compiler.quantity(stage, *index);
+        }
+    }
+    compiler.roles();
+    compiler.program
+}
+
+/// A new column.
+fn compiler_column(program: &mut Program) -> usize {
+    program.columns += 1;
+    program.columns - 1
+}
+
+struct Compiler<'m> {
+    model: &'m Model,
+    parameters: &'m [f64],
+    program: Program,
+    /// By the bits of their values.
+    constants: HashMap<u64, usize>,
+    clocks: HashMap<Clock, usize>,
+    /// By quantity.
+    rings: HashMap<usize, Ring>,
+    /// By quantity.
+    totals: HashMap<usize, usize>,
+    /// Buffers that are free.
+    free: Vec<usize>,
+}
+
+/// A part of a formula: a constant, or where it is found.
+#[derive(Clone, Copy, Debug)]
+enum Part {
+    Constant(f64),
+    At(Operand),
+}
+
+impl Compiler<'_> {
+    fn constant(&mut self, value: f64) -> Operand {
+        let program = &mut self.program;
+        let column = *self.constants.entry(value.to_bits()).or_insert_with(|| {
+            let column = compiler_column(program);
+            program.constants.push((column, value));
+            column
+        });
+        Operand::Column(column)
+    }
+
+    fn target(&mut self, target: Target) -> Part {
+        match target {
+            Target::One => Part::Constant(1.0),
+            Target::Parameter(index) => Part::Constant(self.parameters[index]),
+            Target::Column(index) => Part::At(Operand::Column(self.program.people[index])),
+            Target::Quantity(index) => Part::At(Operand::Column(self.program.values[index])),
+            Target::Clock(clock) => {
+                let program = &mut self.program;
+                let column = *self.clocks.entry(clock).or_insert_with(|| {
+                    let column = compiler_column(program);
+                    program.clocks.push((clock, column));
+                    column
+                });
+                Part::At(Operand::Column(column))
+            }
+        }
+    }
+
+    fn operand(&mut self, part: Part) -> Operand {
+        match part {
+            Part::Constant(value) => self.constant(value),
+            Part::At(operand) => operand,
+        }
+    }
+
+    fn ring(&mut self, quantity: usize) -> Ring {
+        if let Some(ring) = self.rings.get(&quantity) {
+            return *ring;
+        }
+        let depth = self.model.quantities[quantity].back.max(1) as usize;
+        let ring = Ring { first: self.program.columns, depth };
+        self.program.columns += depth;
+        self.program.rings.push((ring, self.program.values[quantity]));
+        self.rings.insert(quantity, ring);
+        ring
+    }
+
+    fn total(&mut self, quantity: usize) -> usize {
+        let program = &mut self.program;
+        let value = program.values[quantity];
+        *self.totals.entry(quantity).or_insert_with(|| {
+            let column = compiler_column(program);
+            program.totals.push((column, value));
+            column
+        })
+    }
+
+    fn buffer(&mut self) -> Operand {
+        Operand::Buffer(self.free.pop().unwrap_or_else(|| {
+            self.program.buffers += 1;
+            self.program.buffers - 1
+        }))
+    }
+
+    fn release(&mut self, operands: &[Operand]) {
+        for operand in operands {
+            if let Operand::Buffer(buffer) = operand {
+                self.free.push(*buffer);
+            }
+        }
+    }
+
+    fn quantity(&mut self, stage: usize, index: usize) {
+        let model = self.model;
+        let to = Operand::Column(self.program.values[index]);
+        let quantity = &model.quantities[index];
+        match &quantity.definition {
+            Definition::Action | Definition::Probability => {}
+            Definition::Replay(column) => {
+                self.program.stages[stage].push(Instruction::Replay(*column, to));
+            }
+            Definition::Formula(formula) => {
+                let part = self.formula(stage, formula, Some(to));
+                match part {
+                    Part::At(at) if at == to => {}
+                    part => {
+                        let from = self.operand(part);
+                        self.program.stages[stage].push(Instruction::Copy(from, to));
+                        self.release(&[from]);
+                    }
+                }
+            }
+            Definition::Draw(distribution, formulas) => {
+                let ranges = (0..formulas.len()).map(|index| distribution.range(index)).collect();
+                self.draw(stage, index, Drawn::Distribution(*distribution), formulas, ranges);
+            }
+            Definition::Table(table, formulas) => {
+                let ranges = vec![(f64::MIN, f64::MAX); formulas.len()];
+                self.draw(stage, index, Drawn::Table(table.clone()), formulas, ranges);
+            }
+            Definition::Linear(terms) => {
+                let mut sums = Vec::new();
+                for term in terms {
+                    let coefficient = self.target(term.coefficient);
+                    let coefficient = self.operand(coefficient);
+                    let factors: Vec<Part> =
+                        term.factors.iter().map(|factor| self.target(*factor)).collect();
+                    let factors = factors.into_iter().map(|part| self.operand(part)).collect();
+                    sums.push((coefficient, factors));
+                }
+                self.program.stages[stage].push(Instruction::Linear(sums, to));
+            }
+        }
+    }
+
+    fn draw(
+        &mut self,
+        stage: usize,
+        quantity: usize,
+        distribution: Drawn,
+        formulas: &[Formula],
+        ranges: Vec<(f64, f64)>,
+    ) {
+        let mut parameters = Vec::new();
+        for (index, formula) in formulas.iter().enumerate() {
+            let part = self.formula(stage, formula, None);
+            let of = self.operand(part);
+            let check = Check { of, range: ranges[index], quantity, parameter: Some(index) };
+            self.program.stages[stage].push(Instruction::Check(check));
+            parameters.push(of);
+        }
+        self.release(&parameters.clone());
+        let stream = stream(&self.model.quantities[quantity].name);
+        let to = Operand::Column(self.program.values[quantity]);
+        let draw = Draw { distribution, parameters, ranges, stream, to };
+        self.program.stages[stage].push(Instruction::Draw(draw));
+    }
+
+    /// Computes a formula, into `to` where it ends with an instruction.
+    fn formula(&mut self, stage: usize, formula: &Formula, to: Option<Operand>) -> Part {
+        let nodes = &formula.expression.nodes;
+        let mut parts: Vec<Part> = Vec::with_capacity(nodes.len());
+        let mut windows = formula.windows.iter();
+        for (index, node) in nodes.iter().enumerate() {
+            let to = to.filter(|_| index + 1 == nodes.len());
+            let part = match node {
+                Node::Number(value) => Part::Constant(*value),
+                Node::Name(name) => {
+                    let target = formula.targets[*name];
+                    match (formula.expression.names[*name].back, target) {
+                        (0, _) | (_, Target::One) => self.target(target),
+                        (back, Target::Quantity(quantity)) => {
+                            let ring = self.ring(quantity);
+                            self.emit(stage, to, &[], |_, to| Instruction::Lag(ring, back, to))
+                        }
+                        _ => unreachable!("only quantities have lags"),
+                    }
+                }
+                Node::Unary(function, of) => match parts[*of] {
+                    Part::Constant(x) => Part::Constant(numbers::unary(*function, x)),
+                    part => self.emit(stage, to, &[part], |of, to| {
+                        Instruction::Unary(*function, of[0], to)
+                    }),
+                },
+                Node::Binary(function, [one, other]) => match (parts[*one], parts[*other]) {
+                    (Part::Constant(x), Part::Constant(y)) => {
+                        Part::Constant(numbers::binary(*function, x, y))
+                    }
+                    (one, other) => self.emit(stage, to, &[one, other], |of, to| {
+                        Instruction::Binary(*function, [of[0], of[1]], to)
+                    }),
+                },
+                Node::If([condition, one, other]) => {
+                    let of = [parts[*condition], parts[*one], parts[*other]];
+                    match of {
+                        [Part::Constant(condition), Part::Constant(one), Part::Constant(other)] => {
+                            Part::Constant(numbers::select(condition, one, other))
+                        }
+                        of => self.emit(stage, to, &of, |of, to| {
+                            Instruction::Select([of[0], of[1], of[2]], to)
+                        }),
+                    }
+                }
+                Node::Window(window) => {
+                    let quantity = *windows.next().expect("every window has a quantity");
+                    match window.length {
+                        None => {
+                            let total = self.total(quantity);
+                            let summary = window.summary;
+                            self.emit(stage, to, &[], |_, to| Instruction::Total(total, summary, to))
+                        }
+                        Some(length) => {
+                            let ring = self.ring(quantity);
+                            let factor = window.factor.as_ref().map(|factor| {
+                                let parameter = |index: usize| {
+                                    let name = &factor.names[index].text;
+                                    let parameters = self.model.parameters.iter();
+                                    let index = { parameters }.position(|one| one.name == *name)?;
+                                    Some(self.parameters[index])
+                                };
+                                numbers::constant(factor, &parameter).unwrap_or(f64::NAN)
+                            });
+                            let weights = weights(window.summary, factor, length);
+                            self.emit(stage, to, &[], |_, to| Instruction::Window(ring, weights, to))
+                        }
+                    }
+                }
+            };
+            parts.push(part);
+        }
+        parts.pop().unwrap_or(Part::Constant(f64::NAN))
+    }
+
+    /// Appends an instruction on parts, into `to` or a buffer.
+    fn emit(
+        &mut self,
+        stage: usize,
+        to: Option<Operand>,
+        of: &[Part],
+        instruction: impl FnOnce(&[Operand], Operand) -> Instruction,
+    ) -> Part {
+        let of: Vec<Operand> = of.iter().map(|part| self.operand(*part)).collect();
+        // A destination is never one of the operands.
+        let to = to.unwrap_or_else(|| self.buffer());
+        self.program.stages[stage].push(instruction(&of, to));
+        self.release(&of);
+        Part::At(to)
+    }
+
+    /// Checks of what leaves the model.
+    fn roles(&mut self) {
+        let roles = &self.model.roles;
+        let features = roles.features.iter().map(|feature| (feature.source, feature.low, feature.high));
+        for (source, low, high) in features {
+            let part = self.target(source);
+            let of = self.operand(part);
+            if let Target::Quantity(quantity) = source {
+                let range = (low.max(f64::MIN), high.min(f64::MAX));
+                let check = Check { of, range, quantity, parameter: None };
+                self.program.stages[Stage::Before as usize].push(Instruction::Check(check));
+            }
+        }
+        let others = [roles.outcome, roles.reward].into_iter().chain(roles.available).chain(roles.ends);
+        for quantity in others.chain(roles.state.iter().copied()) {
+            let of = Operand::Column(self.program.values[quantity]);
+            let range = (f64::MIN, f64::MAX);
+            let check = Check { of, range, quantity, parameter: None };
+            let stage = self.model.quantities[quantity].stage;
+            // What the outcome is computed from is known after the choice.
+            let stage = match [roles.outcome, roles.reward].contains(&quantity) {
+                true => Stage::After,
+                false => stage,
+            };
+            self.program.stages[stage as usize].push(Instruction::Check(check));
+        }
+    }
+}
+
+/// The weights of the last values, newest first.
+fn weights(summary: Summary, factor: Option<f64>, length: u32) -> Vec<f64> {
+    let n = f64::from(length);
+    let equal = if summary == Summary::Mean { 1.0 / n } else { 1.0 };
+    let Some(factor) = factor.filter(|factor| *factor != 1.0) else {
+        return vec![equal; length as usize];
+    };
+    let powers = std::iter::successors(Some(1.0), |power| Some(power * factor));
+    let powers: Vec<f64> = powers.take(length as usize).collect();
+    let all: f64 = powers.iter().sum();
+    powers.into_iter().map(|power| power / all).collect()
+}
