@@ -42,7 +42,9 @@ pub(super) fn of_manifest(manifest: &Manifest) -> Vec<Tried> {
             names.extend(jobs[0].trial.iter().flat_map(|trial| trial.state_names()));
             let estimates =
                 manifest.estimates.iter().filter_map(|DeclaredEstimate { declaration, .. }| {
-                    let fault = Layout::of(declaration, description.actions.len(), &names).err()?;
+                    let fault =
+                        Layout::of(declaration, description.actions.len(), &names.clone().into())
+                            .err()?;
                     Some(format!("the estimate `{}`: {fault}", declaration.name))
                 });
             let faults = distinct(misfits.chain(estimates));

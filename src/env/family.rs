@@ -144,6 +144,11 @@ pub trait Model: Any + fmt::Debug + Send + Sync {
         Vec::new()
     }
 
+    /// How many of these names, the last ones, are of numbers that follow the choice of the action. None by default.
+    fn late_state(&self) -> usize {
+        0
+    }
+
     /// The number of people among whom the participants are drawn, if it is finite. None by default.
     fn people_to_draw(&self) -> Option<usize> {
         None

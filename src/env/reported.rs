@@ -146,6 +146,10 @@ impl Simulation for Reported {
         self.real.message_cost(lane)
     }
 
+    fn complete(&self, lane: usize, reward: f64, state: &mut [f64], cost: &mut f64) {
+        self.real.complete(lane, reward, state, cost);
+    }
+
     fn stratum(&self, lane: usize) -> usize {
         self.real.stratum(lane)
     }

@@ -117,6 +117,12 @@ pub trait Simulation: VectorEnvironment + Any + fmt::Debug + Send + Sync {
         self.show_state(&mut |_, column| state.push(column.at(lane)));
     }
 
+    /// Completes the record of a lane's last decision: the numbers of its state that follow the choice, and its cost, which
+    /// the reward that was paid is less than the outcome. Does nothing by default.
+    fn complete(&self, lane: usize, reward: f64, state: &mut [f64], cost: &mut f64) {
+        let _ = (lane, reward, state, cost);
+    }
+
     /// Finite bounds for features whose specification has infinite ones. Those of `f32` by default.
     fn finite_bounds(&self) -> [f32; 2] {
         [f32::MIN, f32::MAX]

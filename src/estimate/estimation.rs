@@ -6,7 +6,7 @@ use super::student::{t_of_p, two_sided_p};
 use super::wcls::{Correction, NoFit, Sums};
 use crate::job::{
     CONSTANT, Decision, Effect, Estimate, EstimateDeclaration, Estimates, Estimator, Messages,
-    STEP, Treatment, counted,
+    STEP, StateNames, Treatment, counted,
 };
 use crate::state::resumable;
 
@@ -46,6 +46,8 @@ pub struct Layout {
     pub moderators: Vec<Feature>,
     /// The index of the outcome in the state; `None` for the reward.
     pub outcome: Option<usize>,
+    /// Whether the outcome stands in the state of its own decision, which it follows, and not in that of the next.
+    pub is_own: bool,
 }
 
 /// A number that is known before a decision.
@@ -109,7 +111,7 @@ impl Estimation {
     pub fn new(
         declaration: Arc<EstimateDeclaration>,
         actions: usize,
-        state_names: &[String],
+        state_names: &StateNames,
     ) -> Estimation {
         let layout = Layout::of(&declaration, actions, state_names);
         let treatments = declaration.treatment.count(actions);
@@ -144,7 +146,7 @@ impl Estimation {
     pub fn add(&mut self, decision: &Decision) {
         let Ok(layout) = &self.layout else { return };
         let person = decision.episode as usize - 1;
-        if let Some(outcome) = layout.outcome {
+        if let Some(outcome) = layout.outcome.filter(|_| !layout.is_own) {
             self.pay(person, decision, decision.state[outcome]);
         }
         if !decision.can_send {
@@ -162,13 +164,13 @@ impl Estimation {
             Drawn::Unknown => return self.unknown += 1,
         };
         self.fill_row(decision, treatment);
-        match self.layout.as_ref().is_ok_and(|layout| layout.outcome.is_none()) {
-            true => {
-                self.vary(person, self.row[1 + self.declaration.control.len()], weight);
-                self.sums.add(person, &self.row, weight, decision.reward_for(&self.declaration));
-            }
-            false => self.keep(person, decision.step, weight),
-        }
+        let outcome = match self.layout.as_ref().map(|layout| (layout.outcome, layout.is_own)) {
+            Ok((None, _)) => decision.reward_for(&self.declaration),
+            Ok((Some(index), true)) => decision.state[index],
+            _ => return self.keep(person, decision.step, weight),
+        };
+        self.vary(person, self.row[1 + self.declaration.control.len()], weight);
+        self.sums.add(person, &self.row, weight, outcome);
     }
 
     /// The weight and the row of a decision, with the reward as outcome; `None` if the estimate does not use it.
@@ -395,10 +397,16 @@ impl Layout {
     pub fn of(
         of: &EstimateDeclaration,
         actions: usize,
-        names: &[String],
+        names: &StateNames,
     ) -> Result<Layout, String> {
+        let feature = |name: &String| match Feature::named(name, names)? {
+            Feature::State(index) if names.is_late(index) => {
+                Err(format!("`{name}` follows the action: it is an outcome alone"))
+            }
+            feature => Ok(feature),
+        };
         let features = |list: &[String]| -> Result<Vec<Feature>, String> {
-            list.iter().map(|name| Feature::named(name, names)).collect()
+            list.iter().map(feature).collect()
         };
         let outcome = match of.outcome.as_str() {
             _ if of.is_of_reward() => None,
@@ -415,7 +423,8 @@ impl Layout {
             _ => {}
         }
         let (control, moderators) = (features(&of.control)?, features(&of.moderators)?);
-        Ok(Layout { control, moderators, outcome })
+        let is_own = outcome.is_some_and(|index| names.is_late(index));
+        Ok(Layout { control, moderators, outcome, is_own })
     }
 }
 

@@ -52,7 +52,7 @@ fn decision(episode: u32, step: u32, action: u8, probability: f64, reward: f64) 
 
 fn estimates(of: EstimateDeclaration, decisions: &[Decision]) -> Vec<Estimate> {
     let actions = decisions[0].probabilities.len();
-    let mut estimation = Estimation::new(Arc::new(of), actions, &["mood".to_owned()]);
+    let mut estimation = Estimation::new(Arc::new(of), actions, &vec!["mood".to_owned()].into());
     decisions.iter().for_each(|decision| estimation.add(decision));
     estimation.finish().terms
 }
@@ -87,7 +87,10 @@ fn a_state_called_step_is_no_feature() {
     let of = Arc::new(declared(&[], &["step"], ANY));
     let with = |names: &[&str]| {
         let names: Vec<String> = names.iter().map(|name| (*name).to_owned()).collect();
-        Estimation::new(of.clone(), 2, &names).finish().terms[0].effect.clone().unwrap_err()
+        Estimation::new(of.clone(), 2, &names.to_vec().into()).finish().terms[0]
+            .effect
+            .clone()
+            .unwrap_err()
     };
     assert!(with(&["mood", "step"]).contains("a number of the program's state"));
     assert!(with(&["mood"]).contains("it needs at least"));
@@ -134,7 +137,7 @@ fn weights_make_a_difference_of_weighted_means() {
         assert!((variance - 1.185 / 6.0).abs() < 1e-12, "{variance}");
         // The first decision of each person has its outcome with the second.
         let of = EstimateDeclaration { outcome: "mood".to_owned(), ..of };
-        let mut estimation = Estimation::new(Arc::new(of), 2, &["mood".to_owned()]);
+        let mut estimation = Estimation::new(Arc::new(of), 2, &vec!["mood".to_owned()].into());
         decisions.iter().for_each(|decision| estimation.add(decision));
         let variance = estimation.treatment_variance().unwrap();
         assert!((variance - (0.25 + 0.1875 + 0.16) / 3.0).abs() < 1e-12, "{variance}");
@@ -161,7 +164,7 @@ fn the_order_of_people_and_interruptions_change_no_bit() {
         outcome: "load".to_owned(),
         ..declared(&["mood", "step"], &["mood"], EACH)
     });
-    let new = || Estimation::new(of.clone(), 3, &names);
+    let new = || Estimation::new(of.clone(), 3, &names.to_vec().into());
     let mut by_person = new();
     decisions.iter().for_each(|decision| by_person.add(decision));
     let mut by_step = new();
@@ -317,7 +320,7 @@ fn estimates_are_those_of_statsmodels_and_geepack() {
                 numerator: reference["numerator"].as_f64().unwrap(),
                 ..declared(&[], &[], treatment)
             };
-            let mut estimation = Estimation::new(Arc::new(of), 3, &names);
+            let mut estimation = Estimation::new(Arc::new(of), 3, &names.to_vec().into());
             decisions.iter().for_each(|decision| estimation.add(decision));
             let near = |ours: f64, theirs: f64, what: &str| {
                 let off = (ours - theirs).abs();

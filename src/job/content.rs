@@ -8,8 +8,8 @@ use serde_json::{Map, Value as Json};
 use super::identity::{agent_text, environment_text, people_text, text};
 use super::metric::TERMINATION_RATE;
 use super::{
-    CanonicalForm, Evaluation, JobKey, MetricName, Pooling, RecordedEpisodes, Scalar, TestActions,
-    Trial, UpdateData, Versions,
+    CanonicalForm, Evaluation, JobKey, MetricName, Pooling, RecordedEpisodes, Scalar, StateNames,
+    TestActions, Trial, UpdateData, Versions,
 };
 use crate::agent::{Agent, Algorithm, Engine, External, Task, Work};
 use crate::env::outside::OutsideModel;
@@ -134,10 +134,8 @@ impl Job {
     }
 
     /// The names of the numbers in the recorded state of a decision, as far as they are known before the job runs.
-    pub fn state_names(&self) -> Vec<String> {
-        let mut names = self.environment.state_names();
-        names.extend(self.trial.iter().flat_map(Trial::state_names));
-        names
+    pub fn state_names(&self) -> StateNames {
+        StateNames::new(&self.environment, self.trial.iter().flat_map(Trial::state_names))
     }
 
     /// The versions of the code that this job would run with.

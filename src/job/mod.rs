@@ -16,6 +16,7 @@ mod outcome;
 mod participant_range;
 mod runnable;
 mod scalar;
+mod state_names;
 mod trial;
 
 pub use condition::{Condition, Described, short_beside, short_name};
@@ -39,6 +40,7 @@ pub use outcome::{
 pub use participant_range::ParticipantRange;
 pub use runnable::{RunnableJob, UnknownFile};
 pub use scalar::Scalar;
+pub use state_names::StateNames;
 pub use trial::{Calendar, Pooling, ROWS, STAYS, Stay, Trial, UpdateData};
 
 /// The items without repetitions, in order of first appearance.

@@ -377,7 +377,7 @@ mod tests {
         let people_file = Content::read(&ROWS, "person,row\n1,3\n0,9\n").unwrap();
         assert_eq!(Trial { people_file, ..trial(2) }.rows(5), Ok(Some(vec![9, 3])));
         assert_eq!(trial(2).rows(1), Ok(None));
-        let fault = |text| Content::read(&ROWS, text).unwrap_err();
+        let fault = |text| Content::read(&ROWS, text).unwrap_err().to_string();
         assert_eq!(fault("seed,person\n"), "column `row` is missing");
         assert_eq!(
             fault("seed,person,row\n1,0,x\n"),

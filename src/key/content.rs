@@ -32,6 +32,17 @@ pub enum ContentFault {
     Listed(FaultList),
 }
 
+impl fmt::Display for ContentFault {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            ContentFault::Says(says) => f.write_str(says),
+            ContentFault::Listed(faults) => {
+                f.write_str(&faults.messages().collect::<Vec<_>>().join("; "))
+            }
+        }
+    }
+}
+
 impl From<String> for ContentFault {
     fn from(says: String) -> ContentFault {
         ContentFault::Says(says)
@@ -172,7 +183,9 @@ impl Content {
         let is_synthetic = digest.is_some();
         let sha256 = digest.unwrap_or(name).strip_prefix(PREFIX)?.to_owned();
         let is_digest = sha256.len() == DIGITS && HEXLOWER.decode(sha256.as_bytes()).is_ok();
-        is_digest.then(|| Content(Some(Arc::new(Known { is_synthetic, sha256, text: None, file: None }))))
+        is_digest.then(|| {
+            Content(Some(Arc::new(Known { is_synthetic, sha256, text: None, file: None })))
+        })
     }
 
     /// Whether a text in a manifest is the word for no text.

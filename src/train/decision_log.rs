@@ -176,6 +176,7 @@ impl DecisionLog {
         let first = self.decisions.len() - self.acting.len();
         for (decision, lane) in self.decisions[first..].iter_mut().zip(&self.acting) {
             decision.reward = outcomes[*lane];
+            lanes.complete(*lane, rewards[*lane], &mut decision.state, &mut decision.cost);
         }
     }
 }

@@ -6,9 +6,7 @@ use crate::agent::recorded_decisions;
 use crate::env::Environment;
 use crate::env::outside::{Description, OutsideModel};
 use crate::external::ProgramError;
-use crate::job::{
-    Failure, FailureKind, GROSS_REWARD, Job, Outcome, RunnableJob, STEP, Trial,
-};
+use crate::job::{Failure, FailureKind, GROSS_REWARD, Job, Outcome, RunnableJob, STEP, Trial};
 use crate::key::Size;
 use crate::train::control::TrainingControl;
 use crate::train::watched::Watched;

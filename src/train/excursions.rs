@@ -12,6 +12,8 @@ use crate::train::roll::ChosenStep;
 pub(super) struct ProximalOutcome {
     /// Its index in the recorded state; `None` for the reward.
     pub(super) index: Option<usize>,
+    /// Whether it stands in the state of its own decision.
+    pub(super) is_own: bool,
     /// Whether the reward counts the cost of the message.
     pub(super) less_costs: bool,
 }
@@ -85,7 +87,12 @@ impl DecisionObserver for Excursions {
                     excursion.values.push(match outcome.index {
                         None if outcome.less_costs => rewards[lane],
                         None => copy.outcomes(&rewards)[lane],
-                        Some(_) if copy.statuses()[lane] != EpisodeStatus::Running => f64::NAN,
+                        Some(_)
+                            if !outcome.is_own
+                                && copy.statuses()[lane] != EpisodeStatus::Running =>
+                        {
+                            f64::NAN
+                        }
                         Some(index) => {
                             state.clear();
                             copy.record_state(lane, &mut state);

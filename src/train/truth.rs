@@ -13,7 +13,7 @@
 //! the probability of the numerator is a constant there.
 
 use crate::estimate::{Layout, Sums};
-use crate::job::{Decision, EstimateDeclaration, Job, Messages, Treatment};
+use crate::job::{Decision, EstimateDeclaration, Job, Messages, StateNames, Treatment};
 use crate::train::excursions::ProximalOutcome;
 use crate::train::observers::ObservedTrial;
 
@@ -30,9 +30,9 @@ impl<'d> Truth<'d> {
     /// declaration, or if no message changes the outcome.
     pub(super) fn new(job: &Job, declaration: &'d EstimateDeclaration) -> Option<Truth<'d>> {
         let trial = job.trial.as_ref()?;
-        let mut names = job.environment.state_names();
-        let of_person = names.len() + usize::from(trial.unreported > 0.0);
-        names.extend(trial.recorded_names());
+        let names = StateNames::new(&job.environment, trial.recorded_names());
+        let own = job.environment.state_names().len();
+        let of_person = own + usize::from(trial.unreported > 0.0);
         let actions = job.task().interface().actions;
         let layout = Layout::of(declaration, actions, &names).ok()?;
         let is_changed = layout.outcome.is_none_or(|index| index < of_person);
@@ -43,7 +43,8 @@ impl<'d> Truth<'d> {
     /// The outcome that excursions observe for it.
     pub(super) fn outcome(&self) -> ProximalOutcome {
         let less_costs = self.declaration.less_costs;
-        ProximalOutcome { index: self.layout.outcome, less_costs }
+        let Layout { outcome: index, is_own, .. } = self.layout;
+        ProximalOutcome { index, is_own, less_costs }
     }
 
     /// The coefficients of the effects in a trial, in the order of [`EstimateDeclaration::terms`]; `None` if no decision can
@@ -76,7 +77,7 @@ impl<'d> Truth<'d> {
             // A state is an outcome at the person's next decision.
             let next = decisions.get(index + 1);
             let is_last = next.is_none_or(|next| next.episode != decision.episode);
-            let is_paid = self.layout.outcome.is_none() || !is_last;
+            let is_paid = self.layout.outcome.is_none() || self.layout.is_own || !is_last;
             if is_paid && effects.iter().all(|effect| effect.is_finite()) {
                 row.clear();
                 row.push(1.0);

@@ -18,7 +18,7 @@ const TABLE: &[(&str, &[&str])] = &[
     ("key", &["text"]),
     ("state", &["rng"]),
     // The program of an environment of the user's simulates its lanes.
-    ("env", &["rng", "kernel", "external", "key", "state"]),
+    ("env", &["rng", "kernel", "external", "text", "key", "state"]),
     // The optimal policy is simulated with a random stream of its own.
     ("optimum", &["rng", "key", "env"]),
     ("agent", &["rng", "kernel", "key", "state", "env", "optimum"]),

@@ -260,7 +260,7 @@ mod tests {
     }
 
     fn read(file: &Json) -> Result<Content, String> {
-        Content::read(&PRIOR, &file.to_string())
+        Content::read(&PRIOR, &file.to_string()).map_err(|fault| fault.to_string())
     }
 
     fn decisions(count: usize, seed: u64) -> Vec<(Decision, f64)> {
@@ -395,7 +395,7 @@ mod tests {
         }
         let network = json!({ "features": ["C"], "actions": 4, "network": {} });
         assert!(read(&network).unwrap_err().contains("it has no `posterior`"));
-        assert!(Content::read(&PRIOR, "{").unwrap_err().contains("line 1"));
+        assert!(Content::read(&PRIOR, "{").unwrap_err().to_string().contains("line 1"));
     }
 
     #[test]

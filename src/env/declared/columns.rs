@@ -287,7 +287,8 @@ impl Columns {
                         }
                         [x, y] => {
                             let (x, y) = (all.read(x, tile), all.read(y, tile));
-                            for (((out, c), x), y) in out.iter_mut().zip(coefficient).zip(x).zip(y) {
+                            for (((out, c), x), y) in out.iter_mut().zip(coefficient).zip(x).zip(y)
+                            {
                                 *out += c * (x * y);
                             }
                         }
@@ -315,7 +316,8 @@ impl Columns {
                 let numbers = self.read(check.of, tile);
                 let (least, most) = check.range;
                 let checked = tile.of(inputs.checked);
-                let is_bad = |(x, checked): (&f64, &bool)| *checked & !((*x >= least) & (*x <= most));
+                let is_bad =
+                    |(x, checked): (&f64, &bool)| *checked & !((*x >= least) & (*x <= most));
                 let any = numbers.iter().zip(checked).fold(false, |any, one| any | is_bad(one));
                 if any {
                     let lane = numbers.iter().zip(checked).position(is_bad);
@@ -379,7 +381,9 @@ impl Columns {
                 Drawn::Distribution(Distribution::Gaussian) => {
                     // Without branches: most draws of most models.
                     let (mean, sd) = (parameters[0], parameters[1]);
-                    for (lane, (out, (mean, sd))) in out.iter_mut().zip(mean.iter().zip(sd)).enumerate() {
+                    for (lane, (out, (mean, sd))) in
+                        out.iter_mut().zip(mean.iter().zip(sd)).enumerate()
+                    {
                         *out = mean + sd * words(lane).normal();
                     }
                     for (out, valid) in out.iter_mut().zip(valid_here.iter()) {

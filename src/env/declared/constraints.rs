@@ -65,7 +65,9 @@ const COLUMNS: Constraint = Constraint {
                 (Ok(_), _) => continue,
                 (Err(ColumnFault::Text(line, text)), _) => Fault::at(
                     needed.span,
-                    format!("`{name}` is a column of the people, whose line {line} has `{text}` instead of a number"),
+                    format!(
+                        "`{name}` is a column of the people, whose line {line} has `{text}` instead of a number"
+                    ),
                 ),
                 (Err(ColumnFault::Missing), Some(table)) => {
                     let fault = Fault::at(
@@ -118,7 +120,9 @@ const ROWS: Constraint = Constraint {
                 Ok(_) => {}
                 Err(ColumnFault::Missing) => {
                     return impossible(
-                        format!("`replay` has no column `{name}`, which the model's [replay] lists"),
+                        format!(
+                            "`replay` has no column `{name}`, which the model's [replay] lists"
+                        ),
                         format!("its columns are {}", rows.columns().join(", ")),
                     );
                 }

@@ -14,6 +14,10 @@ pub(super) struct Description {
     pub features: Vec<DescribedFeature>,
     /// The names of the recorded state.
     pub state: Vec<String>,
+    /// How many of them, the last ones, follow the choice of the action.
+    pub late_state: usize,
+    /// Whether agents learn from another number than the outcome.
+    pub costs: bool,
     pub horizon: u32,
     pub availability: bool,
     pub ends: bool,
@@ -49,6 +53,8 @@ impl Description {
             actions: model.actions.clone(),
             features: features.collect(),
             state: model.roles.state.iter().map(name).collect(),
+            late_state: model.late_state(),
+            costs: model.roles.reward != model.roles.outcome,
             horizon: model.horizon(),
             availability: model.roles.available.is_some(),
             ends: model.roles.ends.is_some(),

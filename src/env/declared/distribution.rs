@@ -144,9 +144,9 @@ impl Distribution {
             (Distribution::Beta, [one, other]) => {
                 each(out, &|i| beta([one[i], other[i]], words(i).bits()));
             }
-            (Distribution::Categorical, weights) => each(out, &|i| {
-                chosen(weights.iter().map(|weight| weight[i]), words(i).open_unit())
-            }),
+            (Distribution::Categorical, weights) => {
+                each(out, &|i| chosen(weights.iter().map(|weight| weight[i]), words(i).open_unit()))
+            }
             (Distribution::CategoricalLogit, logits) => each(out, &|i| {
                 let most = logits.iter().fold(f64::MIN, |most, logit| most.max(logit[i]));
                 let weights = logits.iter().map(|logit| math::exp(logit[i] - most));

@@ -21,7 +21,7 @@ use crate::key::{
 };
 
 /// The form of a model.
-pub static MODEL: ContentForm = ContentForm {
+pub(super) static MODEL: ContentForm = ContentForm {
     what: "a model file",
     parse: |text| match read::read(text) {
         Ok(model) => Ok(Arc::new(model)),
@@ -293,6 +293,19 @@ impl Model for DeclaredModel {
 
     fn state_names(&self) -> Vec<String> {
         self.description.as_ref().map_or_else(Vec::new, |description| description.state.clone())
+    }
+
+    fn late_state(&self) -> usize {
+        self.description.as_ref().map_or(0, |description| description.late_state)
+    }
+
+    /// What a message costs is known with each reward alone.
+    fn message_cost(&self) -> Option<f64> {
+        self.description.as_ref().filter(|description| description.costs).map(|_| 0.0)
+    }
+
+    fn costs_vary(&self) -> bool {
+        true
     }
 
     fn fresh(&self) -> Option<Environment> {

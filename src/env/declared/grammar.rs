@@ -57,9 +57,9 @@ pub(super) fn read(text: &str) -> Result<Expression, GrammarFault> {
     match (read, rest) {
         (Ok(_), None) => Ok(tree.expression),
         (Ok(_), Some(span)) => Err(tree.fault.unwrap_or_else(|| unexpected(text, span))),
-        (Err(_), rest) => Err(tree.fault.unwrap_or_else(|| {
-            unexpected(text, rest.unwrap_or(tree.end..tree.end))
-        })),
+        (Err(_), rest) => {
+            Err(tree.fault.unwrap_or_else(|| unexpected(text, rest.unwrap_or(tree.end..tree.end))))
+        }
     }
 }
 
@@ -71,11 +71,10 @@ fn unexpected(text: &str, span: Range<usize>) -> GrammarFault {
     match found {
         ")" => GrammarFault { says: "`)` closes nothing".to_owned(), ..fault },
         "[" => fault.help("brackets follow a name, as in x[-1], the value of x one decision ago"),
-        "<" | "<=" | ">" | ">=" | "==" | "!=" => GrammarFault {
-            says: format!("`{found}` follows another comparison"),
-            ..fault
+        "<" | "<=" | ">" | ">=" | "==" | "!=" => {
+            GrammarFault { says: format!("`{found}` follows another comparison"), ..fault }
+                .help("write two comparisons, as in a < b and b < c")
         }
-        .help("write two comparisons, as in a < b and b < c"),
         _ if is_value => fault.help("a product needs `*`"),
         _ => fault,
     }
@@ -97,8 +96,8 @@ enum Kind {
 
 /// The signs; a sign stands before those that it begins with.
 const SIGNS: [&str; 22] = [
-    "<=", ">=", "==", "!=", "**", "&&", "||", "<", ">", "+", "-", "*", "/", "%", "^", "(", ")", "[", "]",
-    ",", "=", "!",
+    "<=", ">=", "==", "!=", "**", "&&", "||", "<", ">", "+", "-", "*", "/", "%", "^", "(", ")",
+    "[", "]", ",", "=", "!",
 ];
 
 /// Signs of other languages, and what is written here.
@@ -110,8 +109,7 @@ fn lexemes(text: &str) -> Result<Vec<Lexeme>, GrammarFault> {
     let lexeme = alt((number, word, sign)).with_span();
     let spaced = delimited(multispace0, lexeme, multispace0);
     let spaced = spaced.map(|(kind, span)| Lexeme { kind, span });
-    let read: ModalResult<Vec<Lexeme>, EmptyError> =
-        repeat(0.., spaced).parse_next(&mut input);
+    let read: ModalResult<Vec<Lexeme>, EmptyError> = repeat(0.., spaced).parse_next(&mut input);
     let lexemes = read.unwrap_or_default();
     if let Some(found) = input.chars().next().filter(|c| !c.is_whitespace()) {
         let start = text.len() - input.len();

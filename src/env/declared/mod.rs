@@ -18,6 +18,8 @@ mod program;
 mod read;
 mod resolve;
 mod rows;
+#[cfg(test)]
+mod tests;
 mod world;
 
 pub use family::{DeclaredModel, FAMILY};

@@ -225,6 +225,12 @@ impl Model {
         self.days * self.decisions_per_day
     }
 
+    /// The number of recorded quantities that follow the choice of the action; they are the last ones.
+    pub(super) fn late_state(&self) -> usize {
+        let stage = |index: &&usize| self.quantities[**index].stage == Stage::After;
+        self.roles.state.iter().filter(stage).count()
+    }
+
     /// Calls `with` with every formula of a quantity.
     pub(super) fn formulas(definition: &Definition) -> &[Formula] {
         match definition {

@@ -41,7 +41,13 @@ pub(super) fn binary(function: Binary, x: f64, y: f64) -> f64 {
         Binary::Or => both(truth((x != 0.0) | (y != 0.0)), x, y),
         Binary::Min => both(if y < x { y } else { x }, x, y),
         Binary::Max => both(if y > x { y } else { x }, x, y),
-        Binary::Default => if x.is_nan() { y } else { x },
+        Binary::Default => {
+            if x.is_nan() {
+                y
+            } else {
+                x
+            }
+        }
     }
 }
 

@@ -4,9 +4,7 @@ use std::collections::HashMap;
 
 use crate::env::declared::distribution::Distribution;
 use crate::env::declared::expression::{Binary, Node, Summary, Unary};
-use crate::env::declared::model::{
-    Clock, Definition, Formula, Model, Stage, Table, Target,
-};
+use crate::env::declared::model::{Clock, Definition, Formula, Model, Stage, Table, Target};
 use crate::env::declared::numbers;
 
 /// Where an instruction finds a number of each lane.
@@ -130,8 +128,10 @@ pub(super) fn compile(model: &Model, parameters: &[f64]) -> Program {
         totals: HashMap::new(),
         free: Vec::new(),
     };
-    compiler.program.values = (0..model.quantities.len()).map(|_| compiler_column(&mut compiler.program)).collect();
-    compiler.program.people = model.columns.iter().map(|_| compiler_column(&mut compiler.program)).collect();
+    compiler.program.values =
+        (0..model.quantities.len()).map(|_| compiler_column(&mut compiler.program)).collect();
+    compiler.program.people =
+        model.columns.iter().map(|_| compiler_column(&mut compiler.program)).collect();
     for (stage, order) in model.order.iter().enumerate() {
         for index in order {
             compiler.quantity(stage, *index);
@@ -359,7 +359,9 @@ impl Compiler<'_> {
                         None => {
                             let total = self.total(quantity);
                             let summary = window.summary;
-                            self.emit(stage, to, &[], |_, to| Instruction::Total(total, summary, to))
+                            self.emit(stage, to, &[], |_, to| {
+                                Instruction::Total(total, summary, to)
+                            })
                         }
                         Some(length) => {
                             let ring = self.ring(quantity);
@@ -373,7 +375,9 @@ impl Compiler<'_> {
                                 numbers::constant(factor, &parameter).unwrap_or(f64::NAN)
                             });
                             let weights = weights(window.summary, factor, length);
-                            self.emit(stage, to, &[], |_, to| Instruction::Window(ring, weights, to))
+                            self.emit(stage, to, &[], |_, to| {
+                                Instruction::Window(ring, weights, to)
+                            })
                         }
                     }
                 }
@@ -402,7 +406,8 @@ impl Compiler<'_> {
     /// Checks of what leaves the model.
     fn roles(&mut self) {
         let roles = &self.model.roles;
-        let features = roles.features.iter().map(|feature| (feature.source, feature.low, feature.high));
+        let features =
+            roles.features.iter().map(|feature| (feature.source, feature.low, feature.high));
         for (source, low, high) in features {
             let part = self.target(source);
             let of = self.operand(part);
@@ -412,7 +417,8 @@ impl Compiler<'_> {
                 self.program.stages[Stage::Before as usize].push(Instruction::Check(check));
             }
         }
-        let others = [roles.outcome, roles.reward].into_iter().chain(roles.available).chain(roles.ends);
+        let others =
+            [roles.outcome, roles.reward].into_iter().chain(roles.available).chain(roles.ends);
         for quantity in others.chain(roles.state.iter().copied()) {
             let of = Operand::Column(self.program.values[quantity]);
             let range = (f64::MIN, f64::MAX);

@@ -174,9 +174,9 @@ impl<'t> Reader<'t> {
         model.unit = self.words("unit", root);
         model.actions = self.actions(root);
         model.decisions_per_day = match root.get("decisions_per_day") {
-            Some(node) => {
-                self.whole("decisions_per_day", (1, MOST_DECISIONS_PER_DAY), node).unwrap_or(1) as u32
-            }
+            Some(node) => self
+                .whole("decisions_per_day", (1, MOST_DECISIONS_PER_DAY), node)
+                .unwrap_or(1) as u32,
             None => 1,
         };
         model.days = match root.get("days") {
@@ -252,12 +252,7 @@ impl<'t> Reader<'t> {
     }
 
     /// Reads one of several words.
-    fn word<T: Copy>(
-        &mut self,
-        name: &str,
-        words: &[(&str, T)],
-        table: &DeTable<'t>,
-    ) -> Option<T> {
+    fn word<T: Copy>(&mut self, name: &str, words: &[(&str, T)], table: &DeTable<'t>) -> Option<T> {
         let node = table.get(name)?;
         let found = node.get_ref().as_str();
         let known = words.iter().find(|(word, _)| Some(*word) == found);
@@ -379,7 +374,11 @@ impl<'t> Reader<'t> {
         }
         let mut keys = table.keys();
         let (Some(key), None) = (keys.next(), keys.next()) else {
-            self.expected(name, "an expression, or one distribution as in { gaussian = [0, 1] }", node);
+            self.expected(
+                name,
+                "an expression, or one distribution as in { gaussian = [0, 1] }",
+                node,
+            );
             return None;
         };
         let found = key.get_ref().as_ref();
@@ -396,9 +395,8 @@ impl<'t> Reader<'t> {
             return None;
         }
         let forms: Vec<&Form> = FORMS.iter().filter(|form| form.name == found).collect();
-        self.draw(name, &forms, &table[found]).map(|(distribution, formulas)| {
-            Definition::Draw(distribution, formulas)
-        })
+        self.draw(name, &forms, &table[found])
+            .map(|(distribution, formulas)| Definition::Draw(distribution, formulas))
     }
 
     /// The parameters of a distribution: a list, a table, or one value.
@@ -457,7 +455,11 @@ impl<'t> Reader<'t> {
         let whole = span(node);
         if let Some(number) = written_number(node) {
             let position = TextPosition { start: None, whole: (whole.start, whole.end) };
-            return Some(Formula { expression: Expression::number(number), position, ..Formula::default() });
+            return Some(Formula {
+                expression: Expression::number(number),
+                position,
+                ..Formula::default()
+            });
         }
         let Some(text) = node.get_ref().as_str() else {
             self.expected(name, "an expression as a text, or a number", node);
@@ -509,7 +511,9 @@ impl<'t> Reader<'t> {
             _ => Vec::new(),
         };
         if items.len() != given {
-            let says = format!("`{name}`: `given` needs {given} expressions, one for each column before value");
+            let says = format!(
+                "`{name}`: `given` needs {given} expressions, one for each column before value"
+            );
             self.fault(span(node), says);
             return None;
         }
@@ -555,7 +559,8 @@ impl<'t> Reader<'t> {
         let mut roles = DraftRoles::default();
         let Some(table) = self.table("roles", root) else {
             if root.get("roles").is_none() {
-                let fault = Fault::whole("[roles] is missing: it names the `outcome` and the `features`");
+                let fault =
+                    Fault::whole("[roles] is missing: it names the `outcome` and the `features`");
                 self.faults.add(fault);
             }
             roles.is_outcome_faulty = true;
@@ -616,7 +621,11 @@ impl<'t> Reader<'t> {
                 Some(feature)
             }
             _ => {
-                self.expected("features", "a name, or a table as in { name = \"x\", low = 0, high = 1 }", node);
+                self.expected(
+                    "features",
+                    "a name, or a table as in { name = \"x\", low = 0, high = 1 }",
+                    node,
+                );
                 None
             }
         }

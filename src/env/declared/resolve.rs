@@ -60,7 +60,8 @@ impl Resolver<'_> {
         }
         let action = self.quantity("action", NOWHERE, Stage::After, Definition::Action);
         self.known.insert("action".to_owned(), Target::Quantity(action));
-        let probability = self.quantity("probability", NOWHERE, Stage::After, Definition::Probability);
+        let probability =
+            self.quantity("probability", NOWHERE, Stage::After, Definition::Probability);
         self.known.insert("probability".to_owned(), Target::Quantity(probability));
         let parameters = self.model.parameters.clone();
         for (index, parameter) in parameters.iter().enumerate() {
@@ -87,10 +88,8 @@ impl Resolver<'_> {
         // Windows append quantities, whose formulas have their turn.
         let mut index = 0;
         while index < self.model.quantities.len() {
-            let definition = std::mem::replace(
-                &mut self.model.quantities[index].definition,
-                Definition::Action,
-            );
+            let definition =
+                std::mem::replace(&mut self.model.quantities[index].definition, Definition::Action);
             self.model.quantities[index].definition = match definition {
                 Definition::Formula(formula) => Definition::Formula(self.formula(formula)),
                 Definition::Draw(distribution, formulas) => Definition::Draw(
@@ -113,8 +112,7 @@ impl Resolver<'_> {
         }
         let position = formula.position;
         let names = formula.expression.names.iter();
-        formula.targets =
-            names.map(|name| self.target(name, position.span(&name.span))).collect();
+        formula.targets = names.map(|name| self.target(name, position.span(&name.span))).collect();
         let windows: Vec<_> = formula.expression.windows().cloned().collect();
         for window in windows {
             let span = position.span(&window.span);
@@ -149,7 +147,10 @@ impl Resolver<'_> {
     fn check_factor(&mut self, factor: &Expression, position: TextPosition, span: Span) {
         for name in &factor.names {
             if !matches!(self.known.get(&name.text), Some(Target::Parameter(_))) || name.back > 0 {
-                let says = format!("the factor of a window has numbers and parameters only, not `{}`", name.text);
+                let says = format!(
+                    "the factor of a window has numbers and parameters only, not `{}`",
+                    name.text
+                );
                 self.faults.add(Fault::at(position.span(&name.span), says));
             }
         }
@@ -164,7 +165,10 @@ impl Resolver<'_> {
                 return Target::One;
             }
             if name.back > 0 {
-                let says = format!("`{}[-{}]`: there is no variable `{}`", name.text, name.back, name.text);
+                let says = format!(
+                    "`{}[-{}]`: there is no variable `{}`",
+                    name.text, name.back, name.text
+                );
                 self.unknown(&name.text, span, says);
                 return Target::One;
             }
@@ -189,7 +193,8 @@ impl Resolver<'_> {
                     self.faults.add(Fault::at(span, says));
                 }
                 _ => {
-                    let says = format!("`{}` does not change between decisions: it has no lag", name.text);
+                    let says =
+                        format!("`{}` does not change between decisions: it has no lag", name.text);
                     self.faults.add(Fault::at(span, says));
                 }
             }
@@ -225,7 +230,10 @@ impl Resolver<'_> {
                     match known.filter(|known| known.same_as.is_none()) {
                         Some(known) => &known.features,
                         None => {
-                            let says = format!("`{}`: there is no block `{other}` with a list of features", block.name);
+                            let says = format!(
+                                "`{}`: there is no block `{other}` with a list of features",
+                                block.name
+                            );
                             let names: Vec<&str> =
                                 blocks.iter().map(|block| block.name.as_str()).collect();
                             self.faults.add(Fault::at(*span, says).nearest(other, names));
@@ -276,14 +284,19 @@ impl Resolver<'_> {
             let formula = formula?;
             let span = formula.position.span(&(0..0));
             let span = Span { end: formula.position.whole.1, ..span };
-            Some(self.quantity(&format!("roles.{name}"), span, Stage::Before, Definition::Formula(formula)))
+            Some(self.quantity(
+                &format!("roles.{name}"),
+                span,
+                Stage::Before,
+                Definition::Formula(formula),
+            ))
         };
         let outcome = role("outcome", roles.outcome);
         let reward = role("reward", roles.reward);
-        let [available, ends] =
-            [role("available", roles.available), role("ends", roles.ends)];
+        let [available, ends] = [role("available", roles.available), role("ends", roles.ends)];
         if outcome.is_none() && !roles.is_outcome_faulty {
-            let fault = Fault::at(span, "[roles]: `outcome` is missing: what a person's return sums");
+            let fault =
+                Fault::at(span, "[roles]: `outcome` is missing: what a person's return sums");
             self.faults.add(fault);
         }
         let outcome = outcome.unwrap_or(0);
@@ -313,7 +326,11 @@ impl Resolver<'_> {
                     self.faults.add(Fault::at(*span, format!("`{name}` is recorded twice")));
                 }
                 _ if self.faulty.contains(name) => {}
-                _ => self.unknown(name, *span, format!("[roles]: there is no variable `{name}` to record")),
+                _ => self.unknown(
+                    name,
+                    *span,
+                    format!("[roles]: there is no variable `{name}` to record"),
+                ),
             }
         }
         if roles.state.is_none() {
@@ -391,7 +408,8 @@ impl Resolver<'_> {
             }
         }
         for index in order {
-            let latest = self.sources(index).into_iter().map(|one| self.model.quantities[one].stage);
+            let latest =
+                self.sources(index).into_iter().map(|one| self.model.quantities[one].stage);
             let latest = latest.max().unwrap_or(Stage::Person);
             let quantity = &mut self.model.quantities[index];
             quantity.stage = quantity.stage.max(match quantity.stage {
@@ -431,7 +449,10 @@ impl Resolver<'_> {
             let mut sources = self.sources(index).into_iter();
             let changes = sources.any(|one| self.model.quantities[one].stage != Stage::Person);
             if clocks || changes {
-                let says = format!("`{}` is drawn once per person, and refers to what changes between decisions", quantity.name);
+                let says = format!(
+                    "`{}` is drawn once per person, and refers to what changes between decisions",
+                    quantity.name
+                );
                 late.push(Fault::at(quantity.span, says).help("move it to [variables]"));
             }
         }
@@ -439,8 +460,14 @@ impl Resolver<'_> {
             if let Target::Quantity(index) = target
                 && self.model.quantities[*index].stage == Stage::After
             {
-                let says = format!("`{}` follows the choice of an action, and cannot be observed before it", self.model.quantities[*index].name);
-                let help = format!("observe its last value: a variable \"default({}[-1], 0)\"", self.model.quantities[*index].name);
+                let says = format!(
+                    "`{}` follows the choice of an action, and cannot be observed before it",
+                    self.model.quantities[*index].name
+                );
+                let help = format!(
+                    "observe its last value: a variable \"default({}[-1], 0)\"",
+                    self.model.quantities[*index].name
+                );
                 late.push(Fault::at(*span, says).help(help));
             }
         }
@@ -504,11 +531,18 @@ impl Resolver<'_> {
         }
         let quantities = self.model.quantities.iter().enumerate();
         let own = quantities.filter(|(_, one)| {
-            !matches!(one.definition, Definition::Action | Definition::Probability | Definition::Replay(_))
+            !matches!(
+                one.definition,
+                Definition::Action | Definition::Probability | Definition::Replay(_)
+            )
         });
         let unused = own.filter(|(index, _)| !needed.contains(index));
-        let parameters =
-            self.model.parameters.iter().enumerate().filter(|(index, _)| !parameters.contains(index));
+        let parameters = self
+            .model
+            .parameters
+            .iter()
+            .enumerate()
+            .filter(|(index, _)| !parameters.contains(index));
         let all = unused
             .map(|(_, one)| (one.name.clone(), one.span))
             .chain(parameters.map(|(_, one)| (one.name.clone(), one.span)));
@@ -525,7 +559,9 @@ impl Resolver<'_> {
         for quantity in &self.model.quantities {
             let Definition::Draw(distribution, formulas) = &quantity.definition else { continue };
             for (index, formula) in formulas.iter().enumerate() {
-                let Some(value) = numbers::constant(&formula.expression, &|_| None) else { continue };
+                let Some(value) = numbers::constant(&formula.expression, &|_| None) else {
+                    continue;
+                };
                 let (least, most) = distribution.range(index);
                 if !(value >= least && value <= most) {
                     let keys = distribution.form().keys;

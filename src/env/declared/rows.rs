@@ -9,7 +9,9 @@ pub static PEOPLE: ContentForm = ContentForm {
     what: "a CSV file with one row per person",
     parse: |text| Ok(Arc::new(Numbers::people(text)?)),
     canonical: None,
-    help: Some("the columns are the names that the model uses and does not declare; docs/models.md has an example"),
+    help: Some(
+        "the columns are the names that the model uses and does not declare; docs/models.md has an example",
+    ),
 };
 
 /// The form of a file of rows.
@@ -70,9 +72,13 @@ impl Numbers {
             let own: Vec<String> =
                 all.iter().filter(|name| **name != PERSON).map(|name| (*name).to_owned()).collect();
             let person = all.iter().position(|name| *name == PERSON);
-            Ok((Numbers { texts: vec![None; own.len()], columns: own, ..Numbers::default() }, person))
+            Ok((
+                Numbers { texts: vec![None; own.len()], columns: own, ..Numbers::default() },
+                person,
+            ))
         };
-        let push = |(numbers, person): &mut (Numbers, Option<usize>), record: &csv::StringRecord| {
+        let push = |(numbers, person): &mut (Numbers, Option<usize>),
+                    record: &csv::StringRecord| {
             line = record.position().map_or(line + 1, csv::Position::line);
             if numbers.rows == most {
                 return Err(format!("expected at most {most} {what}"));

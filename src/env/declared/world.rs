@@ -114,6 +114,24 @@ impl World {
         world
     }
 
+    #[cfg(test)]
+    pub(super) fn parts(&self) -> &Arc<Parts> {
+        &self.parts
+    }
+
+    /// The present number of a quantity in a lane.
+    #[cfg(test)]
+    pub(super) fn quantity(&self, index: usize, lane: usize) -> f64 {
+        self.column(index)[lane]
+    }
+
+    /// The index of the quantity of this name.
+    #[cfg(test)]
+    pub(super) fn named(&self, name: &str) -> usize {
+        let mut all = self.model().quantities.iter();
+        all.position(|quantity| quantity.name == name).expect("a quantity of the model")
+    }
+
     fn model(&self) -> &Model {
         &self.parts.model
     }
@@ -193,7 +211,8 @@ impl World {
         }
         if let Some(available) = parts.model.roles.available {
             let column = parts.program.values[available];
-            for (is_available, value) in self.is_available.iter_mut().zip(&self.columns.all[column]) {
+            for (is_available, value) in self.is_available.iter_mut().zip(&self.columns.all[column])
+            {
                 *is_available = *value != 0.0;
             }
         }
@@ -289,12 +308,18 @@ impl World {
         let person = match &self.parts.people {
             Some(people) => {
                 let row = self.people[lane] as usize;
-                format!("person {} (row {} of the people, {})", lane + 1, row + 1, people.person(row))
+                format!(
+                    "person {} (row {} of the people, {})",
+                    lane + 1,
+                    row + 1,
+                    people.person(row)
+                )
             }
             None => format!("person {}", lane + 1),
         };
         let time = self.times[lane];
-        let because = if known.is_empty() { String::new() } else { format!("; {}", known.join(", ")) };
+        let because =
+            if known.is_empty() { String::new() } else { format!("; {}", known.join(", ")) };
         format!("model: {name} {is} for {person} at decision {time}{because}")
     }
 
@@ -400,8 +425,7 @@ impl VectorEnvironment for World {
         for (lane, drawn) in self.drawn.iter().enumerate() {
             let numbers = [outcome, reward].map(|column| self.columns.all[column][lane]);
             // A number that is not finite ends the job.
-            let [outcome, reward] =
-                numbers.map(|x| if *drawn && x.is_finite() { x } else { 0.0 });
+            let [outcome, reward] = numbers.map(|x| if *drawn && x.is_finite() { x } else { 0.0 });
             self.outcomes[lane] = outcome;
             rewards[lane] = reward;
         }
@@ -483,6 +507,18 @@ impl Simulation for World {
 
     fn leave(&mut self, lane: usize) {
         self.statuses[lane] = EpisodeStatus::Truncated;
+    }
+
+    fn complete(&self, lane: usize, reward: f64, state: &mut [f64], cost: &mut f64) {
+        let recorded = self.model().roles.state.iter().zip(state);
+        for (quantity, number) in recorded {
+            if self.model().quantities[*quantity].stage == Stage::After {
+                *number = self.column(*quantity)[lane];
+            }
+        }
+        if self.model().roles.reward != self.model().roles.outcome {
+            *cost = self.outcomes[lane] - reward;
+        }
     }
 
     fn show_state<'s>(&'s self, show: &mut dyn FnMut(&'s str, StateColumn<'s>)) {

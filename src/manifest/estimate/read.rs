@@ -148,12 +148,23 @@ impl Checked<'_> {
         if job.environment.family().is_external() {
             return;
         }
-        let mut known = job.state_names();
+        let names = job.state_names();
+        let mut known = names.to_vec();
         known.push(STEP.to_owned());
         let declaration = &self.estimate.estimate.declaration;
         let lists = [("control", &declaration.control), ("moderators", &declaration.moderators)];
         let features =
             lists.into_iter().flat_map(|(key, list)| list.iter().map(move |one| (key, one)));
+        let late = |name: &String| {
+            names.iter().position(|known| known == name).is_some_and(|index| names.is_late(index))
+        };
+        for (key, name) in features.clone().filter(|(_, name)| late(name)) {
+            let says = format!("`{key}`: `{name}` follows the action, and can be an outcome alone");
+            let help = format!(
+                "use its last value: a variable of the model, as in \"default({name}[-1], 0)\""
+            );
+            faults.add(Fault::at(self.estimate.span_of(key), says).help(help));
+        }
         let outcome = Some(("outcome", &declaration.outcome));
         let outcome = outcome.filter(|_| !declaration.is_of_reward());
         for (key, name) in features.chain(outcome).filter(|(_, name)| !known.contains(name)) {

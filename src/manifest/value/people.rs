@@ -5,7 +5,9 @@ use std::io::Read;
 
 use toml::de::DeValue;
 
-use crate::key::{Column, Content, ContentFault, ContentForm, Distribution, Kind, NumberRange, Rows, Value};
+use crate::key::{
+    Column, Content, ContentFault, ContentForm, Distribution, Kind, NumberRange, Rows, Value,
+};
 use crate::manifest::value::sweep::{Node, Reader};
 use crate::text::{Fault, Span};
 
