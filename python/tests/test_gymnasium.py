@@ -349,6 +349,25 @@ def test_every_family_has_an_id():
         gymnasium.make_vec("jitai/Oralytics-v0", people=ORALYTICS["people"], max_episode_steps=3)
 
 
+def test_a_model_file_is_an_environment():
+    model = ROOT / "experiments" / "models" / "step_count.toml"
+    env = gymnasium.make("jitai/Declared-v0", model=model, scenario="habituation-disengagement")
+    assert env.spec.max_episode_steps == 50
+    declaration = env.unwrapped.declaration
+    assert declaration.actions[0] == "nothing" and env.action_space.n == 4
+    observation, _ = env.reset(seed=3)
+    assert observation.tolist() == pytest.approx([0.1, 0.1])
+    observation, reward, *_, info = env.step(1)
+    assert observation.tolist() == pytest.approx([0.15, 0.09])
+    assert reward == pytest.approx(0.1 + 0.85 * 50)
+    assert info["habituation"] == pytest.approx(0.15)
+    swept = jitai.make(family="declared", model=model, parameters={"rho_1": 100})
+    swept.reset(seed=3)
+    assert swept.step(1)[1] == pytest.approx(0.1 + 0.85 * 100)
+    with pytest.raises(ValueError, match="the model has no parameter `rho_4`"):
+        jitai.make(family="declared", model=model, parameters={"rho_4": 1})
+
+
 def test_info_has_the_recorded_state_of_the_family():
     env = jitai.make(**ORALYTICS, render_mode="ansi")
     _, info = env.reset(seed=1)

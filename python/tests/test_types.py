@@ -39,7 +39,12 @@ with jitai.open("a.sqlite") as store:
 
 def test_the_keywords_are_the_keys_of_the_families():
     known = set()
-    for keywords in ({"sigma": 0.6}, {"family": "oralytics", "people": PEOPLE / "synthetic_v2.csv"}):
+    model = ROOT / "experiments" / "models" / "ten_lines.toml"
+    for keywords in (
+        {"sigma": 0.6},
+        {"family": "declared", "model": model},
+        {"family": "oralytics", "people": PEOPLE / "synthetic_v2.csv"},
+    ):
         known |= set(jitai.make(**keywords).unwrapped.declaration.keys)
     assert set(Keywords.__annotations__) == known | OTHERS
     assert set(inspect.signature(jitai.make).parameters) == known | OTHERS

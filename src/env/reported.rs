@@ -99,6 +99,10 @@ impl VectorEnvironment for Reported {
         self.is_reported = reported;
     }
 
+    fn expect(&mut self, probabilities: &[f64]) {
+        self.real.expect(probabilities);
+    }
+
     fn statuses(&self) -> &[EpisodeStatus] {
         self.real.statuses()
     }
@@ -162,6 +166,10 @@ impl Simulation for Reported {
 
     fn exact_features(&self, lane: usize, _: &Observations, out: &mut Vec<f64>) {
         out.clone_from(&self.exact[lane]);
+    }
+
+    fn begin_day(&mut self, day: u32) {
+        self.real.begin_day(day);
     }
 
     fn assign(&mut self, rows: &[u32]) {

@@ -146,6 +146,11 @@ pub trait Simulation: VectorEnvironment + Any + fmt::Debug + Send + Sync {
         let _ = rows;
     }
 
+    /// Hears that a day of a trial begins, counted from 0. Does nothing by default.
+    fn begin_day(&mut self, day: u32) {
+        let _ = day;
+    }
+
     /// Ends the episode of a lane, whose person leaves.
     fn leave(&mut self, lane: usize);
 
@@ -194,6 +199,10 @@ impl VectorEnvironment for Simulated {
 
     fn step(&mut self, actions: &[Action], rewards: &mut [f64], streams: &mut LaneStreams) {
         (**self).step(actions, rewards, streams);
+    }
+
+    fn expect(&mut self, probabilities: &[f64]) {
+        (**self).expect(probabilities);
     }
 
     fn statuses(&self) -> &[EpisodeStatus] {

@@ -209,6 +209,12 @@ pub trait VectorEnvironment: Resumable {
         Interface { observations: self.observation_spec(), actions: self.action_spec().count }
     }
 
+    /// Hears the probabilities of the actions of the next step, \[lanes, actions\], row by row; NaN where they are unknown.
+    /// Does nothing by default.
+    fn expect(&mut self, probabilities: &[f64]) {
+        let _ = probabilities;
+    }
+
     /// Starts a new episode in these lanes and leaves the other lanes unchanged. Draws for these lanes only,
     /// in lane order.
     fn reset(&mut self, lanes: LaneSet<'_>, streams: &mut LaneStreams);

@@ -67,6 +67,7 @@ pub(super) fn drive<Env: VectorEnvironment + ?Sized, Agent: Actor<Env> + ?Sized>
     while !conductor.is_over(environment) && !observer.stop_requested() {
         conductor.begin_step(environment, agent, &mut streams.environment)?;
         agent.act(environment, &mut streams.actions, &mut actions, Some(&mut probabilities));
+        environment.expect(&probabilities);
         observer.chosen(&ChosenStep {
             environment,
             streams: &streams.environment,

@@ -162,6 +162,7 @@ impl Study {
             return Ok(());
         }
         let (day, _) = self.days();
+        environment.begin_day(day);
         for (person, (stay, left)) in self.stays.iter().zip(&mut self.left).enumerate() {
             let is_running = environment.statuses()[person] == EpisodeStatus::Running;
             if stay.end == day && is_running {

@@ -9,6 +9,7 @@ mod imports;
 mod learned;
 mod manifests;
 mod migrations;
+mod models;
 mod names;
 mod optimum;
 mod oralytics;

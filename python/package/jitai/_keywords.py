@@ -55,6 +55,11 @@ class Keywords(TypedDict, total=False):
     time_indicator_period: int
     time_one_hot: bool
     unpaid_last_step: bool
+    # Keys of declared.
+    model: str | os.PathLike[str]
+    parameters: Mapping[str, float]
+    people: str | os.PathLike[str]
+    replay: str | os.PathLike[str]
     # Keys of oralytics.
     cost_of_frequent_prompts: float
     cost_of_good_brushing: float
@@ -64,7 +69,6 @@ class Keywords(TypedDict, total=False):
     effect_size: Literal["small", "smaller"]
     habituation_factor: float
     no_effect_at: Sequence[float]
-    people: str | os.PathLike[str]
     rounding: Literal["nearest", "down"]
     stale_state: bool
     stationary: bool

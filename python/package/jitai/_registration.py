@@ -17,7 +17,11 @@ if TYPE_CHECKING:
     from jitai._vector import VectorEnv
 
 #: The ids in Gymnasium by family. A list here, because the import of jitai does not load the compiled module.
-IDS = {"step_count": "jitai/StepCount-v0", "oralytics": "jitai/Oralytics-v0"}
+IDS = {
+    "step_count": "jitai/StepCount-v0",
+    "declared": "jitai/Declared-v0",
+    "oralytics": "jitai/Oralytics-v0",
+}
 #: The id of the family of manifests that name none.
 ENVIRONMENT_ID = IDS["step_count"]
 #: The noise of the context feature where an environment is made by its id alone, as Stable-Baselines3 makes

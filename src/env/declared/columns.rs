@@ -52,6 +52,7 @@ pub(super) struct Inputs<'a> {
 pub(super) struct Broken {
     pub check: Check,
     pub lane: usize,
+    pub value: f64,
 }
 
 impl Columns {
@@ -64,14 +65,6 @@ impl Columns {
         let tile = lanes.min(TILE);
         let buffers = vec![vec![0.0; tile]; program.buffers];
         Columns { program, all, buffers, valid: vec![false; tile] }
-    }
-
-    /// The number of an operand that lasts, in a lane.
-    pub fn at(&self, operand: Operand, lane: usize) -> f64 {
-        match operand {
-            Operand::Column(column) => self.all[column][lane],
-            Operand::Buffer(_) => f64::NAN,
-        }
     }
 
     /// Sets the clocks of all lanes, of which `entered` has the days of the trial on which their people entered.
@@ -321,7 +314,11 @@ impl Columns {
                 let any = numbers.iter().zip(checked).fold(false, |any, one| any | is_bad(one));
                 if any {
                     let lane = numbers.iter().zip(checked).position(is_bad);
-                    return lane.map(|lane| Broken { check: *check, lane: tile.first + lane });
+                    return lane.map(|lane| Broken {
+                        check: *check,
+                        lane: tile.first + lane,
+                        value: numbers[lane],
+                    });
                 }
             }
         }

@@ -312,12 +312,25 @@ fn chain(input: &mut Input<'_>) -> Read<()> {
     }
 }
 
+/// Whether a lexeme stands before the value that it changes.
+fn is_prefix(kind: &Kind) -> bool {
+    match kind {
+        Kind::Sign(sign) => matches!(*sign, "-" | "+"),
+        Kind::Word(word) => word == "not",
+        Kind::Number(_) => false,
+    }
+}
+
 fn operand(input: &mut Input<'_>) -> Read<Part> {
     let Some(lexeme) = peek(input) else {
         let end = input.state.end;
         let says = "the expression ends where a value is expected";
         return input.state.fail(GrammarFault::new(end..end, says));
     };
+    // A sign before a value is read elsewhere.
+    if is_prefix(&lexeme.kind) {
+        return Err(ErrMode::Backtrack(EmptyError));
+    }
     any.parse_next(input)?;
     let span = lexeme.span.clone();
     let first = input.state.expression.nodes.len();

@@ -312,7 +312,7 @@ fn compare(text: &str, people: &str, row: &[f64], seed: u64) {
 #[test]
 fn numbers_are_those_of_a_plain_reference() {
     for seed in 1..6 {
-        compare(MANY, PEOPLE_OF_MANY, &[0.5, 0.1, 2.0, 1.0], seed);
+        compare(MANY, PEOPLE_OF_MANY, &[1.0, 0.5, 0.1, 2.0], seed);
     }
 }
 
@@ -404,7 +404,7 @@ fn texts_that_are_no_models_never_panic() {
     let mut bytes = MANY.as_bytes().to_vec();
     for _ in 0..2000 {
         let at = random.below(bytes.len() as u32) as usize;
-        let old = std::mem::replace(&mut bytes[at], b" =\"[]{}().-19ax"[random.below(16) as usize]);
+        let old = std::mem::replace(&mut bytes[at], b" =\"[]{}().-19ax"[random.below(15) as usize]);
         if let Ok(text) = std::str::from_utf8(&bytes)
             && let Err(faults) = read::read(text)
         {

@@ -110,6 +110,7 @@ impl World {
             checked: vec![false; lanes],
             parts,
         };
+        world.columns.all[world.parts.program.values[1]].fill(f64::NAN);
         world.history = History::new(history, lanes, &world.spec());
         world
     }
@@ -261,10 +262,9 @@ impl World {
     }
 
     /// What went wrong in a lane, with the numbers that led there.
-    fn explained(&self, Broken { check, lane }: Broken) -> String {
+    fn explained(&self, Broken { check, lane, value }: Broken) -> String {
         let model = self.model();
         let quantity = &model.quantities[check.quantity];
-        let value = self.columns.at(check.of, lane);
         let name = match check.parameter {
             None => format!("`{}`", quantity.name),
             Some(index) => {
@@ -452,6 +452,15 @@ impl VectorEnvironment for World {
         self.prepare(&renewed);
     }
 
+    fn expect(&mut self, probabilities: &[f64]) {
+        let actions = self.model().actions.len();
+        let column = self.parts.program.values[1];
+        let rows = probabilities.chunks_exact(actions);
+        for (sent, row) in self.columns.all[column].iter_mut().zip(rows) {
+            *sent = 1.0 - row[0];
+        }
+    }
+
     fn statuses(&self) -> &[EpisodeStatus] {
         &self.statuses
     }
@@ -503,6 +512,10 @@ impl Simulation for World {
 
     fn assign(&mut self, rows: &[u32]) {
         self.assigned = rows.to_vec();
+    }
+
+    fn begin_day(&mut self, day: u32) {
+        self.today = f64::from(day);
     }
 
     fn leave(&mut self, lane: usize) {
