@@ -9,7 +9,7 @@ import gymnasium
 import jitai
 import numpy as np
 import pytest
-from conftest import PEOPLE
+from conftest import PEOPLE, ROOT
 from gymnasium.utils.env_checker import check_env, data_equivalence
 from gymnasium.vector import AutoresetMode
 

@@ -8,7 +8,7 @@ import sys
 
 import jitai
 import pytest
-from conftest import PEOPLE
+from conftest import PEOPLE, ROOT
 from jitai._keywords import Keywords, VectorKeywords
 
 #: Keywords that are no keys of a family.
@@ -17,6 +17,7 @@ OTHERS = {
     "extends",
     "family",
     "manifest",
+    "parameters",
     "population",
     "render_mode",
     "scenario",

@@ -17,8 +17,9 @@ pub(super) struct Arguments {
     #[command(flatten)]
     manifests: ManifestArguments,
     /// Start the programs of outside environments and check that they keep the contract: equal seeds give equal
-    /// episodes, lanes are independent, values lie inside their bounds. With --format json, the output is an object
-    /// of `faults` and `trials`
+    /// episodes, lanes are independent, values lie inside their bounds. Roll a trial of each model with actions at
+    /// random: numbers that are missing or explode are faults, and every variable is shown with its range. With --format
+    /// json, the output is an object of `faults` and `trials`
     #[arg(long = "try")]
     tries: bool,
     /// Output format of the faults

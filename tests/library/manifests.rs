@@ -96,6 +96,8 @@ fn shipped() -> Vec<(&'static str, u64)> {
         ("experiments/trial_power.toml", 3200),
         ("experiments/at_horizon.toml", 60),
         ("experiments/bandits.toml", 920),
+        ("experiments/models/trial.toml", 60),
+        ("experiments/models/noisy_dose_trial.toml", 10),
         ("experiments/external/outside.toml", 21),
         ("experiments/external/cartpole.toml", 12),
         ("experiments/external/trial.toml", 9),
@@ -255,7 +257,8 @@ fn key_table(section: Section) -> String {
 }
 
 /// The pages that have the tables of keys.
-const REFERENCE: [&str; 3] = ["docs/manifest.md", "docs/oralytics.md", "docs/trials.md"];
+const REFERENCE: [&str; 4] =
+    ["docs/manifest.md", "docs/models.md", "docs/oralytics.md", "docs/trials.md"];
 
 #[test]
 fn the_reference_lists_every_key_with_its_values_and_default() {

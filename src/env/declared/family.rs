@@ -118,6 +118,11 @@ impl DeclaredModel {
         self.parameters().model.parsed()
     }
 
+    /// The parameters that are set, with their values.
+    pub fn given(&self) -> impl Iterator<Item = (&'static str, &Value)> {
+        free_values(self.family.keys, &self.values)
+    }
+
     /// The number of people among whom those of a trial are drawn.
     fn people(&self) -> Option<usize> {
         let DeclaredParameters { people, replay, .. } = self.parameters();
@@ -141,7 +146,7 @@ impl DeclaredModel {
         let DeclaredParameters { people, replay, .. } = self.parameters();
         let (people, replay): (Option<Arc<Numbers>>, Option<Arc<Numbers>>) =
             (people.parsed(), replay.parsed());
-        let given: Vec<(&str, &Value)> = free_values(self.family.keys, &self.values).collect();
+        let given: Vec<(&str, &Value)> = self.given().collect();
         let value = |name: &str| given.iter().find(|(given, _)| *given == name);
         let parameters: Vec<f64> = model
             .parameters

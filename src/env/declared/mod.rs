@@ -17,6 +17,7 @@ mod numbers;
 mod program;
 mod read;
 mod resolve;
+mod rolled;
 mod rows;
 #[cfg(test)]
 mod tests;
@@ -24,4 +25,5 @@ mod world;
 
 pub use family::{DeclaredModel, FAMILY};
 pub use model::Model;
+pub use rolled::Rolled;
 pub use world::World;

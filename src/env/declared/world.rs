@@ -133,6 +133,11 @@ impl World {
         all.position(|quantity| quantity.name == name).expect("a quantity of the model")
     }
 
+    /// Whether each lane is running.
+    pub(super) fn running(&self) -> impl Iterator<Item = bool> {
+        self.statuses.iter().map(|status| *status == EpisodeStatus::Running)
+    }
+
     fn model(&self) -> &Model {
         &self.parts.model
     }
