@@ -54,6 +54,7 @@ mod trial;
 mod verb;
 mod watch;
 mod workers;
+mod world;
 
 pub(crate) use error::{Error, Exit};
 use store_argument::StoreArgument;

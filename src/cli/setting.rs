@@ -117,7 +117,7 @@ pub(super) fn sets(setting: &str, parameter: &str) -> bool {
 }
 
 /// The name and the value of a setting.
-fn name_and_value(setting: &str) -> Result<(&str, &str), Error> {
+pub(super) fn name_and_value(setting: &str) -> Result<(&str, &str), Error> {
     let is_name = |name: &str| {
         !name.is_empty() && name.bytes().all(|b| b.is_ascii_alphanumeric() || b == b'_')
     };

@@ -8,12 +8,14 @@ use std::path::PathBuf;
 use std::str::FromStr;
 
 use crate::agent::{
-    self, Actions, Actor, DecisionRuleError, RuleParameters, RulePolicy, Start, Task, Unavailable,
+    self, Actions, Actor, DecisionRule, DecisionRuleError, RuleParameters, RulePolicy, Start, Task,
+    Unavailable,
 };
 use crate::cli::output::{Format, OutputField, OutputRows};
 use crate::cli::setting::adjusted;
 use crate::cli::steps::{ShownStep, StepRows};
-use crate::cli::{Error, Exit, StoreArgument, replay};
+use crate::cli::world::{WorldArguments, WorldPolicy};
+use crate::cli::{Error, Exit, StoreArgument, replay, world};
 use crate::env::{
     self, Action, Environment, EpisodeStatus, Observer, PhysicalActivity, Scenario, Simulated,
     StepCount, StepCountModel, VectorEnvironment,
@@ -29,9 +31,21 @@ pub(super) struct Arguments {
     /// The policy: never (sends nothing), untailored, tailored (to the likelier context),
     /// threshold:<p> (p from 0.5 to 1; tailored if the likelier context has at least probability p,
     /// else nothing), random, optimal (maximises the mean return), fixed:<action 0-3>, or
-    /// run:<job key> (the agent of a completed job; a prefix of the key is enough)
-    #[arg(long, default_value = "tailored", value_name = "POLICY")]
-    policy: PolicyArgument,
+    /// run:<job key> (the agent of a completed job; a prefix of the key is enough) [default: tailored;
+    /// with --model, random]
+    #[arg(long, value_name = "POLICY")]
+    policy: Option<PolicyArgument>,
+    /// A model file, whose people are rolled instead of the paper's simulation: every variable of every
+    /// decision. The policy is random, never or fixed:<action>, --episodes the number of people, and --set
+    /// changes parameters of the model
+    #[arg(long, value_name = "FILE", conflicts_with_all = ["scenario", "summary", "greedy"])]
+    model: Option<String>,
+    /// The file of people of the model
+    #[arg(long, value_name = "FILE", requires = "model")]
+    people: Option<String>,
+    /// The file of rows that the model replays
+    #[arg(long, value_name = "FILE", requires = "model")]
+    rows: Option<String>,
     /// The scenario that a rule observes [default: P-H-D]
     #[arg(long, value_name = "SCENARIO", value_parser = env::letters)]
     scenario: Option<Scenario>,
@@ -54,7 +68,7 @@ pub(super) struct Arguments {
     summary: bool,
     /// Replay the contexts and actions of a file and compare the results with the recorded values;
     /// exit code 1 if a value differs
-    #[arg(long, value_name = "FILE", conflicts_with_all = ["policy", "scenario", "settings", "episodes", "seed", "summary", "greedy"])]
+    #[arg(long, value_name = "FILE", conflicts_with_all = ["policy", "scenario", "settings", "episodes", "seed", "summary", "greedy", "model"])]
     replay: Option<PathBuf>,
     /// Output format
     #[arg(long, value_enum, default_value = "table")]
@@ -97,7 +111,11 @@ pub(super) fn run(arguments: &Arguments) -> Result<Exit, Error> {
     if let Some(path) = &arguments.replay {
         return replay::run(path, arguments.format);
     }
-    let mut rolled = match &arguments.policy {
+    if let Some(model) = &arguments.model {
+        return world(model, arguments);
+    }
+    let tailored = PolicyArgument::Rule(RuleParameters::new(DecisionRule::Tailored));
+    let mut rolled = match arguments.policy.as_ref().unwrap_or(&tailored) {
         PolicyArgument::Rule(_) | PolicyArgument::Fixed(_) if arguments.greedy => {
             return Err(Error::Usage(GREEDY_RULE.to_owned()));
         }
@@ -126,6 +144,35 @@ pub(super) fn run(arguments: &Arguments) -> Result<Exit, Error> {
     } else {
         print_steps(&mut rolled, arguments)?;
     }
+    Ok(Exit::Done)
+}
+
+/// Rolls people of a model.
+fn world(model: &str, arguments: &Arguments) -> Result<Exit, Error> {
+    let policy = match &arguments.policy {
+        None => WorldPolicy::Rule("random"),
+        Some(PolicyArgument::Fixed(action)) => WorldPolicy::Fixed(*action),
+        Some(PolicyArgument::Rule(rule)) if rule.rule == DecisionRule::Random => {
+            WorldPolicy::Rule("random")
+        }
+        Some(PolicyArgument::Rule(rule)) if rule.rule == DecisionRule::Never => {
+            WorldPolicy::Rule("never")
+        }
+        Some(_) => {
+            let says = "--policy: with --model, the policy is random, never or fixed:<action>";
+            return Err(Error::Usage(says.to_owned()));
+        }
+    };
+    world::run(&WorldArguments {
+        model,
+        people: arguments.people.as_deref(),
+        rows: arguments.rows.as_deref(),
+        settings: &arguments.settings,
+        policy,
+        persons: arguments.episodes,
+        seed: arguments.seed,
+        format: arguments.format,
+    })?;
     Ok(Exit::Done)
 }
 

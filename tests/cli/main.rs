@@ -18,6 +18,7 @@ mod links;
 mod logging;
 mod memory;
 mod merging;
+mod models;
 mod names;
 mod old_stores;
 mod operating;

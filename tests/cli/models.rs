@@ -1,0 +1,145 @@
+//! Worlds that a model file declares: checked, tried, simulated, run in a trial, merged and reported.
+
+use crate::support::Folder;
+
+const MODEL: &str = include_str!("../../experiments/models/ten_lines.toml");
+
+const MANIFEST: &str = r#"
+format = 1
+name = "walks"
+scenarios = ["all", ["dose"]]
+seeds = 2
+[environment]
+family = "declared"
+model = "world.toml"
+parameters = { effect = [3, 5] }
+[trial]
+people = 6
+days = 30
+[evaluation]
+on = "trial"
+record_decisions = "test"
+[[agent]]
+name = "bandit"
+algorithm = "linear_thompson"
+[[agent]]
+name = "random"
+algorithm = "rule"
+rule = "random"
+[[estimate]]
+name = "effect"
+agents = ["random"]
+control = ["dose"]
+truth = true
+[[estimate]]
+name = "plain"
+agents = ["random"]
+truth = true
+[[estimate]]
+name = "on_minutes"
+agents = ["random"]
+outcome = "minutes"
+truth = true
+"#;
+
+fn folder(model: &str) -> Folder {
+    let folder = Folder::with(MANIFEST);
+    folder.write("world.toml", model);
+    folder
+}
+
+#[test]
+fn a_trial_in_a_declared_world_is_run_queried_merged_and_reported() {
+    let folder = folder(MODEL);
+    folder.jitai(["check", "sweep.toml"]).succeeded();
+    folder.jitai(["run", "sweep.toml"]).succeeded().says("16 completed");
+    // 16 trials of 6 people with 30 decisions. What follows the action is recorded with it.
+    let same = "SELECT count(*) FROM decision WHERE json_extract(state, '$.minutes') = reward";
+    assert_eq!(folder.number(same), 16 * 6 * 30);
+    let differ = "SELECT count(*) FROM decision WHERE json_extract(state, '$.dose') = reward";
+    assert_eq!(folder.number(differ), 0);
+    // An outcome by its name is the reward, in every estimate and truth.
+    let alike = "SELECT count(*) FROM estimate AS one JOIN estimate AS other USING (job_key) WHERE one.name = 'plain' \
+                 AND other.name = 'on_minutes' AND one.estimate = other.estimate AND one.truth = other.truth";
+    assert_eq!(folder.number(alike), 8);
+    assert_eq!(
+        folder.number("SELECT count(*) FROM estimate WHERE failure IS NULL AND name = 'effect'"),
+        8
+    );
+    folder.jitai(["merge", "--store", "b.sqlite", "jitai.sqlite"]).succeeded();
+    folder.jitai(["doctor", "--store", "b.sqlite"]).succeeded();
+    folder.jitai(["report", "sweep.toml", "--store", "b.sqlite", "--out", "report"]).succeeded();
+    assert!(folder.read("report/index.html").contains("minutes of walking"));
+}
+
+#[test]
+fn faults_of_a_model_stand_beside_those_of_its_manifest() {
+    let faulty = MODEL
+        .replace("effect - 2 * dose", "efect - 2 * dos")
+        .replace("days = 30", "days = 30\nday = 2");
+    let folder = folder(&faulty);
+    let faults = folder.jitai(["check", "sweep.toml"]).ended(2);
+    let says = faults.says("world.toml:6:1: a model has no key `day`").says("did you mean `days`?");
+    says.says("`model`: `").says("has 1 fault");
+    // Names are judged beside the file of people, once the model can be read.
+    folder.write("world.toml", MODEL.replace("effect - 2 * dose", "efect - 2 * dos"));
+    let faults = folder.jitai(["check", "sweep.toml"]).ended(2);
+    faults
+        .says("`efect` is not declared")
+        .says("did you mean `effect`?")
+        .says("`dos` is not declared");
+    let folder = self::folder(MODEL);
+    folder.write(
+        "sweep.toml",
+        MANIFEST.replace("effect = [3, 5]", "efect = 3").replace("[\"dose\"]", "[\"dos\"]"),
+    );
+    let faults = folder.jitai(["check", "sweep.toml"]).ended(2);
+    faults.says("the model has no parameter `efect`").says("`dos` is not a feature of the model");
+}
+
+#[test]
+fn a_world_whose_numbers_run_out_is_found_before_and_named_when_it_runs() {
+    let explodes = MODEL.replace("0.8 * default(dose[-1], 0)", "30 * default(dose[-1], 1)");
+    let folder = self::folder(&explodes);
+    folder.jitai(["check", "--try", "sweep.toml"]).ended(2).says("`dose` explodes");
+    let missing = MODEL.replace("default(action[-1], 0)", "if(step == 12, log(0), 0)");
+    folder.write("world.toml", missing);
+    folder
+        .jitai(["check", "--try", "sweep.toml"])
+        .ended(2)
+        .says("`dose` is missing for person 1 at decision 12");
+    folder
+        .jitai(["run", "sweep.toml"])
+        .ended(1)
+        .says("`dose` is missing for person 1 at decision 12");
+    assert_eq!(folder.number("SELECT count(*) FROM run WHERE failure_kind = 'diverged'"), 16);
+}
+
+#[test]
+fn people_of_a_model_are_simulated_with_every_variable() {
+    let folder = folder(MODEL);
+    let simulated = ["simulate", "--model", "world.toml", "--episodes", "2", "--format", "csv"];
+    let rolled = folder.jitai(simulated).succeeded();
+    let lines: Vec<&str> = rolled.stdout.lines().collect();
+    assert_eq!(lines[0], "person,step,can_send,action,dose,minutes,outcome,reward");
+    assert_eq!(lines.len(), 1 + 2 * 30);
+    assert!(lines[1].starts_with("1,0,1,") && lines[60].starts_with("2,29,1,"));
+    let never = folder
+        .jitai(simulated.into_iter().chain(["--policy", "never", "--set", "effect=9"]))
+        .succeeded();
+    assert!(
+        never
+            .stdout
+            .lines()
+            .skip(1)
+            .all(|line| line.contains(",1,0,0.0,") || line.contains(",1,0,0,"))
+    );
+    folder
+        .jitai(["simulate", "--model", "world.toml", "--policy", "tailored"])
+        .ended(2)
+        .says("random, never or fixed");
+    folder
+        .jitai(["simulate", "--model", "world.toml", "--set", "efect=9"])
+        .ended(2)
+        .says("no parameter `efect`");
+}
