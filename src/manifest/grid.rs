@@ -445,7 +445,10 @@ fn trial_fault(
         );
     }
     let longest = u64::from(environment.longest_episode());
-    if !environment.family().is_external() && trial.decisions() != longest {
+    // The length of an episode in a program or a faulty model is not known.
+    let is_known =
+        environment.family().with_parameters.is_none() || environment.description().is_some();
+    if is_known && trial.decisions() != longest {
         let (days, per_day) = (trial.days, trial.decisions_per_day);
         let says = format!(
             "`days` = {days} with `decisions_per_day` = {per_day} are {} decisions of a person; an episode of the \

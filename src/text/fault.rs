@@ -213,7 +213,7 @@ impl FaultList {
     pub(crate) fn of(mut self, file: &str, source: Source) -> Faults {
         self.list.sort_by_key(|fault| fault.span.map(|span| span.start));
         let file = visible(file.chars());
-        Faults { file, source, list: self.list, dropped: self.dropped, files: self.files }
+        Faults { file, source, list: self.list, dropped: self.dropped, files: self.files.into() }
     }
 }
 
@@ -228,7 +228,7 @@ pub struct Faults {
     list: Vec<Fault>,
     dropped: usize,
     /// The faults of files that the text names.
-    files: Vec<Faults>,
+    files: Box<[Faults]>,
 }
 
 impl Faults {
@@ -255,7 +255,7 @@ impl Faults {
             return vec![self, other];
         }
         self.list.extend(other.list);
-        self.files.extend(other.files);
+        self.files = self.files.into_iter().chain(other.files).collect();
         self.list.sort_by_key(|fault| fault.span.map(|span| span.start));
         vec![self]
     }

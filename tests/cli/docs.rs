@@ -20,7 +20,7 @@ pub use examples::LEARNED;
 use examples::{cell, fill_store, jitai, run};
 use questions::questions;
 
-const DOCUMENTS: [&str; 40] = [
+const DOCUMENTS: [&str; 41] = [
     "README.md",
     "CONTRIBUTING.md",
     "docs/agents.md",
@@ -42,6 +42,7 @@ const DOCUMENTS: [&str; 40] = [
     "docs/index.md",
     "docs/install.md",
     "docs/manifest.md",
+    "docs/models.md",
     "docs/notebooks.md",
     "docs/optimum.md",
     "docs/oralytics.md",

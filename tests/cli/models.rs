@@ -99,9 +99,16 @@ fn faults_of_a_model_stand_beside_those_of_its_manifest() {
 
 #[test]
 fn a_world_whose_numbers_run_out_is_found_before_and_named_when_it_runs() {
-    let explodes = MODEL.replace("0.8 * default(dose[-1], 0)", "30 * default(dose[-1], 1)");
+    let unbounded = MODEL.replace("{ name = \"dose\", low = 0, high = 5 }", "\"dose\"");
+    let explodes = unbounded.replace("0.8 * default(dose[-1], 0)", "30 * default(dose[-1], 1)");
     let folder = self::folder(&explodes);
     folder.jitai(["check", "--try", "sweep.toml"]).ended(2).says("`dose` explodes");
+    folder.write(
+        "world.toml",
+        explodes.replace("\"dose\"", "{ name = \"dose\", low = 0, high = 5 }"),
+    );
+    let left = "`dose` is 30, expected a number from 0 to 5 for person 1 at decision 0";
+    folder.jitai(["check", "--try", "sweep.toml"]).ended(2).says(left);
     let missing = MODEL.replace("default(action[-1], 0)", "if(step == 12, log(0), 0)");
     folder.write("world.toml", missing);
     folder

@@ -31,13 +31,14 @@ const TABLE: &[(&str, &[&str])] = &[
     // The settings of a search have a random stream of their own.
     ("manifest", &["rng", "text", "key", "env", "agent", "job"]),
     // The race of a search compares arms by Student's t.
-    ("plan", &["key", "env", "agent", "job", "estimate", "manifest"]),
-    ("store", &["kill_point", "key", "job", "record"]),
+    ("plan", &["text", "key", "env", "agent", "job", "estimate", "manifest"]),
+    ("store", &["text", "kill_point", "key", "job", "record"]),
     ("portable", &["env", "agent", "job", "store"]),
     (
         "schedule",
         &[
             "kill_point",
+            "text",
             "key",
             "agent",
             "job",
@@ -53,16 +54,20 @@ const TABLE: &[(&str, &[&str])] = &[
         "cluster",
         &["external", "text", "key", "job", "manifest", "plan", "train", "store", "schedule"],
     ),
-    ("watch", &["key", "job", "manifest", "plan", "store", "schedule", "cluster"]),
+    ("watch", &["text", "key", "job", "manifest", "plan", "store", "schedule", "cluster"]),
     // The bootstrap has a random stream of its own.
     ("analyse", &["rng", "key", "env", "job", "estimate", "manifest", "record"]),
-    ("report", &["key", "env", "optimum", "job", "manifest", "plan", "record", "store", "analyse"]),
+    (
+        "report",
+        &["text", "key", "env", "optimum", "job", "manifest", "plan", "record", "store", "analyse"],
+    ),
     (
         "cli",
         &[
             "rng",
             "kernel",
             "kill_point",
+            "text",
             "key",
             "state",
             "env",

@@ -4,11 +4,13 @@ use std::sync::Arc;
 
 use pulp::{Simd, WithSimd};
 
-use crate::env::declared::distribution::Distribution;
+use crate::env::declared::distribution::DrawLaw;
 use crate::env::declared::expression::{Binary, Summary, Unary};
-use crate::env::declared::model::{Clock, Stage, Table};
+use crate::env::declared::model::{Clock, Moment, ProbabilityTable};
 use crate::env::declared::numbers;
-use crate::env::declared::program::{Check, Draw, Drawn, Instruction, Operand, Program, Ring};
+use crate::env::declared::program::{
+    Check, DrawInstruction, DrawSource, Instruction, LaneProgram, Operand, Ring,
+};
 use crate::env::declared::rows::Numbers;
 use crate::env::variates::Expansion;
 use crate::kernel::Isa;
@@ -18,8 +20,8 @@ const TILE: usize = 128;
 
 /// The numbers of all lanes.
 #[derive(Clone, Debug)]
-pub(super) struct Columns {
-    program: Arc<Program>,
+pub(super) struct LaneColumns {
+    program: Arc<LaneProgram>,
     /// \[columns\], each \[lanes\].
     pub all: Vec<Vec<f64>>,
     /// \[buffers\], each \[tile\].
@@ -49,22 +51,22 @@ pub(super) struct Inputs<'a> {
 
 /// A number out of its range.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Broken {
+pub(super) struct OutOfRange {
     pub check: Check,
     pub lane: usize,
     pub value: f64,
 }
 
-impl Columns {
-    /// Columns of this number of lanes.
-    pub fn new(program: Arc<Program>, lanes: usize) -> Columns {
+impl LaneColumns {
+    /// LaneColumns of this number of lanes.
+    pub fn new(program: Arc<LaneProgram>, lanes: usize) -> LaneColumns {
         let mut all = vec![vec![0.0; lanes]; program.columns];
         for (column, value) in &program.constants {
             all[*column].fill(*value);
         }
         let tile = lanes.min(TILE);
         let buffers = vec![vec![0.0; tile]; program.buffers];
-        Columns { program, all, buffers, valid: vec![false; tile] }
+        LaneColumns { program, all, buffers, valid: vec![false; tile] }
     }
 
     /// Sets the clocks of all lanes, of which `entered` has the days of the trial on which their people entered.
@@ -83,7 +85,7 @@ impl Columns {
     }
 
     /// Computes the quantities of a stage. Returns the first number that is out of its range.
-    pub fn compute(&mut self, stage: Stage, inputs: &Inputs<'_>) -> Option<Broken> {
+    pub fn compute(&mut self, stage: Moment, inputs: &Inputs<'_>) -> Option<OutOfRange> {
         let program = Arc::clone(&self.program);
         let instructions = &program.stages[stage as usize];
         Isa::chosen().run(Execution { columns: self, instructions, inputs })
@@ -119,16 +121,16 @@ impl Columns {
 
 /// The execution of instructions.
 struct Execution<'a> {
-    columns: &'a mut Columns,
+    columns: &'a mut LaneColumns,
     instructions: &'a [Instruction],
     inputs: &'a Inputs<'a>,
 }
 
 impl WithSimd for Execution<'_> {
-    type Output = Option<Broken>;
+    type Output = Option<OutOfRange>;
 
     #[inline(always)]
-    fn with_simd<S: Simd>(self, _: S) -> Option<Broken> {
+    fn with_simd<S: Simd>(self, _: S) -> Option<OutOfRange> {
         let Execution { columns, instructions, inputs } = self;
         let lanes = inputs.times.len();
         let mut broken = None;
@@ -184,7 +186,7 @@ macro_rules! each_function {
     };
 }
 
-impl Columns {
+impl LaneColumns {
     #[inline(always)]
     fn read(&self, operand: Operand, tile: Tile) -> &[f64] {
         match operand {
@@ -216,7 +218,7 @@ impl Columns {
         instruction: &Instruction,
         tile: Tile,
         inputs: &Inputs<'_>,
-    ) -> Option<Broken> {
+    ) -> Option<OutOfRange> {
         match instruction {
             Instruction::Copy(from, to) => {
                 self.write(*to, tile, |all, out| out.copy_from_slice(all.read(*from, tile)));
@@ -253,7 +255,7 @@ impl Columns {
                     *out = if time >= back { *past } else { f64::NAN };
                 }
             }),
-            Instruction::Window(ring, weights, to) => self.write(*to, tile, |all, out| {
+            Instruction::PastWindow(ring, weights, to) => self.write(*to, tile, |all, out| {
                 all.window(*ring, weights, tile, inputs, out);
             }),
             Instruction::Total(total, summary, to) => self.write(*to, tile, |all, out| {
@@ -295,7 +297,7 @@ impl Columns {
                     }
                 }
             }),
-            Instruction::Draw(draw) => self.draw(draw, tile, inputs),
+            Instruction::DrawInstruction(draw) => self.draw(draw, tile, inputs),
             Instruction::Replay(column, to) => self.write(*to, tile, |_, out| {
                 if let Some((rows, row)) = inputs.replay {
                     let column = inputs.replayed[*column];
@@ -314,7 +316,7 @@ impl Columns {
                 let any = numbers.iter().zip(checked).fold(false, |any, one| any | is_bad(one));
                 if any {
                     let lane = numbers.iter().zip(checked).position(is_bad);
-                    return lane.map(|lane| Broken {
+                    return lane.map(|lane| OutOfRange {
                         check: *check,
                         lane: tile.first + lane,
                         value: numbers[lane],
@@ -348,7 +350,7 @@ impl Columns {
     }
 
     #[inline(always)]
-    fn draw(&mut self, draw: &Draw, tile: Tile, inputs: &Inputs<'_>) {
+    fn draw(&mut self, draw: &DrawInstruction, tile: Tile, inputs: &Inputs<'_>) {
         let mut valid = std::mem::take(&mut self.valid);
         let valid_here = &mut valid[..tile.count];
         valid_here.copy_from_slice(tile.of(inputs.drawn));
@@ -375,7 +377,7 @@ impl Columns {
                 }
             };
             match &draw.distribution {
-                Drawn::Distribution(Distribution::Gaussian) => {
+                DrawSource::DrawLaw(DrawLaw::Gaussian) => {
                     // Without branches: most draws of most models.
                     let (mean, sd) = (parameters[0], parameters[1]);
                     for (lane, (out, (mean, sd))) in
@@ -387,10 +389,10 @@ impl Columns {
                         *out = if *valid { *out } else { f64::NAN };
                     }
                 }
-                Drawn::Distribution(distribution) => {
+                DrawSource::DrawLaw(distribution) => {
                     distribution.draw(parameters, words, valid_here, out);
                 }
-                Drawn::Table(table) => {
+                DrawSource::ProbabilityTable(table) => {
                     for (lane, (out, valid)) in out.iter_mut().zip(valid_here.iter()).enumerate() {
                         let given = parameters.iter().map(|of| of[lane]);
                         *out = match valid {
@@ -410,7 +412,7 @@ fn one_more(out: &mut [f64], x: &[f64]) {
     out.iter_mut().zip(x).for_each(|(out, x)| *out += x);
 }
 
-impl Table {
+impl ProbabilityTable {
     /// The value in which a share of the weights of the rows with these given values falls; NaN if there is no such row.
     fn drawn(&self, given: impl ExactSizeIterator<Item = f64> + Clone, share: f64) -> f64 {
         let width = given.len();

@@ -2,8 +2,8 @@
 
 use std::sync::Arc;
 
-use crate::env::declared::description::Description;
-use crate::env::declared::model::Model;
+use crate::env::declared::description::WorldDescription;
+use crate::env::declared::model::ModelFile;
 use crate::env::declared::rows::{ColumnFault, Numbers};
 use crate::env::scenario::Scenario;
 use crate::key::{Assignment, Constraint, Content, Key, KeyType, Parameter, Value, Violation};
@@ -27,7 +27,7 @@ fn content(assignment: &Assignment<'_>, parameter: Parameter) -> Option<Content>
     Content::from_value(assignment.value(parameter)?)
 }
 
-fn model(assignment: &Assignment<'_>) -> Option<Arc<Model>> {
+fn model(assignment: &Assignment<'_>) -> Option<Arc<ModelFile>> {
     content(assignment, MODEL)?.parsed()
 }
 
@@ -86,6 +86,12 @@ const COLUMNS: Constraint = Constraint {
                 }
             };
             faults.add(fault);
+        }
+        if faults.is_empty() {
+            for (name, span) in &model.unused {
+                let says = format!("`{name}` is used by no role, and by nothing that a role needs");
+                faults.add(Fault::at(*span, says).help("delete it, or use it"));
+            }
         }
         if faults.is_empty() {
             return None;
@@ -154,7 +160,7 @@ const FEATURES: Constraint = Constraint {
     violation: |assignment| {
         let model = model(assignment)?;
         let scenario: Scenario = assignment.text(Parameter::SCENARIO).parse().ok()?;
-        let description = Description::of(&model, 0);
+        let description = WorldDescription::of(&model, 0);
         let fault = description.shown(&scenario).err()?;
         let names: Vec<&str> =
             description.features.iter().map(|feature| feature.name.as_str()).collect();

@@ -2,16 +2,16 @@
 
 use serde::{Deserialize, Serialize};
 
-use crate::env::declared::model::Model;
+use crate::env::declared::model::ModelFile;
 use crate::env::scenario::{Scenario, ScenarioError};
 
 /// What agents and readers know of a world.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub(super) struct Description {
+pub(super) struct WorldDescription {
     pub title: String,
     pub unit: Option<String>,
     pub actions: Vec<String>,
-    pub features: Vec<DescribedFeature>,
+    pub features: Vec<ObservableFeature>,
     /// The names of the recorded state.
     pub state: Vec<String>,
     /// How many of them, the last ones, follow the choice of the action.
@@ -27,7 +27,7 @@ pub(super) struct Description {
 
 /// A feature of an observation.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-pub(super) struct DescribedFeature {
+pub(super) struct ObservableFeature {
     pub name: String,
     /// `None` for a feature without a bound.
     pub low: Option<f64>,
@@ -36,18 +36,18 @@ pub(super) struct DescribedFeature {
     pub meaning: String,
 }
 
-impl Description {
+impl WorldDescription {
     /// The description of a model with this number of people.
-    pub fn of(model: &Model, people: usize) -> Description {
+    pub fn of(model: &ModelFile, people: usize) -> WorldDescription {
         let name = |quantity: &usize| model.quantities[*quantity].name.clone();
-        let features = model.roles.features.iter().map(|feature| DescribedFeature {
+        let features = model.roles.features.iter().map(|feature| ObservableFeature {
             name: feature.name.clone(),
             low: Some(feature.low).filter(|low| low.is_finite()),
             high: Some(feature.high).filter(|high| high.is_finite()),
             unit: feature.unit.clone(),
             meaning: feature.meaning.clone(),
         });
-        Description {
+        WorldDescription {
             title: model.title.clone(),
             unit: model.unit.clone(),
             actions: model.actions.clone(),

@@ -5,7 +5,7 @@ use crate::kernel::math;
 
 /// A distribution.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Distribution {
+pub(super) enum DrawLaw {
     /// Normal, by mean and standard deviation.
     Gaussian,
     /// 1 with a probability, and otherwise 0.
@@ -39,7 +39,7 @@ pub(super) struct Form {
     pub name: &'static str,
     /// The parameters as keys, in the order of a list; empty if there are as many as the author writes.
     pub keys: &'static [&'static str],
-    pub distribution: Distribution,
+    pub distribution: DrawLaw,
     /// The least and the most of each parameter.
     pub ranges: &'static [(f64, f64)],
 }
@@ -53,7 +53,7 @@ const LOG_MEAN: (f64, f64) = (f64::MIN, 20.7);
 
 /// Every form, those of one name one behind the other.
 pub(super) static FORMS: [Form; 12] = {
-    use Distribution::*;
+    use DrawLaw::*;
     [
         form("gaussian", &["mean", "sd"], Gaussian, &[ANY, AT_LEAST_0]),
         form("bernoulli", &["probability"], Bernoulli, &[(0.0, 1.0)]),
@@ -73,13 +73,13 @@ pub(super) static FORMS: [Form; 12] = {
 const fn form(
     name: &'static str,
     keys: &'static [&'static str],
-    distribution: Distribution,
+    distribution: DrawLaw,
     ranges: &'static [(f64, f64)],
 ) -> Form {
     Form { name, keys, distribution, ranges }
 }
 
-impl Distribution {
+impl DrawLaw {
     /// How a model writes the distribution.
     pub fn form(self) -> &'static Form {
         let form = FORMS.iter().find(|form| form.distribution == self);
@@ -88,7 +88,7 @@ impl Distribution {
 
     /// Whether the number of parameters is the author's choice.
     pub fn is_list(self) -> bool {
-        matches!(self, Distribution::Categorical | Distribution::CategoricalLogit)
+        matches!(self, DrawLaw::Categorical | DrawLaw::CategoricalLogit)
     }
 
     /// The least and the most of the parameter at an index.
@@ -112,42 +112,42 @@ impl Distribution {
             }
         };
         match (self, parameters) {
-            (Distribution::Gaussian, [mean, sd]) => {
+            (DrawLaw::Gaussian, [mean, sd]) => {
                 each(out, &|i| mean[i] + sd[i] * words(i).normal());
             }
-            (Distribution::Lognormal, [mean, sd]) => {
+            (DrawLaw::Lognormal, [mean, sd]) => {
                 each(out, &|i| math::exp(mean[i] + sd[i] * words(i).normal()));
             }
-            (Distribution::Bernoulli, [p]) => {
+            (DrawLaw::Bernoulli, [p]) => {
                 each(out, &|i| truth(words(i).open_unit() < p[i]));
             }
-            (Distribution::BernoulliLogit, [logit]) => {
+            (DrawLaw::BernoulliLogit, [logit]) => {
                 each(out, &|i| truth(words(i).open_unit() < sigmoid(logit[i])));
             }
-            (Distribution::Uniform, [low, high]) => {
+            (DrawLaw::Uniform, [low, high]) => {
                 each(out, &|i| low[i] + (high[i] - low[i]) * words(i).open_unit());
             }
-            (Distribution::Poisson, [mean]) => {
+            (DrawLaw::Poisson, [mean]) => {
                 each(out, &|i| poisson(mean[i], &mut words(i)));
             }
-            (Distribution::PoissonLog, [log]) => {
+            (DrawLaw::PoissonLog, [log]) => {
                 each(out, &|i| poisson(math::exp(log[i]), &mut words(i)));
             }
-            (Distribution::ZeroInflatedPoisson, [zero, log]) => each(out, &|i| {
+            (DrawLaw::ZeroInflatedPoisson, [zero, log]) => each(out, &|i| {
                 let mut words = words(i);
                 let is_zero = words.open_unit() < sigmoid(zero[i]);
                 if is_zero { 0.0 } else { poisson(math::exp(log[i]), &mut words) }
             }),
-            (Distribution::Gamma, [mean, sd]) => {
+            (DrawLaw::Gamma, [mean, sd]) => {
                 each(out, &|i| gamma(mean[i], sd[i], words(i).bits()));
             }
-            (Distribution::Beta, [one, other]) => {
+            (DrawLaw::Beta, [one, other]) => {
                 each(out, &|i| beta([one[i], other[i]], words(i).bits()));
             }
-            (Distribution::Categorical, weights) => {
+            (DrawLaw::Categorical, weights) => {
                 each(out, &|i| chosen(weights.iter().map(|weight| weight[i]), words(i).open_unit()))
             }
-            (Distribution::CategoricalLogit, logits) => each(out, &|i| {
+            (DrawLaw::CategoricalLogit, logits) => each(out, &|i| {
                 let most = logits.iter().fold(f64::MIN, |most, logit| most.max(logit[i]));
                 let weights = logits.iter().map(|logit| math::exp(logit[i] - most));
                 chosen(weights, words(i).open_unit())

@@ -6,18 +6,18 @@ use std::ops::Range;
 #[derive(Clone, Debug, Default, PartialEq)]
 pub(super) struct Expression {
     /// Every node refers to earlier nodes only, and each is referred to once.
-    pub nodes: Vec<Node>,
+    pub nodes: Vec<ExpressionNode>,
     /// The names in the order of the text.
-    pub names: Vec<Name>,
+    pub names: Vec<WrittenName>,
 }
 
 /// A part of an expression. Numbers refer to nodes by their index.
 #[derive(Clone, Debug, PartialEq)]
-pub(super) enum Node {
+pub(super) enum ExpressionNode {
     /// A number.
     Number(f64),
     /// The name at this index of the expression's names.
-    Name(usize),
+    WrittenName(usize),
     /// A function of one number.
     Unary(Unary, usize),
     /// A function of two numbers.
@@ -25,12 +25,12 @@ pub(super) enum Node {
     /// The second if the first is true, and otherwise the third.
     If([usize; 3]),
     /// A summary of earlier decisions.
-    Window(Box<Window>),
+    PastWindow(Box<PastWindow>),
 }
 
 /// A name in an expression.
 #[derive(Clone, Debug, PartialEq)]
-pub(super) struct Name {
+pub(super) struct WrittenName {
     /// The name.
     pub text: String,
     /// How many decisions ago its value is meant; 0 for the present one.
@@ -41,7 +41,7 @@ pub(super) struct Name {
 
 /// A summary of the values of an expression at earlier decisions.
 #[derive(Clone, Debug, PartialEq)]
-pub(super) struct Window {
+pub(super) struct PastWindow {
     /// The kind.
     pub summary: Summary,
     /// What is summarised.
@@ -148,13 +148,13 @@ impl Unary {
 impl Expression {
     /// The expression of a number.
     pub fn number(value: f64) -> Expression {
-        Expression { nodes: vec![Node::Number(value)], names: Vec::new() }
+        Expression { nodes: vec![ExpressionNode::Number(value)], names: Vec::new() }
     }
 
     /// The windows in the expression.
-    pub fn windows(&self) -> impl Iterator<Item = &Window> {
+    pub fn windows(&self) -> impl Iterator<Item = &PastWindow> {
         self.nodes.iter().filter_map(|node| match node {
-            Node::Window(window) => Some(&**window),
+            ExpressionNode::PastWindow(window) => Some(&**window),
             _ => None,
         })
     }

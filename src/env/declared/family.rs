@@ -4,12 +4,12 @@ use std::any::Any;
 use std::sync::{Arc, OnceLock};
 
 use crate::env::declared::constraints;
-use crate::env::declared::description::Description;
-use crate::env::declared::model::Model as ModelFile;
+use crate::env::declared::description::WorldDescription;
+use crate::env::declared::model::ModelFile;
 use crate::env::declared::program::compile;
 use crate::env::declared::read;
 use crate::env::declared::rows::{Numbers, PEOPLE, REPLAY};
-use crate::env::declared::world::{Parts, World};
+use crate::env::declared::world::{World, WorldParts};
 use crate::env::family::{Environment, Family, Meaning, Model};
 use crate::env::observation::{FeatureSpec, ObservationSpec};
 use crate::env::scenario::Scenario;
@@ -92,7 +92,7 @@ pub struct DeclaredModel {
     family: &'static Family,
     values: Vec<Value>,
     /// `None` if only the digest of the model is known, and no description of an earlier run.
-    description: Option<Description>,
+    description: Option<WorldDescription>,
     /// Why a simulation could not go on.
     failure: Arc<OnceLock<String>>,
 }
@@ -105,7 +105,7 @@ impl DeclaredModel {
         let mut world =
             DeclaredModel { family, values, description: None, failure: Arc::default() };
         let people = world.people().unwrap_or(0);
-        world.description = world.file().map(|model| Description::of(&model, people));
+        world.description = world.file().map(|model| WorldDescription::of(&model, people));
         world
     }
 
@@ -140,7 +140,7 @@ impl DeclaredModel {
         World::new(Arc::new(self.parts(scenario)), history, lanes)
     }
 
-    fn parts(&self, scenario: &Scenario) -> Parts {
+    fn parts(&self, scenario: &Scenario) -> WorldParts {
         const CHECKED: &str = "the manifest has checked the model and its files";
         let model = self.file().expect(CHECKED);
         let DeclaredParameters { people, replay, .. } = self.parameters();
@@ -176,13 +176,13 @@ impl DeclaredModel {
         let replayed = replay.iter().flat_map(|replay| {
             model.replayed.iter().map(|name| replay.column(name).expect(CHECKED))
         });
-        Parts {
+        WorldParts {
             program: Arc::new(compile(&model, &parameters)),
             parameters,
             columns,
             replayed: replayed.collect(),
             rows,
-            shown: Description::of(&model, 0).shown(scenario).expect(CHECKED),
+            shown: WorldDescription::of(&model, 0).shown(scenario).expect(CHECKED),
             failure: Arc::clone(&self.failure),
             model,
             people,

@@ -10,7 +10,8 @@ use winnow::stream::{LocatingSlice, Stateful, Stream, TokenSlice};
 use winnow::token::{any, one_of, take_while};
 
 use crate::env::declared::expression::{
-    Binary, Expression, FUNCTIONS, Name, Node, OPERATORS, Summary, Unary, Window,
+    Binary, Expression, ExpressionNode, FUNCTIONS, OPERATORS, PastWindow, Summary, Unary,
+    WrittenName,
 };
 use crate::text::nearest;
 
@@ -198,7 +199,7 @@ impl Tree {
     }
 
     /// Appends a node to parts that stand one behind the other.
-    fn push(&mut self, node: Node, first: usize, span: Range<usize>) -> Part {
+    fn push(&mut self, node: ExpressionNode, first: usize, span: Range<usize>) -> Part {
         self.expression.nodes.push(node);
         Part { first, span }
     }
@@ -208,12 +209,12 @@ impl Tree {
     }
 
     fn unary(&mut self, function: Unary, of: Part) -> Read<Part> {
-        let node = Node::Unary(function, self.last());
+        let node = ExpressionNode::Unary(function, self.last());
         Ok(self.push(node, of.first, of.span))
     }
 
     fn binary(&mut self, function: Binary, one: &Part, other: &Part) -> Read<Part> {
-        let node = Node::Binary(function, [other.first - 1, self.last()]);
+        let node = ExpressionNode::Binary(function, [other.first - 1, self.last()]);
         Ok(self.push(node, one.first, one.span.start..other.span.end))
     }
 
@@ -223,14 +224,14 @@ impl Tree {
         let mut names = Vec::new();
         for node in &mut nodes {
             match node {
-                Node::Name(index) => {
+                ExpressionNode::WrittenName(index) => {
                     names.push(self.expression.names[*index].clone());
                     *index = names.len() - 1;
                 }
-                Node::Unary(_, of) => *of -= part.first,
-                Node::Binary(_, of) => of.iter_mut().for_each(|of| *of -= part.first),
-                Node::If(of) => of.iter_mut().for_each(|of| *of -= part.first),
-                Node::Number(_) | Node::Window(_) => {}
+                ExpressionNode::Unary(_, of) => *of -= part.first,
+                ExpressionNode::Binary(_, of) => of.iter_mut().for_each(|of| *of -= part.first),
+                ExpressionNode::If(of) => of.iter_mut().for_each(|of| *of -= part.first),
+                ExpressionNode::Number(_) | ExpressionNode::PastWindow(_) => {}
             }
         }
         // The names of the part are the last ones.
@@ -335,7 +336,7 @@ fn operand(input: &mut Input<'_>) -> Read<Part> {
     let span = lexeme.span.clone();
     let first = input.state.expression.nodes.len();
     match &lexeme.kind {
-        Kind::Number(number) => Ok(input.state.push(Node::Number(*number), first, span)),
+        Kind::Number(number) => Ok(input.state.push(ExpressionNode::Number(*number), first, span)),
         Kind::Sign("(") => {
             open(input, &span)?;
             let inner = whole(input)?;
@@ -361,8 +362,8 @@ fn operand(input: &mut Input<'_>) -> Read<Part> {
 fn name(input: &mut Input<'_>, text: &str, back: u32, span: Range<usize>) -> Part {
     let expression = &mut input.state.expression;
     let (index, first) = (expression.names.len(), expression.nodes.len());
-    expression.names.push(Name { text: text.to_owned(), back, span: span.clone() });
-    input.state.push(Node::Name(index), first, span)
+    expression.names.push(WrittenName { text: text.to_owned(), back, span: span.clone() });
+    input.state.push(ExpressionNode::WrittenName(index), first, span)
 }
 
 /// Enters a bracket at this span.
@@ -474,7 +475,7 @@ fn call(input: &mut Input<'_>, function: &str, span: &Range<usize>) -> Read<Part
     let part = match (function, &parts[..], length) {
         ("if", [_, one, other], _) => {
             let indices = [one.first - 1, other.first - 1, tree.last()];
-            Some(tree.push(Node::If(indices), parts[0].first, whole.clone()))
+            Some(tree.push(ExpressionNode::If(indices), parts[0].first, whole.clone()))
         }
         ("min", [_, _, ..], _) => Some(fold(tree, Binary::Min, &parts)),
         ("max", [_, _, ..], _) => Some(fold(tree, Binary::Max, &parts)),
@@ -509,7 +510,7 @@ fn call(input: &mut Input<'_>, function: &str, span: &Range<usize>) -> Read<Part
     }
 }
 
-/// Parts that stand one behind the other, joined by a function from the first to the last.
+/// WorldParts that stand one behind the other, joined by a function from the first to the last.
 fn fold(tree: &mut Tree, function: Binary, parts: &[Part]) -> Part {
     let rest: Vec<Expression> = parts[2..].iter().rev().map(|part| tree.take(part)).collect();
     let mut joined = joined(tree, function, &parts[0], &parts[1]);
@@ -521,7 +522,7 @@ fn fold(tree: &mut Tree, function: Binary, parts: &[Part]) -> Part {
 }
 
 fn joined(tree: &mut Tree, function: Binary, one: &Part, other: &Part) -> Part {
-    let node = Node::Binary(function, [other.first - 1, tree.last()]);
+    let node = ExpressionNode::Binary(function, [other.first - 1, tree.last()]);
     tree.push(node, one.first, one.span.start..other.span.end)
 }
 
@@ -530,10 +531,12 @@ fn insert(tree: &mut Tree, expression: Expression) -> Part {
     let (first, names) = (tree.expression.nodes.len(), tree.expression.names.len());
     tree.expression.names.extend(expression.names);
     tree.expression.nodes.extend(expression.nodes.into_iter().map(|node| match node {
-        Node::Name(index) => Node::Name(index + names),
-        Node::Unary(function, of) => Node::Unary(function, of + first),
-        Node::Binary(function, of) => Node::Binary(function, of.map(|of| of + first)),
-        Node::If(of) => Node::If(of.map(|of| of + first)),
+        ExpressionNode::WrittenName(index) => ExpressionNode::WrittenName(index + names),
+        ExpressionNode::Unary(function, of) => ExpressionNode::Unary(function, of + first),
+        ExpressionNode::Binary(function, of) => {
+            ExpressionNode::Binary(function, of.map(|of| of + first))
+        }
+        ExpressionNode::If(of) => ExpressionNode::If(of.map(|of| of + first)),
         other => other,
     }));
     Part { first, span: 0..0 }
@@ -548,6 +551,6 @@ fn window(
     span: &Range<usize>,
 ) -> Part {
     let expression = tree.take(of);
-    let window = Window { summary, of: expression, factor, length, span: span.clone() };
-    tree.push(Node::Window(Box::new(window)), of.first, span.clone())
+    let window = PastWindow { summary, of: expression, factor, length, span: span.clone() };
+    tree.push(ExpressionNode::PastWindow(Box::new(window)), of.first, span.clone())
 }

@@ -1,14 +1,15 @@
 //! The family `declared`: a world that a model file declares.
 //!
 //! In: the text of a model, files of people and rows, values of the model's parameters. Out: a simulation of any number of
-//! people. `docs/models.md` describes the files. A text is read ([`grammar`] for its expressions, [`read`] for its
-//! tables), its names are resolved, and its formulas are compiled once into a [`program`] that computes all lanes at a
+//! people. `docs/models.md` describes the files. A text is read (`grammar` for its expressions, `read` for its
+//! tables), its names are resolved, and its formulas are compiled once into a `program` that computes all lanes at a
 //! time.
 
 mod columns;
 mod constraints;
 mod description;
 mod distribution;
+mod draft;
 mod expression;
 mod family;
 mod grammar;
@@ -24,6 +25,6 @@ mod tests;
 mod world;
 
 pub use family::{DeclaredModel, FAMILY};
-pub use model::Model;
+pub use model::ModelFile;
 pub use rolled::Rolled;
 pub use world::World;

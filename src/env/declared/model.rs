@@ -1,19 +1,19 @@
 //! A model file: what it declares, with names resolved and in an order of evaluation.
 
-use crate::env::declared::distribution::Distribution;
+use crate::env::declared::distribution::DrawLaw;
 use crate::env::declared::expression::Expression;
 use crate::env::declared::rows::{ColumnFault, Numbers};
 use crate::text::Span;
 
 /// A model.
 #[derive(Clone, Debug, Default)]
-pub struct Model {
+pub struct ModelFile {
     pub(super) title: String,
     pub(super) unit: Option<String>,
     pub(super) actions: Vec<String>,
     pub(super) decisions_per_day: u32,
     pub(super) days: u32,
-    pub(super) parameters: Vec<Parameter>,
+    pub(super) parameters: Vec<ModelParameter>,
     pub(super) people: PeopleDraw,
     /// How rows follow one another; `None` without rows.
     pub(super) replay: Option<ReplayOrder>,
@@ -23,13 +23,15 @@ pub struct Model {
     pub(super) columns: Vec<NeededColumn>,
     pub(super) quantities: Vec<Quantity>,
     /// The quantities of each stage, each behind those that it is computed from.
-    pub(super) order: [Vec<usize>; Stage::COUNT],
+    pub(super) order: [Vec<usize>; Moment::COUNT],
     pub(super) roles: Roles,
+    /// What no role needs.
+    pub(super) unused: Vec<(String, Span)>,
 }
 
 /// A parameter, with its default.
 #[derive(Clone, Debug, PartialEq)]
-pub(super) struct Parameter {
+pub(super) struct ModelParameter {
     pub name: String,
     pub default: f64,
     pub span: Span,
@@ -68,7 +70,7 @@ pub(super) enum ReplayOrder {
 
 /// When a quantity is computed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
-pub(super) enum Stage {
+pub(super) enum Moment {
     /// Once per person.
     Person,
     /// Before the choice of an action.
@@ -77,7 +79,7 @@ pub(super) enum Stage {
     After,
 }
 
-impl Stage {
+impl Moment {
     pub const COUNT: usize = 3;
 }
 
@@ -87,7 +89,7 @@ pub(super) struct Quantity {
     /// The name of a variable or block; the text of another quantity.
     pub name: String,
     pub span: Span,
-    pub stage: Stage,
+    pub stage: Moment,
     pub definition: Definition,
     /// The number of earlier decisions of which single values are needed.
     pub back: u32,
@@ -103,25 +105,25 @@ pub(super) enum Definition {
     /// The column of the rows at this index.
     Replay(usize),
     /// By a formula.
-    Formula(Formula),
+    NamedExpression(NamedExpression),
     /// A draw, by the formulas of its parameters.
-    Draw(Distribution, Vec<Formula>),
+    DrawInstruction(DrawLaw, Vec<NamedExpression>),
     /// A row of a table of probabilities, by the formulas of what is given.
-    Table(Table, Vec<Formula>),
+    ProbabilityTable(ProbabilityTable, Vec<NamedExpression>),
     /// The sum of products of a coefficient and factors.
-    Linear(Vec<Term>),
+    Linear(Vec<LinearTerm>),
 }
 
 /// A term of a block.
 #[derive(Clone, Debug)]
-pub(super) struct Term {
-    pub coefficient: Target,
-    pub factors: Vec<Target>,
+pub(super) struct LinearTerm {
+    pub coefficient: Referent,
+    pub factors: Vec<Referent>,
 }
 
 /// A table of probabilities of values, given other values.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub(super) struct Table {
+pub(super) struct ProbabilityTable {
     /// \[rows, given\].
     pub given: Vec<f64>,
     /// \[rows\]: the value, and its probability.
@@ -130,10 +132,10 @@ pub(super) struct Table {
 
 /// An expression with the meaning of its names.
 #[derive(Clone, Debug, Default)]
-pub(super) struct Formula {
+pub(super) struct NamedExpression {
     pub expression: Expression,
     /// \[names\].
-    pub targets: Vec<Target>,
+    pub targets: Vec<Referent>,
     /// The quantity that each window summarises, \[windows\].
     pub windows: Vec<usize>,
     pub position: TextPosition,
@@ -160,11 +162,11 @@ impl TextPosition {
 
 /// What a name means.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-pub(super) enum Target {
+pub(super) enum Referent {
     /// A clock.
     Clock(Clock),
     /// A parameter.
-    Parameter(usize),
+    ModelParameter(usize),
     /// A column of the file of people.
     Column(usize),
     /// A quantity.
@@ -203,23 +205,23 @@ pub(super) struct Roles {
     pub reward: usize,
     pub available: Option<usize>,
     pub ends: Option<usize>,
-    pub features: Vec<Feature>,
+    pub features: Vec<RoleFeature>,
     /// The recorded quantities: those known before the choice, then those behind it.
     pub state: Vec<usize>,
 }
 
 /// A number that agents can observe.
 #[derive(Clone, Debug)]
-pub(super) struct Feature {
+pub(super) struct RoleFeature {
     pub name: String,
-    pub source: Target,
+    pub source: Referent,
     pub low: f64,
     pub high: f64,
     pub unit: String,
     pub meaning: String,
 }
 
-impl Model {
+impl ModelFile {
     /// The number of decisions of a person.
     pub fn horizon(&self) -> u32 {
         self.days * self.decisions_per_day
@@ -227,21 +229,22 @@ impl Model {
 
     /// The number of recorded quantities that follow the choice of the action; they are the last ones.
     pub(super) fn late_state(&self) -> usize {
-        let stage = |index: &&usize| self.quantities[**index].stage == Stage::After;
+        let stage = |index: &&usize| self.quantities[**index].stage == Moment::After;
         self.roles.state.iter().filter(stage).count()
     }
 
     /// Calls `with` with every formula of a quantity.
-    pub(super) fn formulas(definition: &Definition) -> &[Formula] {
+    pub(super) fn formulas(definition: &Definition) -> &[NamedExpression] {
         match definition {
-            Definition::Formula(formula) => std::slice::from_ref(formula),
-            Definition::Draw(_, formulas) | Definition::Table(_, formulas) => formulas,
+            Definition::NamedExpression(formula) => std::slice::from_ref(formula),
+            Definition::DrawInstruction(_, formulas)
+            | Definition::ProbabilityTable(_, formulas) => formulas,
             _ => &[],
         }
     }
 }
 
-impl Model {
+impl ModelFile {
     /// The names that expressions can use, apart from columns of people.
     pub(super) fn names(&self) -> Vec<&str> {
         let quantities = self.quantities.iter().map(|quantity| quantity.name.as_str());

@@ -1,7 +1,7 @@
 //! Functions of numbers, in which NaN stands for a missing value.
 
 use crate::env::declared::distribution::{sigmoid, truth};
-use crate::env::declared::expression::{Binary, Expression, Node, Unary};
+use crate::env::declared::expression::{Binary, Expression, ExpressionNode, Unary};
 use crate::kernel::math;
 
 /// The value of a function of one number.
@@ -95,7 +95,8 @@ fn exp(x: f64) -> f64 {
 #[inline(always)]
 fn log(x: f64) -> f64 {
     let value = math::ln(x);
-    if (x >= f64::MIN_POSITIVE) & (x <= f64::MAX) { value } else { f64::NAN }
+    let is_normal = (f64::MIN_POSITIVE..=f64::MAX).contains(&x);
+    if is_normal { value } else { f64::NAN }
 }
 
 /// Half a unit is rounded away from 0.
@@ -131,14 +132,14 @@ pub(super) fn constant(
     let mut values = Vec::with_capacity(expression.nodes.len());
     for node in &expression.nodes {
         values.push(match node {
-            Node::Number(value) => *value,
-            Node::Name(index) => parameter(*index)?,
-            Node::Unary(function, of) => unary(*function, values[*of]),
-            Node::Binary(function, [x, y]) => binary(*function, values[*x], values[*y]),
-            Node::If([condition, one, other]) => {
+            ExpressionNode::Number(value) => *value,
+            ExpressionNode::WrittenName(index) => parameter(*index)?,
+            ExpressionNode::Unary(function, of) => unary(*function, values[*of]),
+            ExpressionNode::Binary(function, [x, y]) => binary(*function, values[*x], values[*y]),
+            ExpressionNode::If([condition, one, other]) => {
                 select(values[*condition], values[*one], values[*other])
             }
-            Node::Window(_) => return None,
+            ExpressionNode::PastWindow(_) => return None,
         });
     }
     values.last().copied()

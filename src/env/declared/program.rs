@@ -2,9 +2,11 @@
 
 use std::collections::HashMap;
 
-use crate::env::declared::distribution::Distribution;
-use crate::env::declared::expression::{Binary, Node, Summary, Unary};
-use crate::env::declared::model::{Clock, Definition, Formula, Model, Stage, Table, Target};
+use crate::env::declared::distribution::DrawLaw;
+use crate::env::declared::expression::{Binary, ExpressionNode, Summary, Unary};
+use crate::env::declared::model::{
+    Clock, Definition, ModelFile, Moment, NamedExpression, ProbabilityTable, Referent,
+};
 use crate::env::declared::numbers;
 
 /// Where an instruction finds a number of each lane.
@@ -26,12 +28,12 @@ pub(super) enum Instruction {
     /// The value of a ring some decisions ago; missing where there is no such decision.
     Lag(Ring, u32, Operand),
     /// The sum of a ring's values of the last decisions with weights, newest first; missing where there are fewer.
-    Window(Ring, Vec<f64>, Operand),
+    PastWindow(Ring, Vec<f64>, Operand),
     /// A total of all earlier decisions, or their mean.
     Total(usize, Summary, Operand),
     /// A sum of products.
     Linear(Vec<(Operand, Vec<Operand>)>, Operand),
-    Draw(Draw),
+    DrawInstruction(DrawInstruction),
     /// The column of the rows at this index.
     Replay(usize, Operand),
     /// What is checked.
@@ -40,8 +42,8 @@ pub(super) enum Instruction {
 
 /// A draw.
 #[derive(Clone, Debug)]
-pub(super) struct Draw {
-    pub distribution: Drawn,
+pub(super) struct DrawInstruction {
+    pub distribution: DrawSource,
     pub parameters: Vec<Operand>,
     /// The ranges of the parameters.
     pub ranges: Vec<(f64, f64)>,
@@ -52,9 +54,9 @@ pub(super) struct Draw {
 
 /// What is drawn from.
 #[derive(Clone, Debug)]
-pub(super) enum Drawn {
-    Distribution(Distribution),
-    Table(Table),
+pub(super) enum DrawSource {
+    DrawLaw(DrawLaw),
+    ProbabilityTable(ProbabilityTable),
 }
 
 /// A number that must lie in a range in every lane that takes part.
@@ -87,13 +89,13 @@ impl Ring {
 
 /// A program with the columns that it needs.
 #[derive(Clone, Debug, Default)]
-pub(super) struct Program {
+pub(super) struct LaneProgram {
     /// The instructions of each stage.
-    pub stages: [Vec<Instruction>; Stage::COUNT],
+    pub stages: [Vec<Instruction>; Moment::COUNT],
     /// The number of columns, and of buffers.
     pub columns: usize,
     pub buffers: usize,
-    /// Columns that are the same in every lane, with their value.
+    /// LaneColumns that are the same in every lane, with their value.
     pub constants: Vec<(usize, f64)>,
     /// The clocks that are used, with their columns.
     pub clocks: Vec<(Clock, usize)>,
@@ -117,11 +119,11 @@ pub(super) fn stream(name: &str) -> u64 {
 }
 
 /// The program of a model with these values of its parameters.
-pub(super) fn compile(model: &Model, parameters: &[f64]) -> Program {
+pub(super) fn compile(model: &ModelFile, parameters: &[f64]) -> LaneProgram {
     let mut compiler = Compiler {
         model,
         parameters,
-        program: Program::default(),
+        program: LaneProgram::default(),
         constants: HashMap::new(),
         clocks: HashMap::new(),
         rings: HashMap::new(),
@@ -142,15 +144,15 @@ pub(super) fn compile(model: &Model, parameters: &[f64]) -> Program {
 }
 
 /// A new column.
-fn compiler_column(program: &mut Program) -> usize {
+fn compiler_column(program: &mut LaneProgram) -> usize {
     program.columns += 1;
     program.columns - 1
 }
 
 struct Compiler<'m> {
-    model: &'m Model,
+    model: &'m ModelFile,
     parameters: &'m [f64],
-    program: Program,
+    program: LaneProgram,
     /// By the bits of their values.
     constants: HashMap<u64, usize>,
     clocks: HashMap<Clock, usize>,
@@ -180,13 +182,13 @@ impl Compiler<'_> {
         Operand::Column(column)
     }
 
-    fn target(&mut self, target: Target) -> Part {
+    fn target(&mut self, target: Referent) -> Part {
         match target {
-            Target::One => Part::Constant(1.0),
-            Target::Parameter(index) => Part::Constant(self.parameters[index]),
-            Target::Column(index) => Part::At(Operand::Column(self.program.people[index])),
-            Target::Quantity(index) => Part::At(Operand::Column(self.program.values[index])),
-            Target::Clock(clock) => {
+            Referent::One => Part::Constant(1.0),
+            Referent::ModelParameter(index) => Part::Constant(self.parameters[index]),
+            Referent::Column(index) => Part::At(Operand::Column(self.program.people[index])),
+            Referent::Quantity(index) => Part::At(Operand::Column(self.program.values[index])),
+            Referent::Clock(clock) => {
                 let program = &mut self.program;
                 let column = *self.clocks.entry(clock).or_insert_with(|| {
                     let column = compiler_column(program);
@@ -251,7 +253,7 @@ impl Compiler<'_> {
             Definition::Replay(column) => {
                 self.program.stages[stage].push(Instruction::Replay(*column, to));
             }
-            Definition::Formula(formula) => {
+            Definition::NamedExpression(formula) => {
                 let part = self.formula(stage, formula, Some(to));
                 match part {
                     Part::At(at) if at == to => {}
@@ -262,13 +264,19 @@ impl Compiler<'_> {
                     }
                 }
             }
-            Definition::Draw(distribution, formulas) => {
+            Definition::DrawInstruction(distribution, formulas) => {
                 let ranges = (0..formulas.len()).map(|index| distribution.range(index)).collect();
-                self.draw(stage, index, Drawn::Distribution(*distribution), formulas, ranges);
+                self.draw(stage, index, DrawSource::DrawLaw(*distribution), formulas, ranges);
             }
-            Definition::Table(table, formulas) => {
+            Definition::ProbabilityTable(table, formulas) => {
                 let ranges = vec![(f64::MIN, f64::MAX); formulas.len()];
-                self.draw(stage, index, Drawn::Table(table.clone()), formulas, ranges);
+                self.draw(
+                    stage,
+                    index,
+                    DrawSource::ProbabilityTable(table.clone()),
+                    formulas,
+                    ranges,
+                );
             }
             Definition::Linear(terms) => {
                 let mut sums = Vec::new();
@@ -289,8 +297,8 @@ impl Compiler<'_> {
         &mut self,
         stage: usize,
         quantity: usize,
-        distribution: Drawn,
-        formulas: &[Formula],
+        distribution: DrawSource,
+        formulas: &[NamedExpression],
         ranges: Vec<(f64, f64)>,
     ) {
         let mut parameters = Vec::new();
@@ -304,45 +312,47 @@ impl Compiler<'_> {
         self.release(&parameters.clone());
         let stream = stream(&self.model.quantities[quantity].name);
         let to = Operand::Column(self.program.values[quantity]);
-        let draw = Draw { distribution, parameters, ranges, stream, to };
-        self.program.stages[stage].push(Instruction::Draw(draw));
+        let draw = DrawInstruction { distribution, parameters, ranges, stream, to };
+        self.program.stages[stage].push(Instruction::DrawInstruction(draw));
     }
 
     /// Computes a formula, into `to` where it ends with an instruction.
-    fn formula(&mut self, stage: usize, formula: &Formula, to: Option<Operand>) -> Part {
+    fn formula(&mut self, stage: usize, formula: &NamedExpression, to: Option<Operand>) -> Part {
         let nodes = &formula.expression.nodes;
         let mut parts: Vec<Part> = Vec::with_capacity(nodes.len());
         let mut windows = formula.windows.iter();
         for (index, node) in nodes.iter().enumerate() {
             let to = to.filter(|_| index + 1 == nodes.len());
             let part = match node {
-                Node::Number(value) => Part::Constant(*value),
-                Node::Name(name) => {
+                ExpressionNode::Number(value) => Part::Constant(*value),
+                ExpressionNode::WrittenName(name) => {
                     let target = formula.targets[*name];
                     match (formula.expression.names[*name].back, target) {
-                        (0, _) | (_, Target::One) => self.target(target),
-                        (back, Target::Quantity(quantity)) => {
+                        (0, _) | (_, Referent::One) => self.target(target),
+                        (back, Referent::Quantity(quantity)) => {
                             let ring = self.ring(quantity);
                             self.emit(stage, to, &[], |_, to| Instruction::Lag(ring, back, to))
                         }
                         _ => unreachable!("only quantities have lags"),
                     }
                 }
-                Node::Unary(function, of) => match parts[*of] {
+                ExpressionNode::Unary(function, of) => match parts[*of] {
                     Part::Constant(x) => Part::Constant(numbers::unary(*function, x)),
                     part => self.emit(stage, to, &[part], |of, to| {
                         Instruction::Unary(*function, of[0], to)
                     }),
                 },
-                Node::Binary(function, [one, other]) => match (parts[*one], parts[*other]) {
-                    (Part::Constant(x), Part::Constant(y)) => {
-                        Part::Constant(numbers::binary(*function, x, y))
+                ExpressionNode::Binary(function, [one, other]) => {
+                    match (parts[*one], parts[*other]) {
+                        (Part::Constant(x), Part::Constant(y)) => {
+                            Part::Constant(numbers::binary(*function, x, y))
+                        }
+                        (one, other) => self.emit(stage, to, &[one, other], |of, to| {
+                            Instruction::Binary(*function, [of[0], of[1]], to)
+                        }),
                     }
-                    (one, other) => self.emit(stage, to, &[one, other], |of, to| {
-                        Instruction::Binary(*function, [of[0], of[1]], to)
-                    }),
-                },
-                Node::If([condition, one, other]) => {
+                }
+                ExpressionNode::If([condition, one, other]) => {
                     let of = [parts[*condition], parts[*one], parts[*other]];
                     match of {
                         [Part::Constant(condition), Part::Constant(one), Part::Constant(other)] => {
@@ -353,7 +363,7 @@ impl Compiler<'_> {
                         }),
                     }
                 }
-                Node::Window(window) => {
+                ExpressionNode::PastWindow(window) => {
                     let quantity = *windows.next().expect("every window has a quantity");
                     match window.length {
                         None => {
@@ -376,7 +386,7 @@ impl Compiler<'_> {
                             });
                             let weights = weights(window.summary, factor, length);
                             self.emit(stage, to, &[], |_, to| {
-                                Instruction::Window(ring, weights, to)
+                                Instruction::PastWindow(ring, weights, to)
                             })
                         }
                     }
@@ -411,10 +421,10 @@ impl Compiler<'_> {
         for (source, low, high) in features {
             let part = self.target(source);
             let of = self.operand(part);
-            if let Target::Quantity(quantity) = source {
+            if let Referent::Quantity(quantity) = source {
                 let range = (low.max(f64::MIN), high.min(f64::MAX));
                 let check = Check { of, range, quantity, parameter: None };
-                self.program.stages[Stage::Before as usize].push(Instruction::Check(check));
+                self.program.stages[Moment::Before as usize].push(Instruction::Check(check));
             }
         }
         let others =
@@ -426,7 +436,7 @@ impl Compiler<'_> {
             let stage = self.model.quantities[quantity].stage;
             // What the outcome is computed from is known after the choice.
             let stage = match [roles.outcome, roles.reward].contains(&quantity) {
-                true => Stage::After,
+                true => Moment::After,
                 false => stage,
             };
             self.program.stages[stage as usize].push(Instruction::Check(check));

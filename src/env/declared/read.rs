@@ -3,18 +3,19 @@
 use toml::Spanned;
 use toml::de::{DeTable, DeValue};
 
-use crate::env::declared::distribution::{Distribution, FORMS, Form};
+use crate::env::declared::distribution::{DrawLaw, FORMS, Form};
+use crate::env::declared::draft::{CoefficientBlock, DraftFeature, DraftRoles, ModelDraft};
 use crate::env::declared::expression::{Expression, FUNCTIONS, OPERATORS};
 use crate::env::declared::grammar;
 use crate::env::declared::model::{
-    Clock, Definition, Formula, Model, Parameter, PeopleDraw, Quantity, ReplayOrder, Stage, Table,
-    TextPosition,
+    Clock, Definition, ModelFile, ModelParameter, Moment, NamedExpression, PeopleDraw,
+    ProbabilityTable, Quantity, ReplayOrder, TextPosition,
 };
 use crate::env::declared::resolve;
 use crate::key::read_csv;
 use crate::text::{Document, Fault, FaultList, Source, Span, document, nearest, shortened};
 
-type Node<'t> = Spanned<DeValue<'t>>;
+type TomlNode<'t> = Spanned<DeValue<'t>>;
 
 /// The format of model files.
 const FORMAT: i64 = 1;
@@ -44,9 +45,9 @@ const KEYS: [&str; 14] = [
 /// Reads a model.
 ///
 /// **Errors**: every fault of the file, with positions.
-pub(super) fn read(text: &str) -> Result<Model, FaultList> {
+pub(super) fn read(text: &str) -> Result<ModelFile, FaultList> {
     let Document { root, repeats, syntax, broken_at } = document(text);
-    let mut reader = Reader { text, faults: FaultList::default(), tables: Vec::new() };
+    let mut reader = ModelReader { text, faults: FaultList::default(), tables: Vec::new() };
     let draft = reader.draft(root.get_ref());
     let mut faults = reader.faults;
     faults.append(repeats);
@@ -61,72 +62,22 @@ pub(super) fn read(text: &str) -> Result<Model, FaultList> {
     if faults.is_empty() { Ok(model) } else { Err(faults) }
 }
 
-/// A model before its names are resolved.
-#[derive(Debug, Default)]
-pub(super) struct Draft {
-    /// Its simple values; it has no quantity yet.
-    pub model: Model,
-    /// The person's draws, then the variables.
-    pub quantities: Vec<Quantity>,
-    pub blocks: Vec<Block>,
-    pub roles: DraftRoles,
-    /// Names of variables, blocks and parameters that were faulty, so that their use is no second fault.
-    pub faulty: Vec<String>,
-}
-
-/// A block of coefficients.
-#[derive(Debug)]
-pub(super) struct Block {
-    pub name: String,
-    pub span: Span,
-    pub prefix: String,
-    /// Each feature with its position.
-    pub features: Vec<(String, Span)>,
-    /// The block whose features it has.
-    pub same_as: Option<(String, Span)>,
-}
-
-/// The roles as they are written.
-#[derive(Debug, Default)]
-pub(super) struct DraftRoles {
-    pub outcome: Option<Formula>,
-    pub reward: Option<Formula>,
-    pub available: Option<Formula>,
-    pub ends: Option<Formula>,
-    pub features: Vec<DraftFeature>,
-    pub state: Option<Vec<(String, Span)>>,
-    /// Where the table stands.
-    pub span: Option<Span>,
-    pub is_outcome_faulty: bool,
-}
-
-/// A feature as it is written.
-#[derive(Debug)]
-pub(super) struct DraftFeature {
-    pub name: String,
-    pub span: Span,
-    pub low: f64,
-    pub high: f64,
-    pub unit: String,
-    pub meaning: String,
-}
-
-struct Reader<'t> {
+struct ModelReader<'t> {
     text: &'t str,
     faults: FaultList,
-    tables: Vec<(String, Table, usize)>,
+    tables: Vec<(String, ProbabilityTable, usize)>,
 }
 
-fn span(node: &Node<'_>) -> Span {
+fn span(node: &TomlNode<'_>) -> Span {
     node.span().into()
 }
 
-impl<'t> Reader<'t> {
+impl<'t> ModelReader<'t> {
     fn fault(&mut self, span: Span, says: impl Into<String>) {
         self.faults.add(Fault::at(span, says));
     }
 
-    fn expected(&mut self, name: &str, expected: &str, node: &Node<'_>) {
+    fn expected(&mut self, name: &str, expected: &str, node: &TomlNode<'_>) {
         let found = self.text.get(node.span()).unwrap_or_default();
         let found = shortened(found.lines().next().unwrap_or_default());
         self.fault(span(node), format!("`{name}`: expected {expected}, found {found}"));
@@ -150,7 +101,7 @@ impl<'t> Reader<'t> {
         &mut self,
         name: &str,
         root: &'n DeTable<'t>,
-    ) -> Vec<(&'n str, Span, &'n Node<'t>)> {
+    ) -> Vec<(&'n str, Span, &'n TomlNode<'t>)> {
         let Some(node) = root.get(name) else { return Vec::new() };
         let Some(table) = node.get_ref().as_table() else {
             self.expected(name, "a table", node);
@@ -159,11 +110,11 @@ impl<'t> Reader<'t> {
         sorted(table)
     }
 
-    fn draft(&mut self, root: &DeTable<'t>) -> Draft {
+    fn draft(&mut self, root: &DeTable<'t>) -> ModelDraft {
         // The section [fit] is read by a fit alone.
         let known: Vec<&str> = KEYS.into_iter().chain(["fit"]).collect();
         self.only_keys("a model", &known, root);
-        let mut draft = Draft::default();
+        let mut draft = ModelDraft::default();
         match root.get("format") {
             Some(node) if self.whole("format", (1, i64::MAX), node) == Some(FORMAT) => {}
             Some(node) => self.expected("format", "1", node),
@@ -194,7 +145,7 @@ impl<'t> Reader<'t> {
             }
             self.check_name("a parameter", name, at);
             let default = self.number(name, node).unwrap_or(1.0);
-            model.parameters.push(Parameter { name: name.to_owned(), default, span: at });
+            model.parameters.push(ModelParameter { name: name.to_owned(), default, span: at });
         }
         self.people(root, model);
         self.read_tables(root);
@@ -215,7 +166,7 @@ impl<'t> Reader<'t> {
         }
     }
 
-    fn whole(&mut self, name: &str, (least, most): (i64, i64), node: &Node<'t>) -> Option<i64> {
+    fn whole(&mut self, name: &str, (least, most): (i64, i64), node: &TomlNode<'t>) -> Option<i64> {
         let whole = match node.get_ref() {
             DeValue::Integer(integer) => integer.as_str().parse().ok(),
             _ => None,
@@ -227,7 +178,7 @@ impl<'t> Reader<'t> {
         admitted
     }
 
-    fn number(&mut self, name: &str, node: &Node<'t>) -> Option<f64> {
+    fn number(&mut self, name: &str, node: &TomlNode<'t>) -> Option<f64> {
         let number = written_number(node);
         if number.is_none() {
             self.expected(name, "a number", node);
@@ -263,7 +214,7 @@ impl<'t> Reader<'t> {
         known.map(|(_, value)| *value)
     }
 
-    fn people(&mut self, root: &DeTable<'t>, model: &mut Model) {
+    fn people(&mut self, root: &DeTable<'t>, model: &mut ModelFile) {
         if let Some(table) = self.table("people", root) {
             self.only_keys("[people]", &["draw"], table);
             let words =
@@ -304,7 +255,7 @@ impl<'t> Reader<'t> {
     }
 
     /// A list of texts with their positions; a text alone is a list of one.
-    fn names(&mut self, name: &str, node: &Node<'t>) -> Vec<(String, Span)> {
+    fn names(&mut self, name: &str, node: &TomlNode<'t>) -> Vec<(String, Span)> {
         let items = match node.get_ref() {
             DeValue::String(text) => return vec![(text.to_string(), span(node))],
             DeValue::Array(items) => items,
@@ -337,14 +288,14 @@ impl<'t> Reader<'t> {
         }
     }
 
-    fn quantities(&mut self, root: &DeTable<'t>, draft: &mut Draft) {
-        let person = self.entries("person", root).into_iter().map(|entry| (Stage::Person, entry));
+    fn quantities(&mut self, root: &DeTable<'t>, draft: &mut ModelDraft) {
+        let person = self.entries("person", root).into_iter().map(|entry| (Moment::Person, entry));
         let person: Vec<_> = person.collect();
         let variables = self.entries("variables", root);
         if variables.is_empty() && root.get("variables").is_none() {
             self.faults.add(Fault::whole("[variables] is missing: what the model computes"));
         }
-        let variables = variables.into_iter().map(|entry| (Stage::Before, entry));
+        let variables = variables.into_iter().map(|entry| (Moment::Before, entry));
         for (stage, (name, at, node)) in person.into_iter().chain(variables) {
             if draft.quantities.len() == MOST_VARIABLES {
                 self.fault(at, format!("a model has at most {MOST_VARIABLES} variables"));
@@ -364,9 +315,9 @@ impl<'t> Reader<'t> {
         }
     }
 
-    fn definition(&mut self, name: &str, node: &Node<'t>) -> Option<Definition> {
+    fn definition(&mut self, name: &str, node: &TomlNode<'t>) -> Option<Definition> {
         let Some(table) = node.get_ref().as_table() else {
-            return self.formula(name, node).map(Definition::Formula);
+            return self.formula(name, node).map(Definition::NamedExpression);
         };
         let names: Vec<&str> = FORMS.iter().map(|form| form.name).collect();
         if table.contains_key("table") {
@@ -396,7 +347,7 @@ impl<'t> Reader<'t> {
         }
         let forms: Vec<&Form> = FORMS.iter().filter(|form| form.name == found).collect();
         self.draw(name, &forms, &table[found])
-            .map(|(distribution, formulas)| Definition::Draw(distribution, formulas))
+            .map(|(distribution, formulas)| Definition::DrawInstruction(distribution, formulas))
     }
 
     /// The parameters of a distribution: a list, a table, or one value.
@@ -404,11 +355,11 @@ impl<'t> Reader<'t> {
         &mut self,
         name: &str,
         forms: &[&Form],
-        node: &Node<'t>,
-    ) -> Option<(Distribution, Vec<Formula>)> {
+        node: &TomlNode<'t>,
+    ) -> Option<(DrawLaw, Vec<NamedExpression>)> {
         let first = forms[0];
         let ways: Vec<String> = forms.iter().map(|form| form.keys.join(", ")).collect();
-        let (form, nodes): (&Form, Vec<&Node<'t>>) = match node.get_ref() {
+        let (form, nodes): (&Form, Vec<&TomlNode<'t>>) = match node.get_ref() {
             DeValue::Table(table) => {
                 let fits = |form: &&&Form| {
                     table.len() == form.keys.len()
@@ -445,20 +396,20 @@ impl<'t> Reader<'t> {
             self.expected(&format!("{name}.{}", first.name), &expected, node);
             return None;
         }
-        let formulas: Vec<Option<Formula>> =
+        let formulas: Vec<Option<NamedExpression>> =
             nodes.into_iter().map(|node| self.formula(name, node)).collect();
-        Some((form.distribution, formulas.into_iter().collect::<Option<Vec<Formula>>>()?))
+        Some((form.distribution, formulas.into_iter().collect::<Option<Vec<NamedExpression>>>()?))
     }
 
     /// An expression, or a number.
-    fn formula(&mut self, name: &str, node: &Node<'t>) -> Option<Formula> {
+    fn formula(&mut self, name: &str, node: &TomlNode<'t>) -> Option<NamedExpression> {
         let whole = span(node);
         if let Some(number) = written_number(node) {
             let position = TextPosition { start: None, whole: (whole.start, whole.end) };
-            return Some(Formula {
+            return Some(NamedExpression {
                 expression: Expression::number(number),
                 position,
-                ..Formula::default()
+                ..NamedExpression::default()
             });
         }
         let Some(text) = node.get_ref().as_str() else {
@@ -467,7 +418,9 @@ impl<'t> Reader<'t> {
         };
         let position = position(self.text, text, whole);
         match grammar::read(text) {
-            Ok(expression) => Some(Formula { expression, position, ..Formula::default() }),
+            Ok(expression) => {
+                Some(NamedExpression { expression, position, ..NamedExpression::default() })
+            }
             Err(fault) => {
                 let at = position.span(&fault.span);
                 let located = Fault::at(at, format!("`{name}`: {}", fault.says));
@@ -506,7 +459,7 @@ impl<'t> Reader<'t> {
             self.faults.add(fault.nearest(found, names));
             return None;
         };
-        let items: Vec<&Node<'t>> = match entries.get("given").map(|node| node.get_ref()) {
+        let items: Vec<&TomlNode<'t>> = match entries.get("given").map(|node| node.get_ref()) {
             Some(DeValue::Array(items)) => items.iter().collect(),
             _ => Vec::new(),
         };
@@ -517,12 +470,12 @@ impl<'t> Reader<'t> {
             self.fault(span(node), says);
             return None;
         }
-        let formulas: Vec<Option<Formula>> =
+        let formulas: Vec<Option<NamedExpression>> =
             items.into_iter().map(|node| self.formula(name, node)).collect();
-        Some(Definition::Table(table, formulas.into_iter().collect::<Option<Vec<_>>>()?))
+        Some(Definition::ProbabilityTable(table, formulas.into_iter().collect::<Option<Vec<_>>>()?))
     }
 
-    fn blocks(&mut self, root: &DeTable<'t>, draft: &mut Draft) {
+    fn blocks(&mut self, root: &DeTable<'t>, draft: &mut ModelDraft) {
         for (name, at, node) in self.entries("linear", root) {
             self.check_name("a block", name, at);
             let Some(table) = node.get_ref().as_table() else {
@@ -545,7 +498,7 @@ impl<'t> Reader<'t> {
                 Some(_) => Vec::new(),
                 None => self.names(name, features),
             };
-            draft.blocks.push(Block {
+            draft.blocks.push(CoefficientBlock {
                 name: name.to_owned(),
                 span: at,
                 prefix: prefix.to_owned(),
@@ -589,7 +542,7 @@ impl<'t> Reader<'t> {
         roles
     }
 
-    fn feature(&mut self, node: &Node<'t>) -> Option<DraftFeature> {
+    fn feature(&mut self, node: &TomlNode<'t>) -> Option<DraftFeature> {
         let plain = |name: &str| DraftFeature {
             name: name.to_owned(),
             span: span(node),
@@ -633,15 +586,15 @@ impl<'t> Reader<'t> {
 }
 
 /// The entries of a table by their positions.
-fn sorted<'n, 't>(table: &'n DeTable<'t>) -> Vec<(&'n str, Span, &'n Node<'t>)> {
-    let mut entries: Vec<(&str, Span, &Node<'t>)> =
+fn sorted<'n, 't>(table: &'n DeTable<'t>) -> Vec<(&'n str, Span, &'n TomlNode<'t>)> {
+    let mut entries: Vec<(&str, Span, &TomlNode<'t>)> =
         table.iter().map(|(key, node)| (key.get_ref().as_ref(), key.span().into(), node)).collect();
     entries.sort_by_key(|(_, span, _)| *span);
     entries
 }
 
 /// A number of TOML that is finite.
-fn written_number(node: &Node<'_>) -> Option<f64> {
+fn written_number(node: &TomlNode<'_>) -> Option<f64> {
     let number: Option<f64> = match node.get_ref() {
         DeValue::Integer(integer) => integer.as_str().replace('_', "").parse().ok(),
         DeValue::Float(float) => float.as_str().replace('_', "").parse().ok(),
@@ -682,15 +635,15 @@ fn position(file: &str, text: &str, whole: Span) -> TextPosition {
 /// probability, or its weight.
 ///
 /// **Errors**: the text is not such a table; rows that are given the same have no positive weight.
-fn read_table(text: &str) -> Result<(Table, usize), String> {
+fn read_table(text: &str) -> Result<(ProbabilityTable, usize), String> {
     let begin = |names: &csv::StringRecord| {
         let names: Vec<&str> = names.iter().collect();
         match names[..] {
-            [.., "value", "probability"] => Ok((Table::default(), names.len() - 2)),
+            [.., "value", "probability"] => Ok((ProbabilityTable::default(), names.len() - 2)),
             _ => Err("the last two columns must be value and probability".to_owned()),
         }
     };
-    let push = |(table, given): &mut (Table, usize), record: &csv::StringRecord| {
+    let push = |(table, given): &mut (ProbabilityTable, usize), record: &csv::StringRecord| {
         let mut numbers = Vec::new();
         for written in record {
             let number = written.parse().ok().filter(|number: &f64| number.is_finite());

@@ -2,18 +2,18 @@
 
 use std::collections::{HashMap, HashSet};
 
-use crate::env::declared::expression::{Binary, Expression, Name, Node, Summary};
+use crate::env::declared::draft::{CoefficientBlock, DraftRoles, ModelDraft};
+use crate::env::declared::expression::{Binary, Expression, ExpressionNode, Summary, WrittenName};
 use crate::env::declared::model::{
-    Clock, Definition, Feature, Formula, Model, NeededColumn, Quantity, Roles, Stage, Target, Term,
-    TextPosition,
+    Clock, Definition, LinearTerm, ModelFile, Moment, NamedExpression, NeededColumn, Quantity,
+    Referent, RoleFeature, Roles, TextPosition,
 };
 use crate::env::declared::numbers;
-use crate::env::declared::read::{Block, Draft, DraftRoles};
 use crate::text::{Fault, FaultList, Span, shortened};
 
 /// The model of a draft. Every fault is reported; with any fault, the model serves for nothing.
-pub(super) fn resolve(draft: Draft, faults: &mut FaultList) -> Model {
-    let Draft { model, quantities, blocks, roles, faulty } = draft;
+pub(super) fn resolve(draft: ModelDraft, faults: &mut FaultList) -> ModelFile {
+    let ModelDraft { model, quantities, blocks, roles, faulty } = draft;
     let mut resolver = Resolver { model, faults, known: HashMap::new(), faulty };
     resolver.add_quantities(quantities, &blocks);
     let own = resolver.model.quantities.len();
@@ -29,10 +29,10 @@ pub(super) fn resolve(draft: Draft, faults: &mut FaultList) -> Model {
 }
 
 struct Resolver<'f> {
-    model: Model,
+    model: ModelFile,
     faults: &'f mut FaultList,
     /// What names mean.
-    known: HashMap<String, Target>,
+    known: HashMap<String, Referent>,
     /// Names whose declaration is faulty.
     faulty: Vec<String>,
 }
@@ -40,13 +40,13 @@ struct Resolver<'f> {
 const NOWHERE: Span = Span { start: 0, end: 0 };
 
 impl Resolver<'_> {
-    fn quantity(&mut self, name: &str, span: Span, stage: Stage, definition: Definition) -> usize {
+    fn quantity(&mut self, name: &str, span: Span, stage: Moment, definition: Definition) -> usize {
         let name = name.to_owned();
         self.model.quantities.push(Quantity { name, span, stage, definition, back: 0 });
         self.model.quantities.len() - 1
     }
 
-    fn name(&mut self, name: &str, span: Span, target: Target) {
+    fn name(&mut self, name: &str, span: Span, target: Referent) {
         if self.known.insert(name.to_owned(), target).is_some() {
             let says = format!("`{}` names two things", shortened(name));
             let help = "parameters, rows, draws of people, blocks and variables share their names";
@@ -54,32 +54,32 @@ impl Resolver<'_> {
         }
     }
 
-    fn add_quantities(&mut self, quantities: Vec<Quantity>, blocks: &[Block]) {
+    fn add_quantities(&mut self, quantities: Vec<Quantity>, blocks: &[CoefficientBlock]) {
         for (name, clock) in Clock::NAMED {
-            self.known.insert(name.to_owned(), Target::Clock(clock));
+            self.known.insert(name.to_owned(), Referent::Clock(clock));
         }
-        let action = self.quantity("action", NOWHERE, Stage::After, Definition::Action);
-        self.known.insert("action".to_owned(), Target::Quantity(action));
+        let action = self.quantity("action", NOWHERE, Moment::After, Definition::Action);
+        self.known.insert("action".to_owned(), Referent::Quantity(action));
         let probability =
-            self.quantity("probability", NOWHERE, Stage::After, Definition::Probability);
-        self.known.insert("probability".to_owned(), Target::Quantity(probability));
+            self.quantity("probability", NOWHERE, Moment::After, Definition::Probability);
+        self.known.insert("probability".to_owned(), Referent::Quantity(probability));
         let parameters = self.model.parameters.clone();
         for (index, parameter) in parameters.iter().enumerate() {
-            self.name(&parameter.name, parameter.span, Target::Parameter(index));
+            self.name(&parameter.name, parameter.span, Referent::ModelParameter(index));
         }
         for (index, name) in self.model.replayed.clone().iter().enumerate() {
-            let target = self.quantity(name, NOWHERE, Stage::Before, Definition::Replay(index));
-            self.name(name, NOWHERE, Target::Quantity(target));
+            let target = self.quantity(name, NOWHERE, Moment::Before, Definition::Replay(index));
+            self.name(name, NOWHERE, Referent::Quantity(target));
         }
         for quantity in quantities {
-            let target = Target::Quantity(self.model.quantities.len());
+            let target = Referent::Quantity(self.model.quantities.len());
             self.name(&quantity.name, quantity.span, target);
             self.model.quantities.push(quantity);
         }
         for block in blocks {
             let definition = Definition::Linear(Vec::new());
-            let target = self.quantity(&block.name, block.span, Stage::Before, definition);
-            self.name(&block.name, block.span, Target::Quantity(target));
+            let target = self.quantity(&block.name, block.span, Moment::Before, definition);
+            self.name(&block.name, block.span, Referent::Quantity(target));
         }
     }
 
@@ -91,12 +91,14 @@ impl Resolver<'_> {
             let definition =
                 std::mem::replace(&mut self.model.quantities[index].definition, Definition::Action);
             self.model.quantities[index].definition = match definition {
-                Definition::Formula(formula) => Definition::Formula(self.formula(formula)),
-                Definition::Draw(distribution, formulas) => Definition::Draw(
+                Definition::NamedExpression(formula) => {
+                    Definition::NamedExpression(self.formula(formula))
+                }
+                Definition::DrawInstruction(distribution, formulas) => Definition::DrawInstruction(
                     distribution,
                     formulas.into_iter().map(|formula| self.formula(formula)).collect(),
                 ),
-                Definition::Table(table, formulas) => Definition::Table(
+                Definition::ProbabilityTable(table, formulas) => Definition::ProbabilityTable(
                     table,
                     formulas.into_iter().map(|formula| self.formula(formula)).collect(),
                 ),
@@ -106,7 +108,7 @@ impl Resolver<'_> {
         }
     }
 
-    fn formula(&mut self, mut formula: Formula) -> Formula {
+    fn formula(&mut self, mut formula: NamedExpression) -> NamedExpression {
         if !formula.targets.is_empty() || !formula.windows.is_empty() {
             return formula;
         }
@@ -131,12 +133,13 @@ impl Resolver<'_> {
             if window.summary == Summary::Count {
                 // What is counted is 1.
                 let last = expression.nodes.len() - 1;
-                expression.nodes.push(Node::Number(0.0));
-                expression.nodes.push(Node::Binary(Binary::Unequal, [last, last + 1]));
+                expression.nodes.push(ExpressionNode::Number(0.0));
+                expression.nodes.push(ExpressionNode::Binary(Binary::Unequal, [last, last + 1]));
             }
-            let inner = Formula { expression, position, ..Formula::default() };
+            let inner = NamedExpression { expression, position, ..NamedExpression::default() };
             let name = "a window".to_owned();
-            let index = self.quantity(&name, span, Stage::Before, Definition::Formula(inner));
+            let index =
+                self.quantity(&name, span, Moment::Before, Definition::NamedExpression(inner));
             self.model.quantities[index].back = length;
             formula.windows.push(index);
         }
@@ -146,7 +149,9 @@ impl Resolver<'_> {
     /// A factor of a window is the same for everybody at all times.
     fn check_factor(&mut self, factor: &Expression, position: TextPosition, span: Span) {
         for name in &factor.names {
-            if !matches!(self.known.get(&name.text), Some(Target::Parameter(_))) || name.back > 0 {
+            if !matches!(self.known.get(&name.text), Some(Referent::ModelParameter(_)))
+                || name.back > 0
+            {
                 let says = format!(
                     "the factor of a window has numbers and parameters only, not `{}`",
                     name.text
@@ -159,10 +164,10 @@ impl Resolver<'_> {
         }
     }
 
-    fn target(&mut self, name: &Name, span: Span) -> Target {
+    fn target(&mut self, name: &WrittenName, span: Span) -> Referent {
         let Some(target) = self.known.get(&name.text).copied() else {
             if self.faulty.contains(&name.text) {
-                return Target::One;
+                return Referent::One;
             }
             if name.back > 0 {
                 let says = format!(
@@ -170,13 +175,15 @@ impl Resolver<'_> {
                     name.text, name.back, name.text
                 );
                 self.unknown(&name.text, span, says);
-                return Target::One;
+                return Referent::One;
             }
             return self.column(&name.text, None, span);
         };
         if name.back > 0 {
             match target {
-                Target::Quantity(index) if self.model.quantities[index].stage != Stage::Person => {
+                Referent::Quantity(index)
+                    if self.model.quantities[index].stage != Moment::Person =>
+                {
                     if name.back > self.model.horizon() {
                         let says = format!(
                             "a lag of {} decisions: a person has {}",
@@ -188,7 +195,7 @@ impl Resolver<'_> {
                     let quantity = &mut self.model.quantities[index];
                     quantity.back = quantity.back.max(name.back);
                 }
-                Target::Clock(_) => {
+                Referent::Clock(_) => {
                     let says = format!("a clock has no lag: write {} - {}", name.text, name.back);
                     self.faults.add(Fault::at(span, says));
                 }
@@ -211,15 +218,15 @@ impl Resolver<'_> {
     }
 
     /// A column of the file of people.
-    fn column(&mut self, name: &str, alias: Option<String>, span: Span) -> Target {
+    fn column(&mut self, name: &str, alias: Option<String>, span: Span) -> Referent {
         let known = self.model.columns.iter().position(|column| column.name == name);
-        Target::Column(known.unwrap_or_else(|| {
+        Referent::Column(known.unwrap_or_else(|| {
             self.model.columns.push(NeededColumn { name: name.to_owned(), alias, span });
             self.model.columns.len() - 1
         }))
     }
 
-    fn resolve_blocks(&mut self, blocks: Vec<Block>, own: usize) {
+    fn resolve_blocks(&mut self, blocks: Vec<CoefficientBlock>, own: usize) {
         // Blocks are the last ones of the quantities with a name.
         let first = own - blocks.len();
         for (place, block) in blocks.iter().enumerate() {
@@ -243,7 +250,7 @@ impl Resolver<'_> {
                 }
             };
             let terms = features.iter().map(|(feature, span)| self.term(block, feature, *span));
-            let terms: Vec<Term> = terms.collect();
+            let terms: Vec<LinearTerm> = terms.collect();
             if terms.is_empty() {
                 self.faults.add(Fault::at(block.span, format!("`{}` has no features", block.name)));
             }
@@ -252,7 +259,7 @@ impl Resolver<'_> {
     }
 
     /// A coefficient and its feature: a variable, a product of variables, or 1.
-    fn term(&mut self, block: &Block, feature: &str, span: Span) -> Term {
+    fn term(&mut self, block: &CoefficientBlock, feature: &str, span: Span) -> LinearTerm {
         let names = feature.split('*').map(str::trim).filter(|name| *name != "1");
         let factors = names
             .map(|name| {
@@ -261,9 +268,9 @@ impl Resolver<'_> {
                     let says = format!("`{}` is not a feature", shortened(feature));
                     let help = "a feature is a variable, a product as in \"sent*dose\", or \"1\"";
                     self.faults.add(Fault::at(span, says).help(help));
-                    return Target::One;
+                    return Referent::One;
                 }
-                let name = Name { text: name.to_owned(), back: 0, span: 0..0 };
+                let name = WrittenName { text: name.to_owned(), back: 0, span: 0..0 };
                 self.target(&name, span)
             })
             .collect();
@@ -271,24 +278,24 @@ impl Resolver<'_> {
         let name = format!("{}{plain}", block.prefix);
         let alias = (plain == "1").then(|| format!("{}one", block.prefix));
         let coefficient = match self.known.get(&name) {
-            Some(target @ Target::Parameter(_)) => *target,
+            Some(target @ Referent::ModelParameter(_)) => *target,
             _ => self.column(&name, alias, span),
         };
-        Term { coefficient, factors }
+        LinearTerm { coefficient, factors }
     }
 
     /// Adds the quantities of the roles. Returns the features with their positions.
-    fn resolve_roles(&mut self, roles: DraftRoles) -> Vec<(Target, Span)> {
+    fn resolve_roles(&mut self, roles: DraftRoles) -> Vec<(Referent, Span)> {
         let span = roles.span.unwrap_or(NOWHERE);
-        let mut role = |name: &str, formula: Option<Formula>| {
+        let mut role = |name: &str, formula: Option<NamedExpression>| {
             let formula = formula?;
             let span = formula.position.span(&(0..0));
             let span = Span { end: formula.position.whole.1, ..span };
             Some(self.quantity(
                 &format!("roles.{name}"),
                 span,
-                Stage::Before,
-                Definition::Formula(formula),
+                Moment::Before,
+                Definition::NamedExpression(formula),
             ))
         };
         let outcome = role("outcome", roles.outcome);
@@ -300,16 +307,16 @@ impl Resolver<'_> {
             self.faults.add(fault);
         }
         let outcome = outcome.unwrap_or(0);
-        let (mut features, mut targets) = (Vec::<Feature>::new(), Vec::new());
+        let (mut features, mut targets) = (Vec::<RoleFeature>::new(), Vec::new());
         for feature in roles.features {
-            let name = Name { text: feature.name.clone(), back: 0, span: 0..0 };
+            let name = WrittenName { text: feature.name.clone(), back: 0, span: 0..0 };
             let source = self.target(&name, feature.span);
             if features.iter().any(|known| known.name == feature.name) {
                 let says = format!("feature `{}` is listed twice", feature.name);
                 self.faults.add(Fault::at(feature.span, says));
             }
             targets.push((source, feature.span));
-            features.push(Feature {
+            features.push(RoleFeature {
                 name: feature.name,
                 source,
                 low: feature.low,
@@ -321,8 +328,8 @@ impl Resolver<'_> {
         let mut state = Vec::new();
         for (name, span) in roles.state.iter().flatten() {
             match self.known.get(name) {
-                Some(Target::Quantity(index)) if !state.contains(index) => state.push(*index),
-                Some(Target::Quantity(_)) => {
+                Some(Referent::Quantity(index)) if !state.contains(index) => state.push(*index),
+                Some(Referent::Quantity(_)) => {
                     self.faults.add(Fault::at(*span, format!("`{name}` is recorded twice")));
                 }
                 _ if self.faulty.contains(name) => {}
@@ -350,8 +357,8 @@ impl Resolver<'_> {
     /// The quantities that a quantity is computed from in the same decision.
     fn sources(&self, index: usize) -> Vec<usize> {
         let mut sources = Vec::new();
-        let mut add = |target: &Target| {
-            if let Target::Quantity(source) = target {
+        let mut add = |target: &Referent| {
+            if let Referent::Quantity(source) = target {
                 sources.push(*source);
             }
         };
@@ -361,7 +368,7 @@ impl Resolver<'_> {
                 term.factors.iter().for_each(&mut add);
             }),
             definition => {
-                for formula in Model::formulas(definition) {
+                for formula in ModelFile::formulas(definition) {
                     let named = formula.expression.names.iter().zip(&formula.targets);
                     named.filter(|(name, _)| name.back == 0).for_each(|(_, target)| add(target));
                 }
@@ -410,11 +417,11 @@ impl Resolver<'_> {
         for index in order {
             let latest =
                 self.sources(index).into_iter().map(|one| self.model.quantities[one].stage);
-            let latest = latest.max().unwrap_or(Stage::Person);
+            let latest = latest.max().unwrap_or(Moment::Person);
             let quantity = &mut self.model.quantities[index];
             quantity.stage = quantity.stage.max(match quantity.stage {
                 // Draws of people do not wait for anything; what they refer to is checked.
-                Stage::Person => Stage::Person,
+                Moment::Person => Moment::Person,
                 _ => latest,
             });
             self.model.order[quantity.stage as usize].push(index);
@@ -435,19 +442,19 @@ impl Resolver<'_> {
         self.faults.add(fault);
     }
 
-    fn check_stages(&mut self, features: &[(Target, Span)]) {
+    fn check_stages(&mut self, features: &[(Referent, Span)]) {
         let mut late = Vec::new();
         for index in 0..self.model.quantities.len() {
             let quantity = &self.model.quantities[index];
-            if quantity.stage != Stage::Person {
+            if quantity.stage != Moment::Person {
                 continue;
             }
-            let clocks = Model::formulas(&quantity.definition).iter().any(|formula| {
-                let clock = |target: &Target| matches!(target, Target::Clock(_));
+            let clocks = ModelFile::formulas(&quantity.definition).iter().any(|formula| {
+                let clock = |target: &Referent| matches!(target, Referent::Clock(_));
                 formula.targets.iter().any(clock) || !formula.windows.is_empty()
             });
             let mut sources = self.sources(index).into_iter();
-            let changes = sources.any(|one| self.model.quantities[one].stage != Stage::Person);
+            let changes = sources.any(|one| self.model.quantities[one].stage != Moment::Person);
             if clocks || changes {
                 let says = format!(
                     "`{}` is drawn once per person, and refers to what changes between decisions",
@@ -457,8 +464,8 @@ impl Resolver<'_> {
             }
         }
         for (target, span) in features {
-            if let Target::Quantity(index) = target
-                && self.model.quantities[*index].stage == Stage::After
+            if let Referent::Quantity(index) = target
+                && self.model.quantities[*index].stage == Moment::After
             {
                 let says = format!(
                     "`{}` follows the choice of an action, and cannot be observed before it",
@@ -473,17 +480,17 @@ impl Resolver<'_> {
         }
         if let Some(index) = self.model.roles.available {
             let quantity = &self.model.quantities[index];
-            if quantity.stage == Stage::After {
+            if quantity.stage == Moment::After {
                 late.push(Fault::at(quantity.span, "`available` is known before the choice of an action, and refers to `action` or `probability`"));
             }
         }
         late.into_iter().for_each(|fault| self.faults.add(fault));
         // What is known before the choice stands first in the recorded state.
         let quantities = &self.model.quantities;
-        self.model.roles.state.sort_by_key(|index| quantities[*index].stage == Stage::After);
+        self.model.roles.state.sort_by_key(|index| quantities[*index].stage == Moment::After);
     }
 
-    /// Reports what nothing needs.
+    /// Finds what nothing needs. It is a fault once all columns of people are known: a misspelt name seems to be one.
     fn check_use(&mut self) {
         let mut needed = HashSet::new();
         let roles = &self.model.roles;
@@ -493,8 +500,8 @@ impl Resolver<'_> {
         let mut parameters = HashSet::new();
         for target in targets {
             match target {
-                Target::Quantity(index) => open.push(index),
-                Target::Parameter(index) => _ = parameters.insert(index),
+                Referent::Quantity(index) => open.push(index),
+                Referent::ModelParameter(index) => _ = parameters.insert(index),
                 _ => {}
             }
         }
@@ -502,9 +509,9 @@ impl Resolver<'_> {
             if !needed.insert(index) {
                 continue;
             }
-            let mut add = |target: &Target| match target {
-                Target::Quantity(index) => open.push(*index),
-                Target::Parameter(index) => _ = parameters.insert(*index),
+            let mut add = |target: &Referent| match target {
+                Referent::Quantity(index) => open.push(*index),
+                Referent::ModelParameter(index) => _ = parameters.insert(*index),
                 _ => {}
             };
             match &self.model.quantities[index].definition {
@@ -513,9 +520,9 @@ impl Resolver<'_> {
                     term.factors.iter().for_each(&mut add);
                 }),
                 definition => {
-                    for formula in Model::formulas(definition) {
+                    for formula in ModelFile::formulas(definition) {
                         formula.targets.iter().for_each(&mut add);
-                        formula.windows.iter().for_each(|window| add(&Target::Quantity(*window)));
+                        formula.windows.iter().for_each(|window| add(&Referent::Quantity(*window)));
                         for window in formula.expression.windows() {
                             for name in window.factor.iter().flat_map(|factor| &factor.names) {
                                 self.known.get(&name.text).into_iter().for_each(&mut add);
@@ -547,17 +554,16 @@ impl Resolver<'_> {
             .map(|(_, one)| (one.name.clone(), one.span))
             .chain(parameters.map(|(_, one)| (one.name.clone(), one.span)));
         let all: Vec<_> = all.collect();
-        for (name, span) in all {
-            let says = format!("`{name}` is used by no role, and by nothing that a role needs");
-            self.faults.add(Fault::at(span, says).help("delete it, or use it"));
-        }
+        self.model.unused = all;
     }
 
     /// Reports parameters of distributions that are constant and out of range.
     fn check_constants(&mut self) {
         let mut faults = Vec::new();
         for quantity in &self.model.quantities {
-            let Definition::Draw(distribution, formulas) = &quantity.definition else { continue };
+            let Definition::DrawInstruction(distribution, formulas) = &quantity.definition else {
+                continue;
+            };
             for (index, formula) in formulas.iter().enumerate() {
                 let Some(value) = numbers::constant(&formula.expression, &|_| None) else {
                     continue;

@@ -3,9 +3,11 @@
 use std::sync::Arc;
 
 use crate::env::contract;
-use crate::env::declared::expression::{Binary, Expression, Node, Summary, Unary};
+use crate::env::declared::expression::{Binary, Expression, ExpressionNode, Summary, Unary};
 use crate::env::declared::family::MODEL;
-use crate::env::declared::model::{Clock, Definition, Formula, Model, Stage, Target};
+use crate::env::declared::model::{
+    Clock, Definition, ModelFile, Moment, NamedExpression, Referent,
+};
 use crate::env::declared::program::stream;
 use crate::env::declared::rows::{PEOPLE, REPLAY};
 use crate::env::declared::{DeclaredModel, World, grammar, read};
@@ -93,7 +95,7 @@ fn a_world_keeps_the_contract_of_environments() {
 
 /// The values of a model of one person by the definitions alone; `None` for a missing number.
 struct Plain<'m> {
-    model: &'m Model,
+    model: &'m ModelFile,
     parameters: Vec<f64>,
     people: Vec<Option<f64>>,
     /// \[decisions\], each \[quantities\].
@@ -102,35 +104,35 @@ struct Plain<'m> {
 }
 
 impl Plain<'_> {
-    fn target(&self, target: Target, back: u32) -> Option<f64> {
+    fn target(&self, target: Referent, back: u32) -> Option<f64> {
         let (time, per_day) = (self.past.len(), self.model.decisions_per_day as usize);
         match target {
-            Target::One => Some(1.0),
-            Target::Parameter(index) => Some(self.parameters[index]),
-            Target::Column(index) => self.people[index],
-            Target::Clock(Clock::Step) => Some(time as f64),
-            Target::Clock(Clock::Day) => Some((time / per_day) as f64),
-            Target::Clock(Clock::Slot) => Some((time % per_day) as f64),
-            Target::Clock(Clock::CalendarDay) => None,
-            Target::Quantity(index) if back == 0 => self.now[index],
-            Target::Quantity(index) => self.past[time.checked_sub(back as usize)?][index],
+            Referent::One => Some(1.0),
+            Referent::ModelParameter(index) => Some(self.parameters[index]),
+            Referent::Column(index) => self.people[index],
+            Referent::Clock(Clock::Step) => Some(time as f64),
+            Referent::Clock(Clock::Day) => Some((time / per_day) as f64),
+            Referent::Clock(Clock::Slot) => Some((time % per_day) as f64),
+            Referent::Clock(Clock::CalendarDay) => None,
+            Referent::Quantity(index) if back == 0 => self.now[index],
+            Referent::Quantity(index) => self.past[time.checked_sub(back as usize)?][index],
         }
     }
 
-    fn formula(&self, formula: &Formula) -> Option<f64> {
+    fn formula(&self, formula: &NamedExpression) -> Option<f64> {
         let root = formula.expression.nodes.len() - 1;
         self.node(formula, root).filter(|value| !value.is_nan())
     }
 
-    fn node(&self, formula: &Formula, index: usize) -> Option<f64> {
+    fn node(&self, formula: &NamedExpression, index: usize) -> Option<f64> {
         let value = |index: usize| self.node(formula, index).filter(|value| !value.is_nan());
         let truth = |is_true: bool| Some(f64::from(u8::from(is_true)));
         match &formula.expression.nodes[index] {
-            Node::Number(value) => Some(*value),
-            Node::Name(name) => {
+            ExpressionNode::Number(value) => Some(*value),
+            ExpressionNode::WrittenName(name) => {
                 self.target(formula.targets[*name], formula.expression.names[*name].back)
             }
-            Node::Unary(function, of) => {
+            ExpressionNode::Unary(function, of) => {
                 let x = value(*of)?;
                 match function {
                     Unary::Minus => Some(-x),
@@ -145,8 +147,8 @@ impl Plain<'_> {
                     Unary::Round => Some(x.round()),
                 }
             }
-            Node::Binary(Binary::Default, [x, y]) => value(*x).or_else(|| value(*y)),
-            Node::Binary(function, [x, y]) => {
+            ExpressionNode::Binary(Binary::Default, [x, y]) => value(*x).or_else(|| value(*y)),
+            ExpressionNode::Binary(function, [x, y]) => {
                 let (x, y) = (value(*x)?, value(*y)?);
                 match function {
                     Binary::Plus => Some(x + y),
@@ -168,16 +170,17 @@ impl Plain<'_> {
                     Binary::Default => unreachable!(),
                 }
             }
-            Node::If([condition, one, other]) => {
+            ExpressionNode::If([condition, one, other]) => {
                 if value(*condition)? != 0.0 {
                     value(*one)
                 } else {
                     value(*other)
                 }
             }
-            Node::Window(window) => {
+            ExpressionNode::PastWindow(window) => {
                 let before = formula.expression.nodes[..index].iter();
-                let place = before.filter(|node| matches!(node, Node::Window(_))).count();
+                let place =
+                    before.filter(|node| matches!(node, ExpressionNode::PastWindow(_))).count();
                 let quantity = formula.windows[place];
                 let length = window.length.map_or(self.past.len(), |length| length as usize);
                 let first = self.past.len().checked_sub(length)?;
@@ -187,7 +190,7 @@ impl Plain<'_> {
                 let factor = window.factor.as_ref().map_or(1.0, |factor| {
                     let name = factor.names.first().map(|name| name.text.as_str());
                     let of_name = |name| {
-                        let known = |one: &&super::model::Parameter| one.name == name;
+                        let known = |one: &&super::model::ModelParameter| one.name == name;
                         self.model.parameters.iter().find(known).unwrap().default
                     };
                     name.map_or(0.5, of_name)
@@ -206,14 +209,14 @@ impl Plain<'_> {
     }
 
     /// Computes a stage with this word.
-    fn compute(&mut self, stage: Stage, word: u64) {
+    fn compute(&mut self, stage: Moment, word: u64) {
         for index in &self.model.order[stage as usize] {
             let quantity = &self.model.quantities[*index];
             let mut words = Expansion(word ^ stream(&quantity.name));
             self.now[*index] = match &quantity.definition {
                 Definition::Action | Definition::Probability => continue,
-                Definition::Formula(formula) => self.formula(formula),
-                Definition::Draw(distribution, formulas) => {
+                Definition::NamedExpression(formula) => self.formula(formula),
+                Definition::DrawInstruction(distribution, formulas) => {
                     let parameters: Option<Vec<f64>> =
                         formulas.iter().map(|formula| self.formula(formula)).collect();
                     let word = words.0;
@@ -229,7 +232,7 @@ impl Plain<'_> {
                             let columns: Vec<&[f64]> = columns.iter().map(|one| &one[..]).collect();
                             let mut out = [0.0];
                             match distribution {
-                                super::distribution::Distribution::Gaussian => {
+                                super::distribution::DrawLaw::Gaussian => {
                                     out[0] = all[0] + all[1] * words.normal();
                                 }
                                 other => {
@@ -247,7 +250,7 @@ impl Plain<'_> {
                         Some(self.target(term.coefficient, 0)? * factors?.iter().product::<f64>())
                     })
                     .sum(),
-                Definition::Replay(_) | Definition::Table(..) => unreachable!(),
+                Definition::Replay(_) | Definition::ProbabilityTable(..) => unreachable!(),
             };
         }
     }
@@ -277,17 +280,17 @@ fn compare(text: &str, people: &str, row: &[f64], seed: u64) {
     let mut choices = own;
     let count = world.action_spec().count as u32;
     let mut rewards = [0.0; 3];
-    plain.compute(Stage::Person, person_word);
+    plain.compute(Moment::Person, person_word);
     for time in 0..model.horizon() {
-        plain.compute(Stage::Before, word);
+        plain.compute(Moment::Before, word);
         let actions = [(); 3].map(|()| Action::from_index(choices.below(count) as usize).unwrap());
         let taken = if world.can_send(1) { actions[1].index() } else { 0 };
         world.step(&actions, &mut rewards, &mut streams);
         word = words.bits();
         plain.now[0] = Some(taken as f64);
-        plain.compute(Stage::After, word);
+        plain.compute(Moment::After, word);
         for (index, quantity) in model.quantities.iter().enumerate() {
-            if quantity.stage != Stage::After {
+            if quantity.stage != Moment::After {
                 continue;
             }
             let (found, expected) = (world.quantity(index, 1), plain.now[index]);
@@ -473,7 +476,6 @@ fn faults_have_their_positions_and_remedies() {
         ("y = \"(1\"", "this bracket is not closed"),
         ("y = \"f(1)\"", "there is no function `f`"),
         ("y = \"if(1, 2)\"", "`if` takes a condition and two values"),
-        ("y = \"1\"\nz = \"2\"", "`z` is used by no role"),
         ("y = \"z[-1]\"", "there is no variable `z`"),
         ("y = { gaussian = [0, -1] }", "sd is a number of at least 0, found -1"),
         ("y = { gaussian = [0] }", "expected the parameters mean, sd"),
@@ -499,9 +501,9 @@ fn played(world: &mut World, streams: &mut LaneStreams, steps: u32, shift: usize
         let action = |lane: usize| Action::from_index((lane + step as usize + shift) % 3).unwrap();
         let actions: Vec<Action> = (0..lanes).map(action).collect();
         world.step(&actions, &mut rewards, streams);
-        for lane in 0..lanes {
+        for (lane, reward) in rewards.iter().enumerate() {
             world.record_state(lane, &mut states);
-            states.push(rewards[lane]);
+            states.push(*reward);
         }
     }
     states

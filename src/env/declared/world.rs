@@ -3,11 +3,11 @@
 use std::io;
 use std::sync::{Arc, OnceLock};
 
-use crate::env::declared::columns::{Broken, Columns, Inputs};
+use crate::env::declared::columns::{Inputs, LaneColumns, OutOfRange};
 use crate::env::declared::model::{
-    Clock, Definition, Feature, Model, PeopleDraw, ReplayOrder, Stage, Target,
+    Clock, Definition, ModelFile, Moment, PeopleDraw, Referent, ReplayOrder, RoleFeature,
 };
-use crate::env::declared::program::{Program, stream};
+use crate::env::declared::program::{LaneProgram, stream};
 use crate::env::declared::rows::Numbers;
 use crate::env::history::History;
 use crate::env::observation::{FeatureSpec, ObservationSpec, Observations};
@@ -21,9 +21,9 @@ use crate::state::{Resumable, StateError, StateReader, StateWriter};
 
 /// What a world is made of, which all of its copies share.
 #[derive(Debug)]
-pub(super) struct Parts {
-    pub model: Arc<Model>,
-    pub program: Arc<Program>,
+pub(super) struct WorldParts {
+    pub model: Arc<ModelFile>,
+    pub program: Arc<LaneProgram>,
     /// The values of the model's parameters.
     pub parameters: Vec<f64>,
     pub people: Option<Arc<Numbers>>,
@@ -40,7 +40,7 @@ pub(super) struct Parts {
     pub failure: Arc<OnceLock<String>>,
 }
 
-impl Parts {
+impl WorldParts {
     /// The number of people; 0 if people do not differ by a file.
     fn people(&self) -> usize {
         self.people.as_ref().map_or(self.rows.len(), |people| people.rows())
@@ -53,9 +53,9 @@ impl Parts {
 /// so that its draws depend on the decision alone.
 #[derive(Clone, Debug)]
 pub struct World {
-    parts: Arc<Parts>,
+    parts: Arc<WorldParts>,
     history: Option<History>,
-    columns: Columns,
+    columns: LaneColumns,
     /// Steps of all lanes so far.
     clock: u64,
     times: Vec<u32>,
@@ -86,8 +86,8 @@ pub struct World {
 }
 
 impl World {
-    pub(super) fn new(parts: Arc<Parts>, history: usize, lanes: usize) -> World {
-        let columns = Columns::new(Arc::clone(&parts.program), lanes);
+    pub(super) fn new(parts: Arc<WorldParts>, history: usize, lanes: usize) -> World {
+        let columns = LaneColumns::new(Arc::clone(&parts.program), lanes);
         let features = parts.shown.len();
         let mut world = World {
             history: None,
@@ -116,7 +116,7 @@ impl World {
     }
 
     #[cfg(test)]
-    pub(super) fn parts(&self) -> &Arc<Parts> {
+    pub(super) fn parts(&self) -> &Arc<WorldParts> {
         &self.parts
     }
 
@@ -138,7 +138,7 @@ impl World {
         self.statuses.iter().map(|status| *status == EpisodeStatus::Running)
     }
 
-    fn model(&self) -> &Model {
+    fn model(&self) -> &ModelFile {
         &self.parts.model
     }
 
@@ -173,9 +173,9 @@ impl World {
     }
 
     /// Computes a stage in all lanes, and checks it in those that are marked.
-    fn compute(&mut self, stage: Stage) {
+    fn compute(&mut self, stage: Moment) {
         let parts = Arc::clone(&self.parts);
-        let words = if stage == Stage::Person { &self.person_words } else { &self.words };
+        let words = if stage == Moment::Person { &self.person_words } else { &self.words };
         let inputs = Inputs {
             clock: self.clock,
             times: &self.times,
@@ -200,7 +200,7 @@ impl World {
         let per_day = self.model().decisions_per_day;
         self.columns.set_clocks(&self.times, &self.entered, per_day);
         self.choose_rows();
-        self.compute(Stage::Before);
+        self.compute(Moment::Before);
         let parts = Arc::clone(&self.parts);
         let features = parts.shown.len();
         for (slot, index) in parts.shown.iter().enumerate() {
@@ -225,14 +225,14 @@ impl World {
     }
 
     /// The value of a name in a lane at the present decision.
-    fn value(&self, target: Target, lane: usize) -> f64 {
+    fn value(&self, target: Referent, lane: usize) -> f64 {
         let program = &self.parts.program;
         match target {
-            Target::One => 1.0,
-            Target::Parameter(index) => self.parts.parameters[index],
-            Target::Column(index) => self.columns.all[program.people[index]][lane],
-            Target::Quantity(index) => self.column(index)[lane],
-            Target::Clock(clock) => {
+            Referent::One => 1.0,
+            Referent::ModelParameter(index) => self.parts.parameters[index],
+            Referent::Column(index) => self.columns.all[program.people[index]][lane],
+            Referent::Quantity(index) => self.column(index)[lane],
+            Referent::Clock(clock) => {
                 let (time, per_day) = (self.times[lane], self.model().decisions_per_day);
                 match clock {
                     Clock::Step => f64::from(time),
@@ -267,14 +267,14 @@ impl World {
     }
 
     /// What went wrong in a lane, with the numbers that led there.
-    fn explained(&self, Broken { check, lane, value }: Broken) -> String {
+    fn explained(&self, OutOfRange { check, lane, value }: OutOfRange) -> String {
         let model = self.model();
         let quantity = &model.quantities[check.quantity];
         let name = match check.parameter {
             None => format!("`{}`", quantity.name),
             Some(index) => {
                 let parameter = match &quantity.definition {
-                    Definition::Draw(distribution, _) => {
+                    Definition::DrawInstruction(distribution, _) => {
                         let keys = distribution.form().keys;
                         keys[index.min(keys.len() - 1)]
                     }
@@ -283,14 +283,14 @@ impl World {
                 format!("{parameter} of `{}`", quantity.name)
             }
         };
-        let formulas = Model::formulas(&quantity.definition);
+        let formulas = ModelFile::formulas(&quantity.definition);
         let formulas = check.parameter.map_or(formulas, |index| &formulas[index..=index]);
         let mut known = Vec::<String>::new();
         for formula in formulas {
             for (name, target) in formula.expression.names.iter().zip(&formula.targets) {
                 let (text, value) = match (name.back, target) {
                     (0, target) => (name.text.clone(), self.value(*target, lane)),
-                    (back, Target::Quantity(index)) => {
+                    (back, Referent::Quantity(index)) => {
                         (format!("{}[-{back}]", name.text), self.past(*index, back, lane))
                     }
                     _ => continue,
@@ -353,9 +353,9 @@ fn shown(value: f64) -> String {
 }
 
 /// What observations show: the features at these indices.
-pub(super) fn spec(model: &Model, shown: &[usize]) -> ObservationSpec {
+pub(super) fn spec(model: &ModelFile, shown: &[usize]) -> ObservationSpec {
     let feature = |index: &usize| {
-        let Feature { name, low, high, .. } = &model.roles.features[*index];
+        let RoleFeature { name, low, high, .. } = &model.roles.features[*index];
         FeatureSpec { name: name.clone(), low: *low as f32, high: *high as f32 }
     };
     ObservationSpec { features: shown.iter().map(feature).collect(), one_hot: 0 }
@@ -397,7 +397,7 @@ impl VectorEnvironment for World {
             *drawn = *status == EpisodeStatus::Running;
         }
         self.checked.copy_from_slice(&begun);
-        self.compute(Stage::Person);
+        self.compute(Moment::Person);
         self.prepare(&begun);
     }
 
@@ -423,7 +423,7 @@ impl VectorEnvironment for World {
         for ((taken, action), available) in taken.iter_mut().zip(actions).zip(&self.is_available) {
             *taken = if *available { action.index() as f64 } else { 0.0 };
         }
-        self.compute(Stage::After);
+        self.compute(Moment::After);
         let roles = &parts.model.roles;
         let value = |quantity: usize| parts.program.values[quantity];
         let (outcome, reward) = (value(roles.outcome), value(roles.reward));
@@ -530,7 +530,7 @@ impl Simulation for World {
     fn complete(&self, lane: usize, reward: f64, state: &mut [f64], cost: &mut f64) {
         let recorded = self.model().roles.state.iter().zip(state);
         for (quantity, number) in recorded {
-            if self.model().quantities[*quantity].stage == Stage::After {
+            if self.model().quantities[*quantity].stage == Moment::After {
                 *number = self.column(*quantity)[lane];
             }
         }
