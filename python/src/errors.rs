@@ -1,5 +1,6 @@
 //! Errors as the corresponding exceptions of Python and Gymnasium.
 
+use jitai::environment::{Simulated, Simulation};
 use pyo3::exceptions::PyRuntimeError;
 use pyo3::prelude::*;
 use pyo3::pyclass::boolean_struct::False;
@@ -31,6 +32,13 @@ pub(crate) fn unreadable_state(error: impl std::fmt::Display) -> PyErr {
     PyRuntimeError::new_err(format!(
         "the saved state cannot be read: {error}; restore it with the release that saved it"
     ))
+}
+
+/// Checks that a simulation can go on.
+///
+/// **Errors**: a number of its model is missing or out of its range.
+pub(crate) fn sound(simulation: &Simulated) -> PyResult<()> {
+    simulation.failure().map_or(Ok(()), |says| Err(PyRuntimeError::new_err(says.to_owned())))
 }
 
 /// The environment, for a change of its state.

@@ -12,7 +12,9 @@ use pyo3::prelude::*;
 use pyo3::types::{PyBytes, PyDict};
 
 use crate::declaration::Declaration;
-use crate::errors::{closed, gymnasium, looked_at, reset_needed, unreadable_state, used_alone};
+use crate::errors::{
+    closed, gymnasium, looked_at, reset_needed, sound, unreadable_state, used_alone,
+};
 use crate::info::{Parts, mask, of_lane};
 
 type Observation<'py> = Bound<'py, PyArray1<f32>>;
@@ -154,6 +156,7 @@ impl Lane {
             return Err(reset_needed(py, "the first reset needs a seed"));
         }
         lane.simulation.reset(LaneSet::All, &mut lane.streams);
+        sound(&lane.simulation)?;
         (lane.last, lane.total) = (None, 0.0);
         Ok((lane.observation(py), lane.info(py)?))
     }
@@ -172,6 +175,7 @@ impl Lane {
         let mut reward = [0.0];
         let taken = if lane.parts.masks { lane.simulation.taken(0, action) } else { action };
         lane.simulation.step(&[action], &mut reward, &mut lane.streams);
+        sound(&lane.simulation)?;
         let outcome = lane.simulation.outcomes(&reward)[0];
         lane.last = Some((taken, outcome));
         lane.total += outcome;

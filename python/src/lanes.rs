@@ -12,7 +12,9 @@ use pyo3::prelude::*;
 use pyo3::types::{PyBytes, PyDict};
 
 use crate::declaration::Declaration;
-use crate::errors::{closed, gymnasium, looked_at, reset_needed, unreadable_state, used_alone};
+use crate::errors::{
+    closed, gymnasium, looked_at, reset_needed, sound, unreadable_state, used_alone,
+};
 use crate::info::{Parts, of_lanes};
 
 type Batch<'py> = Bound<'py, PyArray2<f32>>;
@@ -192,6 +194,7 @@ impl Lanes {
         }
         let lanes = mask.as_deref().map_or(LaneSet::All, LaneSet::Masked);
         self.simulation.reset(lanes, &mut self.streams);
+        sound(&self.simulation)?;
         let info = of_lanes(py, &self.simulation, mask.as_deref(), None, &self.parts)?;
         Ok((self.observed(py)?, info))
     }
@@ -225,6 +228,7 @@ impl Lanes {
                 simulation.reset(LaneSet::Masked(ended), streams);
             }
         });
+        sound(&self.simulation)?;
         let terminated = self.lanes_at(EpisodeStatus::Terminated);
         let truncated = self.lanes_at(EpisodeStatus::Truncated);
         let info = PyDict::new(py);

@@ -65,6 +65,7 @@ pub(super) fn run(arguments: &WorldArguments) -> Result<(), Error> {
     };
     let mut days =
         Days { environment: &job.environment, rows: vec![Vec::new(); people], shown: Vec::new() };
+    lanes.begin_day(0);
     train::begin(&mut lanes, &mut *actor, &mut streams);
     train::roll(&mut lanes, &mut *actor, &mut streams, &mut days);
     if let Some(failure) = job.environment.failure() {

@@ -128,6 +128,11 @@ pub trait Model: Any + fmt::Debug + Send + Sync {
     /// The number of steps of an episode that does not end early.
     fn longest_episode(&self) -> u32;
 
+    /// The number of decisions of a day, where the environment has days of its own; `None` by default.
+    fn decisions_per_day(&self) -> Option<u32> {
+        None
+    }
+
     /// Whether an episode can end before its last step. True by default.
     fn can_end_early(&self) -> bool {
         true

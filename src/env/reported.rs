@@ -168,6 +168,14 @@ impl Simulation for Reported {
         out.clone_from(&self.exact[lane]);
     }
 
+    fn costs_follow(&self) -> bool {
+        self.real.costs_follow()
+    }
+
+    fn failure(&self) -> Option<&str> {
+        self.real.failure()
+    }
+
     fn begin_day(&mut self, day: u32) {
         self.real.begin_day(day);
     }

@@ -87,6 +87,12 @@ pub trait Simulation: VectorEnvironment + Any + fmt::Debug + Send + Sync {
         0.0
     }
 
+    /// Whether what a decision costs is known with its reward alone, which is less than its outcome by the cost. False by
+    /// default.
+    fn costs_follow(&self) -> bool {
+        false
+    }
+
     /// The stratum of a lane's next decision, below the number of strata of its model. 0 by default.
     fn stratum(&self, lane: usize) -> usize {
         let _ = lane;
@@ -144,6 +150,11 @@ pub trait Simulation: VectorEnvironment + Any + fmt::Debug + Send + Sync {
     /// by default.
     fn assign(&mut self, rows: &[u32]) {
         let _ = rows;
+    }
+
+    /// Why the simulation cannot go on; its numbers mean nothing then. None by default.
+    fn failure(&self) -> Option<&str> {
+        None
     }
 
     /// Hears that a day of a trial begins, counted from 0. Does nothing by default.

@@ -1,5 +1,6 @@
 //! The files that a manifest reads.
 
+use std::collections::HashSet;
 use std::fs;
 
 use toml_edit::{DocumentMut, Item, TableLike, Value};
@@ -10,11 +11,14 @@ use crate::manifest::section::Section;
 
 /// The keys whose values can name files: section and key.
 fn file_keys() -> impl Iterator<Item = (&'static str, &'static Key)> {
-    Section::all().into_iter().flat_map(|section| {
+    let all = Section::all().into_iter().flat_map(|section| {
         let names_file = |kind: Kind| matches!(kind, Kind::Rows(_) | Kind::Content(_));
         let keys = section.keys().iter().filter(move |key| names_file(key.kind));
         keys.map(move |key| (section.name(), key))
-    })
+    });
+    // A key of several families is one.
+    let mut seen = HashSet::new();
+    all.filter(move |(section, key)| seen.insert((*section, key.name)))
 }
 
 /// The name of a file or a job in a value of such a key; `None` for texts of files, and for none.

@@ -448,6 +448,15 @@ fn trial_fault(
     // The length of an episode in a program or a faulty model is not known.
     let is_known =
         environment.family().with_parameters.is_none() || environment.description().is_some();
+    if let Some(per_day) =
+        environment.decisions_per_day().filter(|own| *own != trial.decisions_per_day)
+    {
+        let says = format!(
+            "`decisions_per_day` = {}: the model has {per_day} decisions a day",
+            trial.decisions_per_day
+        );
+        return fault("decisions_per_day", says);
+    }
     if is_known && trial.decisions() != longest {
         let (days, per_day) = (trial.days, trial.decisions_per_day);
         let says = format!(

@@ -96,6 +96,7 @@ impl DecisionObserver for Excursions {
                         Some(index) => {
                             state.clear();
                             copy.record_state(lane, &mut state);
+                            copy.complete(lane, rewards[lane], &mut state, &mut 0.0);
                             state[index]
                         }
                     });

@@ -209,8 +209,14 @@ impl LaneObserver<Simulated> for EpisodeCounts {
     }
 
     fn paid(&mut self, lanes: &Simulated, rewards: Rewards<'_>) {
-        for (episode, outcome) in self.running.iter_mut().zip(lanes.outcomes(rewards.values)) {
+        let outcomes = lanes.outcomes(rewards.values);
+        for (episode, outcome) in self.running.iter_mut().zip(outcomes) {
             episode.total_reward += outcome;
+        }
+        if let Some(costs) = self.costs.as_mut().filter(|_| lanes.costs_follow()) {
+            // Ended lanes have neither outcomes nor rewards.
+            *costs +=
+                outcomes.iter().zip(rewards.values).map(|(one, paid)| one - paid).sum::<f64>();
         }
     }
 }

@@ -34,6 +34,10 @@ pub(super) fn play(
     if job.is_outside() {
         return Err(NoTrace::Outside);
     }
+    // Of an environment that can fail, the copy of this trial alone.
+    let fresh = job.environment.fresh();
+    let own = fresh.map(|environment| Job { environment, ..job.clone() });
+    let job = own.as_ref().unwrap_or(job);
     let runnable = job.runnable()?;
     let failed = |failure: Failure| NoTrace::Failed(failure.message);
     let mut training =
@@ -41,6 +45,9 @@ pub(super) fn play(
     attach(training.observers());
     while training.stage() != Stage::Over {
         training.advance(stop).map_err(failed)?;
+        if let Some(failure) = job.environment.failure() {
+            return Err(NoTrace::Failed(failure));
+        }
         if stop() {
             return Err(NoTrace::Stopped);
         }

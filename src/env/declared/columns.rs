@@ -58,7 +58,7 @@ pub(super) struct OutOfRange {
 }
 
 impl LaneColumns {
-    /// LaneColumns of this number of lanes.
+    /// Columns of this number of lanes.
     pub fn new(program: Arc<LaneProgram>, lanes: usize) -> LaneColumns {
         let mut all = vec![vec![0.0; lanes]; program.columns];
         for (column, value) in &program.constants {
@@ -255,8 +255,8 @@ impl LaneColumns {
                     *out = if time >= back { *past } else { f64::NAN };
                 }
             }),
-            Instruction::PastWindow(ring, weights, to) => self.write(*to, tile, |all, out| {
-                all.window(*ring, weights, tile, inputs, out);
+            Instruction::Window(ring, weights, divisor, to) => self.write(*to, tile, |all, out| {
+                all.window(*ring, (weights, *divisor), tile, inputs, out);
             }),
             Instruction::Total(total, summary, to) => self.write(*to, tile, |all, out| {
                 let sums = tile.of(&all.all[*total]);
@@ -331,7 +331,7 @@ impl LaneColumns {
     fn window(
         &self,
         ring: Ring,
-        weights: &[f64],
+        (weights, divisor): (&[f64], f64),
         tile: Tile,
         inputs: &Inputs<'_>,
         out: &mut [f64],
@@ -345,7 +345,7 @@ impl LaneColumns {
         }
         let length = weights.len() as u32;
         for (out, time) in out.iter_mut().zip(tile.of(inputs.times)) {
-            *out = if *time >= length { *out } else { f64::NAN };
+            *out = if *time >= length { *out / divisor } else { f64::NAN };
         }
     }
 

@@ -1,5 +1,6 @@
 //! Constraints between a model and what a manifest gives beside it.
 
+use std::collections::HashSet;
 use std::sync::Arc;
 
 use crate::env::declared::description::WorldDescription;
@@ -141,10 +142,10 @@ const ROWS: Constraint = Constraint {
             }
         }
         let people: Option<Arc<Numbers>> = content(assignment, PEOPLE)?.parsed();
-        let own = rows.by_person();
+        let own: HashSet<&str> = rows.by_person().iter().map(|(name, _)| name.as_str()).collect();
         let without = people.and_then(|people| {
             let names = (0..people.rows()).map(|row| people.person(row));
-            { names }.find(|name| own.iter().all(|(known, _)| known != name))
+            { names }.find(|name| !own.contains(name.as_str()))
         });
         let name = without?;
         impossible(

@@ -19,6 +19,7 @@ pub(super) struct WorldDescription {
     /// Whether agents learn from another number than the outcome.
     pub costs: bool,
     pub horizon: u32,
+    pub decisions_per_day: u32,
     pub availability: bool,
     pub ends: bool,
     /// The number of rows of people; 0 if people do not differ by a file.
@@ -56,6 +57,7 @@ impl WorldDescription {
             late_state: model.late_state(),
             costs: model.roles.reward != model.roles.outcome,
             horizon: model.horizon(),
+            decisions_per_day: model.decisions_per_day,
             availability: model.roles.available.is_some(),
             ends: model.roles.ends.is_some(),
             people,

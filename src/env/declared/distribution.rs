@@ -1,5 +1,6 @@
 //! Distributions that a variable is drawn from.
 
+use crate::env::declared::numbers;
 use crate::env::variates::{Expansion, beta, gamma, poisson};
 use crate::kernel::math;
 
@@ -116,7 +117,7 @@ impl DrawLaw {
                 each(out, &|i| mean[i] + sd[i] * words(i).normal());
             }
             (DrawLaw::Lognormal, [mean, sd]) => {
-                each(out, &|i| math::exp(mean[i] + sd[i] * words(i).normal()));
+                each(out, &|i| numbers::exp(mean[i] + sd[i] * words(i).normal()));
             }
             (DrawLaw::Bernoulli, [p]) => {
                 each(out, &|i| truth(words(i).open_unit() < p[i]));
@@ -125,7 +126,11 @@ impl DrawLaw {
                 each(out, &|i| truth(words(i).open_unit() < sigmoid(logit[i])));
             }
             (DrawLaw::Uniform, [low, high]) => {
-                each(out, &|i| low[i] + (high[i] - low[i]) * words(i).open_unit());
+                each(out, &|i| {
+                    let width = high[i] - low[i];
+                    // Nothing lies between bounds in the wrong order.
+                    if width < 0.0 { f64::NAN } else { low[i] + width * words(i).open_unit() }
+                });
             }
             (DrawLaw::Poisson, [mean]) => {
                 each(out, &|i| poisson(mean[i], &mut words(i)));
@@ -168,10 +173,13 @@ pub(super) fn sigmoid(x: f64) -> f64 {
     1.0 / (1.0 + math::exp(-x))
 }
 
-/// The index of the weight in which a share of the sum of all falls.
+/// The index of the weight in which a share of the sum of all falls; NaN if no weight is above 0.
 #[inline(always)]
 fn chosen(weights: impl Iterator<Item = f64> + Clone, share: f64) -> f64 {
     let all: f64 = weights.clone().sum();
+    if !(all > 0.0 && all <= f64::MAX) {
+        return f64::NAN;
+    }
     let (mut before, mut last) = (0.0, 0.0);
     for (index, weight) in weights.enumerate() {
         if weight > 0.0 {

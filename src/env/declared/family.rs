@@ -1,6 +1,7 @@
 //! The declaration of the family, and its environments as jobs hold them.
 
 use std::any::Any;
+use std::collections::HashMap;
 use std::sync::{Arc, OnceLock};
 
 use crate::env::declared::constraints;
@@ -161,17 +162,16 @@ impl DeclaredModel {
             needed.find(people).expect(CHECKED)
         });
         let columns = columns.collect();
-        let rows = replay.as_ref().map(|replay| replay.by_person()).unwrap_or_default();
+        let runs = replay.as_ref().map_or(&[][..], |replay| replay.by_person());
         let rows = match &people {
             // In the order of the people.
-            Some(people) if !rows.is_empty() => (0..people.rows())
-                .map(|row| {
-                    let name = people.person(row);
-                    let own = rows.iter().find(|(known, _)| *known == name);
-                    own.expect(CHECKED).1.clone()
-                })
-                .collect(),
-            _ => rows.into_iter().map(|(_, rows)| rows).collect(),
+            Some(people) if !runs.is_empty() => {
+                let by_name: HashMap<&str, _> =
+                    runs.iter().map(|(name, rows)| (name.as_str(), rows)).collect();
+                let own = |row| by_name.get(&*people.person(row)).expect(CHECKED);
+                (0..people.rows()).map(|row| (*own(row)).clone()).collect()
+            }
+            _ => runs.iter().map(|(_, rows)| rows.clone()).collect(),
         };
         let replayed = replay.iter().flat_map(|replay| {
             model.replayed.iter().map(|name| replay.column(name).expect(CHECKED))
@@ -270,6 +270,10 @@ impl Model for DeclaredModel {
 
     fn longest_episode(&self) -> u32 {
         self.description.as_ref().map_or(USUAL.2, |description| description.horizon)
+    }
+
+    fn decisions_per_day(&self) -> Option<u32> {
+        self.description.as_ref().map(|description| description.decisions_per_day)
     }
 
     fn can_end_early(&self) -> bool {

@@ -17,8 +17,9 @@ use crate::text::nearest;
 
 /// Maximum length of a text, in bytes.
 const LONGEST: usize = 20_000;
-/// Maximum number of brackets, and of operators before a value or powers, that contain one another.
+/// Maximum number of brackets that contain one another, and of signs before a value and powers in a row.
 const DEEPEST: u32 = 100;
+const LONGEST_CHAIN: u32 = 20;
 /// Maximum number of decisions that a lag or a window reaches back.
 pub(super) const FARTHEST: u32 = 10_000;
 
@@ -112,13 +113,21 @@ fn lexemes(text: &str) -> Result<Vec<Lexeme>, GrammarFault> {
     let spaced = spaced.map(|(kind, span)| Lexeme { kind, span });
     let read: ModalResult<Vec<Lexeme>, EmptyError> = repeat(0.., spaced).parse_next(&mut input);
     let lexemes = read.unwrap_or_default();
-    if let Some(found) = input.chars().next().filter(|c| !c.is_whitespace()) {
+    if let Some(found) = input.chars().next() {
         let start = text.len() - input.len();
         let span = start..start + found.len_utf8();
-        let fault = GrammarFault::new(span, format!("`{found}` has no meaning here"));
+        let shown = if found.is_whitespace() {
+            found.escape_unicode().to_string()
+        } else {
+            found.to_string()
+        };
+        let fault = GrammarFault::new(span, format!("`{shown}` has no meaning here"));
         return Err(match found {
             '"' | '\'' => fault.help("everything is a number: there are no texts in expressions"),
             '.' => fault.help("a number begins with a digit, as in 0.5"),
+            c if c.is_whitespace() => {
+                fault.help("this space is not the one of the keyboard: delete it, and type a space")
+            }
             '×' | '·' => fault.help("a product is written *"),
             '−' | '–' => fault.help("minus is written -"),
             '≤' | '≥' => fault.help("write <= or >="),
@@ -172,7 +181,7 @@ fn sign(input: &mut LocatingSlice<&str>) -> ModalResult<Kind, EmptyError> {
 struct Tree {
     expression: Expression,
     fault: Option<GrammarFault>,
-    /// Open brackets, and the numbers of signs and powers so far.
+    /// Open brackets, and the number of signs and powers in a row.
     depth: u32,
     chained: u32,
     /// The end of the text, in bytes.
@@ -275,6 +284,9 @@ fn infix<'i>(input: &mut Input<'i>) -> Read<Infix<Input<'i>, Part, Failure>> {
         Some(Kind::Word(word)) => word.as_str(),
         _ => return Err(ErrMode::Backtrack(EmptyError)),
     };
+    if word != "^" {
+        input.state.chained = 0;
+    }
     let infix: Infix<Input<'i>, Part, Failure> = match word {
         "or" => folds!(Left, 2, Or),
         "and" => folds!(Left, 4, And),
@@ -303,8 +315,8 @@ fn infix<'i>(input: &mut Input<'i>) -> Read<Infix<Input<'i>, Part, Failure>> {
 fn chain(input: &mut Input<'_>) -> Read<()> {
     input.state.chained += 1;
     match peek(input) {
-        Some(lexeme) if input.state.chained > DEEPEST => {
-            let says = format!("more than {DEEPEST} signs and powers");
+        Some(lexeme) if input.state.chained > LONGEST_CHAIN => {
+            let says = format!("more than {LONGEST_CHAIN} signs and powers in a row");
             let help = "give the parts of the expression names of their own";
             let fault = GrammarFault::new(lexeme.span.clone(), says).help(help);
             input.state.fail(fault)
@@ -510,7 +522,7 @@ fn call(input: &mut Input<'_>, function: &str, span: &Range<usize>) -> Read<Part
     }
 }
 
-/// WorldParts that stand one behind the other, joined by a function from the first to the last.
+/// Parts that stand one behind the other, joined by a function from the first to the last.
 fn fold(tree: &mut Tree, function: Binary, parts: &[Part]) -> Part {
     let rest: Vec<Expression> = parts[2..].iter().rev().map(|part| tree.take(part)).collect();
     let mut joined = joined(tree, function, &parts[0], &parts[1]);

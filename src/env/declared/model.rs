@@ -117,6 +117,8 @@ pub(super) enum Definition {
 /// A term of a block.
 #[derive(Clone, Debug)]
 pub(super) struct LinearTerm {
+    /// The name of the coefficient.
+    pub name: String,
     pub coefficient: Referent,
     pub factors: Vec<Referent>,
 }
@@ -233,7 +235,7 @@ impl ModelFile {
         self.roles.state.iter().filter(stage).count()
     }
 
-    /// Calls `with` with every formula of a quantity.
+    /// The formulas of a quantity.
     pub(super) fn formulas(definition: &Definition) -> &[NamedExpression] {
         match definition {
             Definition::NamedExpression(formula) => std::slice::from_ref(formula),

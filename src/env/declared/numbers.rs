@@ -84,7 +84,7 @@ fn modulo(x: f64, y: f64) -> f64 {
 
 /// e^x; infinite above 709, and 0 below -708.
 #[inline(always)]
-fn exp(x: f64) -> f64 {
+pub(super) fn exp(x: f64) -> f64 {
     let value = math::exp(x);
     let value = if x > 709.0 { f64::INFINITY } else { value };
     let value = if x < -708.0 { 0.0 } else { value };

@@ -27,8 +27,9 @@ pub(super) enum Instruction {
     Select([Operand; 3], Operand),
     /// The value of a ring some decisions ago; missing where there is no such decision.
     Lag(Ring, u32, Operand),
-    /// The sum of a ring's values of the last decisions with weights, newest first; missing where there are fewer.
-    PastWindow(Ring, Vec<f64>, Operand),
+    /// The sum of a ring's values of the last decisions with weights, newest first, divided by a number; missing where
+    /// there are fewer.
+    Window(Ring, Vec<f64>, f64, Operand),
     /// A total of all earlier decisions, or their mean.
     Total(usize, Summary, Operand),
     /// A sum of products.
@@ -95,7 +96,7 @@ pub(super) struct LaneProgram {
     /// The number of columns, and of buffers.
     pub columns: usize,
     pub buffers: usize,
-    /// LaneColumns that are the same in every lane, with their value.
+    /// Columns that are the same in every lane, with their value.
     pub constants: Vec<(usize, f64)>,
     /// The clocks that are used, with their columns.
     pub clocks: Vec<(Clock, usize)>,
@@ -384,9 +385,13 @@ impl Compiler<'_> {
                                 };
                                 numbers::constant(factor, &parameter).unwrap_or(f64::NAN)
                             });
-                            let weights = weights(window.summary, factor, length);
+                            let weights = weights(factor, length);
+                            let divisor = match window.summary {
+                                Summary::Mean => weights.iter().sum(),
+                                Summary::Sum | Summary::Count => 1.0,
+                            };
                             self.emit(stage, to, &[], |_, to| {
-                                Instruction::PastWindow(ring, weights, to)
+                                Instruction::Window(ring, weights, divisor, to)
                             })
                         }
                     }
@@ -445,14 +450,8 @@ impl Compiler<'_> {
 }
 
 /// The weights of the last values, newest first.
-fn weights(summary: Summary, factor: Option<f64>, length: u32) -> Vec<f64> {
-    let n = f64::from(length);
-    let equal = if summary == Summary::Mean { 1.0 / n } else { 1.0 };
-    let Some(factor) = factor.filter(|factor| *factor != 1.0) else {
-        return vec![equal; length as usize];
-    };
+fn weights(factor: Option<f64>, length: u32) -> Vec<f64> {
+    let factor = factor.unwrap_or(1.0);
     let powers = std::iter::successors(Some(1.0), |power| Some(power * factor));
-    let powers: Vec<f64> = powers.take(length as usize).collect();
-    let all: f64 = powers.iter().sum();
-    powers.into_iter().map(|power| power / all).collect()
+    powers.take(length as usize).collect()
 }

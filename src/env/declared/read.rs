@@ -13,7 +13,7 @@ use crate::env::declared::model::{
 };
 use crate::env::declared::resolve;
 use crate::key::read_csv;
-use crate::text::{Document, Fault, FaultList, Source, Span, document, nearest, shortened};
+use crate::text::{Document, Fault, FaultList, Source, Span, document, hidden, nearest, shortened};
 
 type TomlNode<'t> = Spanned<DeValue<'t>>;
 
@@ -158,9 +158,13 @@ impl<'t> ModelReader<'t> {
     fn words(&mut self, name: &str, root: &DeTable<'t>) -> Option<String> {
         let node = root.get(name)?;
         match node.get_ref() {
-            DeValue::String(text) => Some(text.to_string()),
+            DeValue::String(text) if is_short(text) => Some(text.to_string()),
             _ => {
-                self.expected(name, "a text", node);
+                self.expected(
+                    name,
+                    "a text of at most 200 characters, without control characters",
+                    node,
+                );
                 None
             }
         }
@@ -168,7 +172,9 @@ impl<'t> ModelReader<'t> {
 
     fn whole(&mut self, name: &str, (least, most): (i64, i64), node: &TomlNode<'t>) -> Option<i64> {
         let whole = match node.get_ref() {
-            DeValue::Integer(integer) => integer.as_str().parse().ok(),
+            DeValue::Integer(integer) => {
+                i64::from_str_radix(integer.as_str(), integer.radix()).ok()
+            }
             _ => None,
         };
         let admitted = whole.filter(|whole| (least..=most).contains(whole));
@@ -190,7 +196,11 @@ impl<'t> ModelReader<'t> {
         let usual = || vec!["nothing".to_owned(), "a message".to_owned()];
         let Some(node) = root.get("actions") else { return usual() };
         let names: Option<Vec<String>> = node.get_ref().as_array().and_then(|items| {
-            items.iter().map(|item| item.get_ref().as_str().map(str::to_owned)).collect()
+            let short = |text: &&str| is_short(text);
+            items
+                .iter()
+                .map(|item| item.get_ref().as_str().filter(short).map(str::to_owned))
+                .collect()
         });
         match names {
             Some(names) if (2..=256).contains(&names.len()) => names,
@@ -596,12 +606,19 @@ fn sorted<'n, 't>(table: &'n DeTable<'t>) -> Vec<(&'n str, Span, &'n TomlNode<'t
 /// A number of TOML that is finite.
 fn written_number(node: &TomlNode<'_>) -> Option<f64> {
     let number: Option<f64> = match node.get_ref() {
-        DeValue::Integer(integer) => integer.as_str().replace('_', "").parse().ok(),
+        DeValue::Integer(integer) => {
+            i64::from_str_radix(integer.as_str(), integer.radix()).ok().map(|whole| whole as f64)
+        }
         DeValue::Float(float) => float.as_str().replace('_', "").parse().ok(),
         DeValue::Boolean(flag) => Some(f64::from(u8::from(*flag))),
         _ => None,
     };
     number.filter(|number| number.is_finite())
+}
+
+/// Whether a text is short, without characters that change the display of others.
+fn is_short(text: &str) -> bool {
+    text.chars().count() <= 200 && text.chars().all(|c| hidden(c).is_none())
 }
 
 /// What a name means that models cannot give another meaning.
@@ -611,6 +628,9 @@ fn reserved(name: &str) -> Option<&'static str> {
     }
     if matches!(name, "action" | "probability") {
         return Some("what was chosen");
+    }
+    if matches!(name, "policy" | "reported" | "reached" | "gross_reward") {
+        return Some("a number that a trial records");
     }
     if OPERATORS.contains(&name) {
         return Some("an operator");

@@ -19,14 +19,20 @@ pub(super) fn resolve(draft: ModelDraft, faults: &mut FaultList) -> ModelFile {
     let own = resolver.model.quantities.len();
     resolver.resolve_formulas();
     resolver.resolve_blocks(blocks, own);
+    let is_state_written = roles.state.is_some();
     let features = resolver.resolve_roles(roles);
     resolver.resolve_formulas();
+    resolver.check_memory();
     resolver.order();
     resolver.check_stages(&features);
-    resolver.check_use();
+    resolver.check_use(is_state_written);
     resolver.check_constants();
     resolver.model
 }
+
+/// Maximum numbers of quantities, and of earlier values that are kept of a person.
+const MOST_QUANTITIES: usize = 5000;
+const MOST_REMEMBERED: u64 = 20_000;
 
 struct Resolver<'f> {
     model: ModelFile,
@@ -122,7 +128,7 @@ impl Resolver<'_> {
                 self.check_factor(factor, position, span);
             }
             let length = window.length.unwrap_or(0);
-            if length > self.model.horizon() {
+            if length >= self.model.horizon() {
                 let says = format!(
                     "a window of {length} decisions is never full: a person has {}",
                     self.model.horizon()
@@ -184,7 +190,7 @@ impl Resolver<'_> {
                 Referent::Quantity(index)
                     if self.model.quantities[index].stage != Moment::Person =>
                 {
-                    if name.back > self.model.horizon() {
+                    if name.back >= self.model.horizon() {
                         let says = format!(
                             "a lag of {} decisions: a person has {}",
                             name.back,
@@ -278,10 +284,10 @@ impl Resolver<'_> {
         let name = format!("{}{plain}", block.prefix);
         let alias = (plain == "1").then(|| format!("{}one", block.prefix));
         let coefficient = match self.known.get(&name) {
-            Some(target @ Referent::ModelParameter(_)) => *target,
+            Some(target) => *target,
             _ => self.column(&name, alias, span),
         };
-        LinearTerm { coefficient, factors }
+        LinearTerm { name, coefficient, factors }
     }
 
     /// Adds the quantities of the roles. Returns the features with their positions.
@@ -377,6 +383,20 @@ impl Resolver<'_> {
         sources
     }
 
+    /// Reports a model that remembers more than memory has room for.
+    fn check_memory(&mut self) {
+        let remembered: u64 =
+            self.model.quantities.iter().map(|quantity| u64::from(quantity.back)).sum();
+        let (count, windows) = (self.model.quantities.len(), MOST_QUANTITIES);
+        if remembered > MOST_REMEMBERED || count > windows {
+            let says = format!(
+                "the model has {count} variables, blocks and windows, of which {remembered} earlier values of each person \
+                 are kept; the maximum is {windows} and {MOST_REMEMBERED}"
+            );
+            self.faults.add(Fault::whole(says).help("shorten lags and windows, or use fewer"));
+        }
+    }
+
     /// Puts every quantity behind its sources, and into its stage.
     fn order(&mut self) {
         let count = self.model.quantities.len();
@@ -451,7 +471,9 @@ impl Resolver<'_> {
             }
             let clocks = ModelFile::formulas(&quantity.definition).iter().any(|formula| {
                 let clock = |target: &Referent| matches!(target, Referent::Clock(_));
-                formula.targets.iter().any(clock) || !formula.windows.is_empty()
+                formula.targets.iter().any(clock)
+                    || !formula.windows.is_empty()
+                    || formula.expression.names.iter().any(|name| name.back > 0)
             });
             let mut sources = self.sources(index).into_iter();
             let changes = sources.any(|one| self.model.quantities[one].stage != Moment::Person);
@@ -491,11 +513,14 @@ impl Resolver<'_> {
     }
 
     /// Finds what nothing needs. It is a fault once all columns of people are known: a misspelt name seems to be one.
-    fn check_use(&mut self) {
+    fn check_use(&mut self, is_state_written: bool) {
         let mut needed = HashSet::new();
         let roles = &self.model.roles;
         let mut open: Vec<usize> = vec![roles.outcome, roles.reward];
         open.extend(roles.available.iter().chain(&roles.ends));
+        if is_state_written {
+            open.extend(&roles.state);
+        }
         let targets = roles.features.iter().map(|feature| feature.source);
         let mut parameters = HashSet::new();
         for target in targets {
@@ -543,7 +568,8 @@ impl Resolver<'_> {
                 Definition::Action | Definition::Probability | Definition::Replay(_)
             )
         });
-        let unused = own.filter(|(index, _)| !needed.contains(index));
+        let named = own.filter(|(_, one)| self.known.contains_key(&one.name));
+        let unused = named.filter(|(index, _)| !needed.contains(index));
         let parameters = self
             .model
             .parameters

@@ -5,7 +5,6 @@ use std::time::Instant;
 use serde::Serialize;
 
 use crate::env::declared::family::DeclaredModel;
-use crate::env::declared::world::World;
 use crate::env::family::Model;
 use crate::env::simulation::Simulation;
 use crate::env::vector::{Action, LaneSet, LaneStreams, VectorEnvironment};
@@ -14,6 +13,8 @@ use crate::rng::{Purpose, Stream};
 /// The number of people of a trial without a file of people, and the most people of a trial.
 const PEOPLE: usize = 200;
 const MOST_PEOPLE: usize = 2000;
+/// The most decisions of a trial of several people.
+const MOST_DECISIONS: u64 = 2_000_000;
 /// The size from which a number explodes.
 const EXPLODED: f64 = 1e12;
 
@@ -36,7 +37,9 @@ impl DeclaredModel {
     /// **Errors**: a number is missing or explodes; the text names the variable, the person and the decision.
     pub fn rolled(&self) -> Result<Rolled, String> {
         let people = self.people_to_draw().filter(|people| *people > 0).unwrap_or(PEOPLE);
-        let people = people.min(MOST_PEOPLE);
+        // Long trials have fewer people.
+        let few = MOST_DECISIONS / u64::from(self.longest_episode()).max(1);
+        let people = people.min(MOST_PEOPLE).min(few.max(1) as usize);
         let environment = self.fresh().expect("a world can be fresh");
         let own: &DeclaredModel = environment.model().expect("it is of the same family");
         let mut world = own.simulation(&crate::env::Scenario::all(), 1, people);
@@ -57,6 +60,7 @@ impl DeclaredModel {
         world.assign(&(0..people as u32).collect::<Vec<_>>());
         let begun = Instant::now();
         let failed = || own.failure().map_or(Ok(()), Err);
+        world.begin_day(0);
         world.reset(LaneSet::All, &mut streams);
         failed()?;
         let actions = world.action_spec().count as u32;
@@ -69,9 +73,16 @@ impl DeclaredModel {
             let unknown = vec![1.0 / f64::from(actions); people * actions as usize];
             world.expect(&unknown);
             let times = world.times().to_vec();
+            let mut states = vec![Vec::new(); people];
+            for (lane, state) in states.iter_mut().enumerate() {
+                world.record_state(lane, state);
+            }
             world.step(&chosen, &mut rewards, &mut streams);
             failed()?;
-            rolled.add(&world, &running, &times)?;
+            for (lane, state) in states.iter_mut().enumerate().filter(|(lane, _)| running[*lane]) {
+                world.complete(lane, rewards[lane], state, &mut 0.0);
+                rolled.add(lane, times[lane], state)?;
+            }
         }
         rolled.speed = rolled.decisions as f64 / begun.elapsed().as_secs_f64();
         Ok(rolled)
@@ -79,21 +90,16 @@ impl DeclaredModel {
 }
 
 impl Rolled {
-    /// Adds the recorded numbers of the lanes that took a step.
-    fn add(&mut self, world: &World, running: &[bool], times: &[u32]) -> Result<(), String> {
-        let mut state = Vec::new();
-        for (lane, _) in running.iter().enumerate().filter(|(_, running)| **running) {
-            self.decisions += 1;
-            state.clear();
-            world.record_state(lane, &mut state);
-            for ((name, least, most), value) in self.ranges.iter_mut().zip(&state) {
-                (*least, *most) = (least.min(*value), most.max(*value));
-                if value.abs() >= EXPLODED {
-                    let (person, time) = (lane + 1, times[lane]);
-                    return Err(format!(
-                        "model: `{name}` explodes: it is {value:.3e} for person {person} at decision {time}"
-                    ));
-                }
+    /// Adds the recorded numbers of a decision.
+    fn add(&mut self, lane: usize, time: u32, state: &[f64]) -> Result<(), String> {
+        self.decisions += 1;
+        for ((name, least, most), value) in self.ranges.iter_mut().zip(state) {
+            (*least, *most) = (least.min(*value), most.max(*value));
+            if value.abs() >= EXPLODED {
+                let person = lane + 1;
+                return Err(format!(
+                    "model: `{name}` explodes: it is {value:.3e} for person {person} at decision {time}"
+                ));
             }
         }
         Ok(())

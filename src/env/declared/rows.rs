@@ -1,5 +1,7 @@
 //! Files of numbers beside a model: people, and rows that are replayed.
 
+use std::collections::HashSet;
+use std::ops::Range;
 use std::sync::Arc;
 
 use crate::key::{ContentForm, MOST_ROWS, read_csv};
@@ -39,6 +41,8 @@ pub(super) struct Numbers {
     /// \[rows\]: the name of the person; empty without such a column.
     people: Vec<String>,
     rows: usize,
+    /// The people in the order of their first rows, each with the range of rows; empty without names.
+    runs: Vec<(String, Range<usize>)>,
 }
 
 impl Numbers {
@@ -51,12 +55,9 @@ impl Numbers {
         if numbers.people.is_empty() {
             return Err(format!("there is no column `{PERSON}`"));
         }
-        let mut seen: Vec<&str> = Vec::new();
-        for name in numbers.people.chunk_by(|one, other| one == other).map(|rows| &rows[0]) {
-            if seen.contains(&name.as_str()) {
-                return Err(format!("the rows of person {name} do not follow one another"));
-            }
-            seen.push(name);
+        let mut seen = HashSet::new();
+        if let Some((name, _)) = numbers.runs.iter().find(|(name, _)| !seen.insert(name)) {
+            return Err(format!("the rows of person {name} do not follow one another"));
         }
         Ok(numbers)
     }
@@ -99,9 +100,14 @@ impl Numbers {
             }
             Ok(())
         };
-        let (numbers, _) = read_csv(text, begin, push)?;
+        let (mut numbers, _) = read_csv(text, begin, push)?;
         if numbers.rows == 0 {
             return Err(format!("expected at least one row of {what}"));
+        }
+        let mut start = 0;
+        for rows in numbers.people.chunk_by(|one, other| one == other) {
+            numbers.runs.push((rows[0].clone(), start..start + rows.len()));
+            start += rows.len();
         }
         Ok(numbers)
     }
@@ -140,15 +146,8 @@ impl Numbers {
     }
 
     /// The people in the order of their first rows, each with the range of rows.
-    pub fn by_person(&self) -> Vec<(String, std::ops::Range<usize>)> {
-        let mut start = 0;
-        let runs = self.people.chunk_by(|one, other| one == other);
-        runs.map(|rows| {
-            let range = start..start + rows.len();
-            start = range.end;
-            (rows[0].clone(), range)
-        })
-        .collect()
+    pub fn by_person(&self) -> &[(String, Range<usize>)] {
+        &self.runs
     }
 }
 

@@ -474,6 +474,13 @@ fn faults_have_their_positions_and_remedies() {
         ("y = \"2 x\"", "a product needs `*`"),
         ("y = \"a && b\"", "`&&` is written `and` here"),
         ("y = \"(1\"", "this bracket is not closed"),
+        ("y = \"1\u{a0}+ 100\"", "this space is not the one of the keyboard"),
+        ("y = \"default(y[-40], 0)\"", "a lag of 40 decisions: a person has 40"),
+        ("policy = \"1\"\ny = \"policy\"", "a number that a trial records"),
+        (
+            "y = \"1\"\n[person]\na = { gaussian = [\"y[-1]\", 1] }",
+            "refers to what changes between decisions",
+        ),
         ("y = \"f(1)\"", "there is no function `f`"),
         ("y = \"if(1, 2)\"", "`if` takes a condition and two values"),
         ("y = \"z[-1]\"", "there is no variable `z`"),
@@ -488,6 +495,8 @@ fn faults_have_their_positions_and_remedies() {
     assert!(faults(&with_variables(&deep)).contains("more than 100 brackets"));
     let long = format!("y = \"1{}\"", " + 1".repeat(10_000));
     assert!(faults(&with_variables(&long)).contains("the maximum is 20000"));
+    let powers = format!("y = \"1{}\"", " + step ^ 2 - -1".repeat(200));
+    assert!(read::read(&with_variables(&powers)).is_ok());
     // Chains of one operator are no nests.
     let wide = format!("y = \"1{}\"", "+1".repeat(9_000));
     assert!(read::read(&with_variables(&wide)).is_ok());
@@ -606,6 +615,77 @@ fn a_missing_number_stops_the_simulation_with_its_place() {
         says,
         "model: sd of `y` is -0.5, expected a number of at least 0 for person 1 at decision 3; step = 3"
     );
+}
+
+/// The first numbers of a variable of a world without chance, of one person.
+fn numbers(lines: &str, name: &str, count: usize) -> Vec<f64> {
+    let mut world = world(&with_variables(lines), "", "", 1);
+    let mut draws = streams(1);
+    world.reset(LaneSet::All, &mut draws);
+    let index = world.named(name);
+    (0..count)
+        .map(|_| {
+            world.step(&[Action::from_index(1).unwrap()], &mut [0.0], &mut draws);
+            world.quantity(index, 0)
+        })
+        .collect()
+}
+
+#[test]
+fn means_are_exact_where_their_numbers_are() {
+    // The sum of seven ones among fourteen is seven, and half of fourteen.
+    let half = "x = \"step % 2\"\ny = \"if(step < 14, -1, mean(x, 14)) + 0 * action\"";
+    assert_eq!(numbers(half, "y", 16)[14..], [0.5, 0.5]);
+    let ones = "y = \"if(step < 10, 0, mean(action, 10)) == 1\"";
+    assert_eq!(numbers(ones, "y", 12)[9..], [0.0, 1.0, 1.0]);
+}
+
+#[test]
+fn draws_without_a_law_are_missing() {
+    for (lines, says) in [
+        ("y = { categorical = [\"0 * action\", 0] }", "`y` is missing"),
+        ("y = { uniform = [\"action\", -1] }", "`y` is missing"),
+        ("y = { lognormal = [700, \"10 + action\"] }", "`roles.outcome` is"),
+    ] {
+        let environment = environment(&with_variables(lines), "", "");
+        let declared: &DeclaredModel = environment.model().unwrap();
+        let mut world = declared.simulation(&"all".parse().unwrap(), 1, 200);
+        let mut draws = streams(200);
+        world.reset(LaneSet::All, &mut draws);
+        (0..5).for_each(|_| {
+            world.step(&[Action::from_index(1).unwrap(); 200], &mut [0.0; 200], &mut draws)
+        });
+        let found = environment.failure().unwrap_or_else(|| panic!("{lines}"));
+        assert!(found.contains(says) || found.contains("`y` is infinite"), "{found}");
+    }
+}
+
+#[test]
+fn a_feature_that_a_person_lacks_stops_the_simulation() {
+    let text = with_variables("y = \"age + action\"").replace("[\"step\"]", "[\"height\"]");
+    let environment = environment(&text, "age,height\n3,\n4,1.8\n", "");
+    let declared: &DeclaredModel = environment.model().unwrap();
+    let mut world = declared.simulation(&"all".parse().unwrap(), 1, 2);
+    world.assign(&[1, 0]);
+    world.reset(LaneSet::All, &mut streams(2));
+    let says = "model: feature `height` is missing for person 2 at decision 0";
+    assert_eq!(environment.failure().unwrap(), says);
+}
+
+#[test]
+fn a_missing_coefficient_is_named_where_its_block_is_used() {
+    let text = format!(
+        "{}[linear]\nbase = {{ prefix = \"b_\", features = [\"step\", \"1\"] }}\n",
+        with_variables("y = { gaussian = [\"base + action\", 1] }")
+    );
+    let environment = environment(&text, "b_step,b_1\n0.5,\n", "");
+    let declared: &DeclaredModel = environment.model().unwrap();
+    let mut world = declared.simulation(&"all".parse().unwrap(), 1, 1);
+    let mut draws = streams(1);
+    world.reset(LaneSet::All, &mut draws);
+    world.step(&[Action::default()], &mut [0.0], &mut draws);
+    let says = environment.failure().unwrap();
+    assert!(says.contains("`base` is missing") && says.contains("b_1 = missing"), "{says}");
 }
 
 #[test]

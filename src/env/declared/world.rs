@@ -5,7 +5,8 @@ use std::sync::{Arc, OnceLock};
 
 use crate::env::declared::columns::{Inputs, LaneColumns, OutOfRange};
 use crate::env::declared::model::{
-    Clock, Definition, ModelFile, Moment, PeopleDraw, Referent, ReplayOrder, RoleFeature,
+    Clock, Definition, ModelFile, Moment, NamedExpression, PeopleDraw, Referent, ReplayOrder,
+    RoleFeature,
 };
 use crate::env::declared::program::{LaneProgram, stream};
 use crate::env::declared::rows::Numbers;
@@ -83,6 +84,7 @@ pub struct World {
     /// Buffers.
     drawn: Vec<bool>,
     checked: Vec<bool>,
+    renewed: Vec<bool>,
 }
 
 impl World {
@@ -108,6 +110,7 @@ impl World {
             is_available: vec![true; lanes],
             drawn: vec![false; lanes],
             checked: vec![false; lanes],
+            renewed: vec![false; lanes],
             parts,
         };
         world.columns.all[world.parts.program.values[1]].fill(f64::NAN);
@@ -208,6 +211,7 @@ impl World {
             for (lane, renewed) in renewed.iter().enumerate() {
                 if *renewed {
                     let value = self.value(source, lane);
+                    self.check_feature(*index, lane, value);
                     // Behind the last decision, rows may have ended.
                     if value.is_finite() {
                         self.seen[lane * features + slot] = value;
@@ -222,6 +226,23 @@ impl World {
                 *is_available = *value != 0.0;
             }
         }
+    }
+
+    /// Fails where a column or clock that is shown is missing or out of its bounds; what the program computes is checked
+    /// there.
+    fn check_feature(&self, index: usize, lane: usize, value: f64) {
+        let feature = &self.parts.model.roles.features[index];
+        let is_inside = value >= feature.low.max(f64::MIN) && value <= feature.high.min(f64::MAX);
+        if is_inside || !self.checked[lane] || matches!(feature.source, Referent::Quantity(_)) {
+            return;
+        }
+        let (person, time) = (lane + 1, self.times[lane]);
+        let says = format!(
+            "model: feature `{}` is {} for person {person} at decision {time}",
+            feature.name,
+            shown(value)
+        );
+        let _ = self.parts.failure.set(says);
     }
 
     /// The value of a name in a lane at the present decision.
@@ -301,6 +322,15 @@ impl World {
                 }
             }
         }
+        if let Definition::Linear(terms) = &quantity.definition {
+            for (name, coefficient) in terms.iter().map(|term| (&term.name, term.coefficient)) {
+                known.push(format!("{name} = {}", shown(self.value(coefficient, lane))));
+            }
+        }
+        // A block that is missing says which of its coefficients is.
+        for block in self.missing_blocks(formulas, lane) {
+            known.push(block);
+        }
         let (least, most) = check.range;
         let is = match value {
             value if value.is_nan() => "is missing".to_owned(),
@@ -326,6 +356,24 @@ impl World {
         let because =
             if known.is_empty() { String::new() } else { format!("; {}", known.join(", ")) };
         format!("model: {name} {is} for {person} at decision {time}{because}")
+    }
+
+    /// The coefficients that are missing in blocks of these formulas.
+    fn missing_blocks(&self, formulas: &[NamedExpression], lane: usize) -> Vec<String> {
+        let targets = formulas.iter().flat_map(|formula| &formula.targets);
+        let mut missing = Vec::new();
+        for target in targets {
+            let Referent::Quantity(index) = target else { continue };
+            let Definition::Linear(terms) = &self.model().quantities[*index].definition else {
+                continue;
+            };
+            for term in terms {
+                if self.value(term.coefficient, lane).is_nan() {
+                    missing.push(format!("{} = missing", term.name));
+                }
+            }
+        }
+        missing
     }
 
     /// The value of a quantity some decisions ago.
@@ -423,6 +471,10 @@ impl VectorEnvironment for World {
         for ((taken, action), available) in taken.iter_mut().zip(actions).zip(&self.is_available) {
             *taken = if *available { action.index() as f64 } else { 0.0 };
         }
+        let sent = &mut self.columns.all[parts.program.values[1]];
+        for (sent, available) in sent.iter_mut().zip(&self.is_available) {
+            *sent = if *available { *sent } else { 0.0 };
+        }
         self.compute(Moment::After);
         let roles = &parts.model.roles;
         let value = |quantity: usize| parts.program.values[quantity];
@@ -443,7 +495,7 @@ impl VectorEnvironment for World {
                 continue;
             }
             self.times[lane] += 1;
-            let is_end = ends.is_some_and(|column| self.columns.all[column][lane] == 1.0);
+            let is_end = ends.is_some_and(|column| self.columns.all[column][lane] != 0.0);
             if is_end {
                 self.statuses[lane] = EpisodeStatus::Terminated;
             } else if self.times[lane] >= horizon {
@@ -452,9 +504,11 @@ impl VectorEnvironment for World {
             // Behind the last decision nothing is checked.
             self.checked[lane] = self.statuses[lane] == EpisodeStatus::Running;
         }
-        let renewed = std::mem::take(&mut self.drawn);
-        self.drawn = renewed.clone();
+        let renewed = std::mem::take(&mut self.renewed);
+        let mut renewed = renewed;
+        renewed.clone_from(&self.drawn);
         self.prepare(&renewed);
+        self.renewed = renewed;
     }
 
     fn expect(&mut self, probabilities: &[f64]) {
@@ -517,6 +571,14 @@ impl Simulation for World {
 
     fn assign(&mut self, rows: &[u32]) {
         self.assigned = rows.to_vec();
+    }
+
+    fn costs_follow(&self) -> bool {
+        true
+    }
+
+    fn failure(&self) -> Option<&str> {
+        self.parts.failure.get().map(String::as_str)
     }
 
     fn begin_day(&mut self, day: u32) {
