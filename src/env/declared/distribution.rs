@@ -1,6 +1,6 @@
 //! Distributions that a variable is drawn from.
 
-use crate::env::declared::numbers;
+use crate::env::declared::numbers::{self, sigmoid, truth};
 use crate::env::variates::{Expansion, beta, gamma, poisson};
 use crate::kernel::math;
 
@@ -160,17 +160,6 @@ impl DrawLaw {
             _ => unreachable!("a model has read the parameters of a distribution"),
         }
     }
-}
-
-#[inline(always)]
-pub(super) fn truth(is_true: bool) -> f64 {
-    if is_true { 1.0 } else { 0.0 }
-}
-
-/// 1 / (1 + e^-x).
-#[inline(always)]
-pub(super) fn sigmoid(x: f64) -> f64 {
-    1.0 / (1.0 + math::exp(-x))
 }
 
 /// The index of the weight in which a share of the sum of all falls; NaN if no weight is above 0.

@@ -1,6 +1,5 @@
 //! Functions of numbers, in which NaN stands for a missing value.
 
-use crate::env::declared::distribution::{sigmoid, truth};
 use crate::env::declared::expression::{Binary, Expression, ExpressionNode, Unary};
 use crate::kernel::math;
 
@@ -56,6 +55,18 @@ pub(super) fn binary(function: Binary, x: f64, y: f64) -> f64 {
 pub(super) fn select(condition: f64, one: f64, other: f64) -> f64 {
     let chosen = if condition != 0.0 { one } else { other };
     if condition.is_nan() { f64::NAN } else { chosen }
+}
+
+/// 1 or 0.
+#[inline(always)]
+pub(super) fn truth(is_true: bool) -> f64 {
+    if is_true { 1.0 } else { 0.0 }
+}
+
+/// 1 / (1 + e^-x).
+#[inline(always)]
+pub(super) fn sigmoid(x: f64) -> f64 {
+    1.0 / (1.0 + math::exp(-x))
 }
 
 /// The value, or missing where its argument is.

@@ -434,7 +434,8 @@ impl Compiler<'_> {
         }
         let others =
             [roles.outcome, roles.reward].into_iter().chain(roles.available).chain(roles.ends);
-        for quantity in others.chain(roles.state.iter().copied()) {
+        // Variables first: a role is missing because a variable is.
+        for quantity in roles.state.iter().copied().chain(others) {
             let of = Operand::Column(self.program.values[quantity]);
             let range = (f64::MIN, f64::MAX);
             let check = Check { of, range, quantity, parameter: None };

@@ -488,6 +488,8 @@ impl VectorEnvironment for World {
         }
         let ends = roles.ends.map(value);
         self.columns.remember(self.clock, &self.drawn);
+        // Probabilities are of one step.
+        self.columns.all[parts.program.values[1]].fill(f64::NAN);
         self.clock += 1;
         let horizon = parts.model.horizon();
         for lane in 0..lanes {
