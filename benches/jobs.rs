@@ -262,7 +262,7 @@ fn wcls(bencher: Bencher<'_, '_>) {
         truth: false,
     });
     bencher.bench_local(|| {
-        let mut estimation = Estimation::new(declaration.clone(), 2, &names);
+        let mut estimation = Estimation::new(declaration.clone(), 2, &names.clone().into());
         decisions.iter().for_each(|decision| estimation.add(decision));
         let estimates = estimation.finish();
         assert!(estimates.terms.iter().all(|term| term.effect.is_ok()));
