@@ -1,6 +1,6 @@
 //! Errors as the corresponding exceptions of Python and Gymnasium.
 
-use jitai::environment::{Simulated, Simulation};
+use jitai::environment::Simulated;
 use pyo3::exceptions::PyRuntimeError;
 use pyo3::prelude::*;
 use pyo3::pyclass::boolean_struct::False;
