@@ -20,6 +20,9 @@ const DEEPEST: usize = 8;
 /// Maximum number of a manifest's environments that a message lists.
 const SHOWN: usize = 5;
 
+/// The table of the parameters of a model.
+const PARAMETERS: &str = "parameters";
+
 /// The keys of a manifest that do not describe an environment.
 const NOT_OF_AN_ENVIRONMENT: [&str; 15] = [
     "agent",
@@ -269,6 +272,8 @@ fn manifest_of(
         let name: String = name.extract()?;
         let is_key = family.keys.iter().any(|key| key.name == name);
         let value = toml_of(&name, &value, 0)?;
+        // The parameters of a model are a table of the environment.
+        let is_key = is_key || (name == PARAMETERS && family.with_parameters.is_some());
         if value.is_table() && !is_key && !NOT_OF_AN_ENVIRONMENT.contains(&name.as_str()) {
             manifest.insert(name, value);
         } else {
