@@ -12,14 +12,20 @@ jsonschema = pytest.importorskip("jsonschema")
 tomllib = pytest.importorskip("tomllib")
 
 SCHEMA = json.loads((ROOT / "docs" / "manifest.schema.json").read_text())
-# The other TOML files of experiments/ are profiles and published numbers.
-FILES = [path for path in sorted((ROOT / "experiments").rglob("*.toml")) if "format = 1" in path.read_text()]
+
+
+def is_manifest(text: str) -> bool:
+    """Whether a TOML text is a manifest: other files have roles, as models, or no format."""
+    return "format = 1" in text and "[roles]" not in text
+
+
+FILES = [path for path in sorted((ROOT / "experiments").rglob("*.toml")) if is_manifest(path.read_text())]
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
 BLOCKS = [
     pytest.param(block, id=f"{page.name}-{place}")
     for page in PAGES
     for place, block in enumerate(re.findall(r"```toml\n(.*?)```", page.read_text(), re.DOTALL))
-    if "format = 1" in block
+    if is_manifest(block)
 ]
 
 
