@@ -5,7 +5,8 @@
 
 use std::ops::RangeInclusive;
 
-use crate::env::observation::{ObservationSpec, Observations};
+use crate::env::observation::{FeatureSpec, ObservationSpec, Observations};
+use crate::env::scenario::Scenario;
 use crate::rng::Stream;
 use crate::state::{Resumable, StateError, StateReader, StateWriter, resumable};
 
@@ -182,6 +183,17 @@ pub struct Interface {
     pub observations: ObservationSpec,
     /// The number of actions.
     pub actions: usize,
+}
+
+impl Interface {
+    /// The interface of an environment that has not described itself: features without names and bounds, as many as a
+    /// scenario names, or else `features`.
+    pub(super) fn unknown(scenario: &Scenario, actions: usize, features: usize) -> Interface {
+        let (low, high) = (f32::NEG_INFINITY, f32::INFINITY);
+        let feature = FeatureSpec { name: String::new(), low, high };
+        let features = vec![feature; scenario.names().map_or(features, Iterator::count)];
+        Interface { observations: ObservationSpec { features, one_hot: 0 }, actions }
+    }
 }
 
 /// Many episodes of a simulation, one per lane.

@@ -215,26 +215,20 @@ impl Model for DeclaredModel {
 
     fn interface(&self, scenario: &Scenario) -> Interface {
         let shown = self.description.as_ref().and_then(|of| Some((of, of.shown(scenario).ok()?)));
-        let (actions, features) = match shown {
-            Some((description, shown)) => {
-                let feature = |index: usize| {
-                    let feature = &description.features[index];
-                    FeatureSpec {
-                        name: feature.name.clone(),
-                        low: feature.low.map_or(f32::NEG_INFINITY, |low| low as f32),
-                        high: feature.high.map_or(f32::INFINITY, |high| high as f32),
-                    }
-                };
-                (description.actions.len(), shown.into_iter().map(feature).collect())
-            }
-            None => {
-                let (actions, usual, _) = USUAL;
-                let count = scenario.names().map_or(usual, Iterator::count);
-                let (low, high) = (f32::NEG_INFINITY, f32::INFINITY);
-                (actions, vec![FeatureSpec { name: String::new(), low, high }; count])
+        let Some((description, shown)) = shown else {
+            return Interface::unknown(scenario, USUAL.0, USUAL.1);
+        };
+        let feature = |index: usize| {
+            let feature = &description.features[index];
+            FeatureSpec {
+                name: feature.name.clone(),
+                low: feature.low.map_or(f32::NEG_INFINITY, |low| low as f32),
+                high: feature.high.map_or(f32::INFINITY, |high| high as f32),
             }
         };
-        Interface { observations: ObservationSpec { features, one_hot: 0 }, actions }
+        let features = shown.into_iter().map(feature).collect();
+        let observations = ObservationSpec { features, one_hot: 0 };
+        Interface { observations, actions: description.actions.len() }
     }
 
     fn return_unit(&self) -> &'static str {

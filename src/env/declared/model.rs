@@ -114,6 +114,27 @@ pub(super) enum Definition {
     Linear(Vec<LinearTerm>),
 }
 
+impl Definition {
+    /// What the quantity is computed from, each with how many decisions ago it is meant; windows are not among them.
+    pub(super) fn referents(&self) -> Vec<(Referent, u32)> {
+        if let Definition::Linear(terms) = self {
+            let factors =
+                |term: &LinearTerm| [term.coefficient].into_iter().chain(term.factors.clone());
+            return terms.iter().flat_map(factors).map(|target| (target, 0)).collect();
+        }
+        let named = |formula: &NamedExpression| {
+            let names = formula.expression.names.iter();
+            formula
+                .targets
+                .iter()
+                .zip(names)
+                .map(|(target, name)| (*target, name.back))
+                .collect::<Vec<_>>()
+        };
+        ModelFile::formulas(self).iter().flat_map(named).collect()
+    }
+}
+
 /// A term of a block.
 #[derive(Clone, Debug)]
 pub(super) struct LinearTerm {

@@ -362,25 +362,13 @@ impl Resolver<'_> {
 
     /// The quantities that a quantity is computed from in the same decision.
     fn sources(&self, index: usize) -> Vec<usize> {
-        let mut sources = Vec::new();
-        let mut add = |target: &Referent| {
-            if let Referent::Quantity(source) = target {
-                sources.push(*source);
-            }
+        let referents = self.model.quantities[index].definition.referents();
+        let present = referents.into_iter().filter(|(_, back)| *back == 0);
+        let quantity = |(target, _)| match target {
+            Referent::Quantity(source) => Some(source),
+            _ => None,
         };
-        match &self.model.quantities[index].definition {
-            Definition::Linear(terms) => terms.iter().for_each(|term| {
-                add(&term.coefficient);
-                term.factors.iter().for_each(&mut add);
-            }),
-            definition => {
-                for formula in ModelFile::formulas(definition) {
-                    let named = formula.expression.names.iter().zip(&formula.targets);
-                    named.filter(|(name, _)| name.back == 0).for_each(|(_, target)| add(target));
-                }
-            }
-        }
-        sources
+        present.filter_map(quantity).collect()
     }
 
     /// Reports a model that remembers more than memory has room for.
@@ -539,20 +527,13 @@ impl Resolver<'_> {
                 Referent::ModelParameter(index) => _ = parameters.insert(*index),
                 _ => {}
             };
-            match &self.model.quantities[index].definition {
-                Definition::Linear(terms) => terms.iter().for_each(|term| {
-                    add(&term.coefficient);
-                    term.factors.iter().for_each(&mut add);
-                }),
-                definition => {
-                    for formula in ModelFile::formulas(definition) {
-                        formula.targets.iter().for_each(&mut add);
-                        formula.windows.iter().for_each(|window| add(&Referent::Quantity(*window)));
-                        for window in formula.expression.windows() {
-                            for name in window.factor.iter().flat_map(|factor| &factor.names) {
-                                self.known.get(&name.text).into_iter().for_each(&mut add);
-                            }
-                        }
+            let definition = &self.model.quantities[index].definition;
+            definition.referents().iter().for_each(|(target, _)| add(target));
+            for formula in ModelFile::formulas(definition) {
+                formula.windows.iter().for_each(|window| add(&Referent::Quantity(*window)));
+                for window in formula.expression.windows() {
+                    for name in window.factor.iter().flat_map(|factor| &factor.names) {
+                        self.known.get(&name.text).into_iter().for_each(&mut add);
                     }
                 }
             }

@@ -6,7 +6,6 @@ use std::path::Path;
 use serde_json::{Map, json};
 
 use crate::env::family::{Environment, Family, Meaning, Model};
-use crate::env::observation::{FeatureSpec, ObservationSpec};
 use crate::env::outside::client::OutsideEnvironment;
 use crate::env::outside::description::Description;
 use crate::env::outside::program::{EnvironmentProgram, EpisodePhase, Launch};
@@ -161,14 +160,7 @@ impl Model for OutsideModel {
                 observations: description.observation_spec(&shown),
                 actions: description.actions.len(),
             },
-            None => {
-                let (actions, usual, _) = USUAL;
-                let features = scenario.names().map_or(usual, Iterator::count);
-                let (low, high) = (f32::NEG_INFINITY, f32::INFINITY);
-                let feature = FeatureSpec { name: String::new(), low, high };
-                let features = vec![feature; features];
-                Interface { observations: ObservationSpec { features, one_hot: 0 }, actions }
-            }
+            None => Interface::unknown(scenario, USUAL.0, USUAL.1),
         }
     }
 
