@@ -98,11 +98,16 @@ fn linear_thompson(probabilities: &str) {
     assert!(matches!(train::run(&job, &Uncontrolled), Outcome::Completed(_)));
 }
 
-/// A trial of Oralytics with invented people: 9800 decisions, 33 weekly updates with the data of everybody.
-#[divan::bench(sample_count = 40, sample_size = 1)]
-fn a_trial(bencher: Bencher<'_, '_>) {
-    let manifest = experiment::load(Path::new("experiments/oralytics/updates.toml")).unwrap();
-    let filter: Filter = "agent=thompson,update_every_days=7,pooling=full,seed=1".parse().unwrap();
+/// A trial of Oralytics with invented people: 9800 decisions and 33 weekly updates with the data of everybody in V2, 10,080
+/// and 27 in V1, which a file declares.
+#[divan::bench(sample_count = 40, sample_size = 1, args = ["updates", "rewards_v1"])]
+fn a_trial(bencher: Bencher<'_, '_>, name: &str) {
+    let path = format!("experiments/oralytics/{name}.toml");
+    let manifest = experiment::load(Path::new(&path)).unwrap();
+    let filter: Filter = match name {
+        "updates" => "agent=thompson,update_every_days=7,pooling=full,seed=1".parse().unwrap(),
+        _ => "agent=thompson,seed=1".parse().unwrap(),
+    };
     let planned = experiment::jobs(&manifest).find(|planned| filter.meets(planned)).unwrap();
     bencher.bench_local(|| {
         assert!(matches!(train::run(&planned.job, &Uncontrolled), Outcome::Completed(_)));

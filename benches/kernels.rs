@@ -3,10 +3,11 @@
 use divan::Bencher;
 use divan::counter::ItemsCount;
 use jitai::env::{
-    Action, EpisodeStatus, LaneSet, LaneStreams, PhysicalActivity, StateNoise, StepCount,
+    Action, EpisodeStatus, Family, LaneSet, LaneStreams, PhysicalActivity, StateNoise, StepCount,
     StepNoise, VectorEnvironment,
 };
 use jitai::kernel::{Adam, Aligned, Isa, Product, Shallow, ShallowGradient, SumStart, dot};
+use jitai::key::{Content, Kind, Value};
 use jitai::rng::{Purpose, Stream};
 
 fn main() {
@@ -114,7 +115,7 @@ fn simulation_step(bencher: Bencher<'_, '_>, lanes: usize) {
 /// Times steps with the same actions, and resets of ended lanes.
 fn time_episodes(
     bencher: Bencher<'_, '_>,
-    simulation: &mut PhysicalActivity,
+    simulation: &mut impl VectorEnvironment,
     actions: &[Action],
     streams: &mut LaneStreams,
 ) {
@@ -198,5 +199,24 @@ fn noisy_step(bencher: Bencher<'_, '_>, name: &str) {
     simulation.reset(LaneSet::All, &mut streams);
     let mut choices = Stream::new(1, Purpose::Exploration);
     let actions: Vec<Action> = (0..LANES).map(|_| Action::uniform(choices.bits(), 4)).collect();
+    time_episodes(bencher, &mut simulation, &actions, &mut streams);
+}
+
+/// The same of models, the first of which is the simulation of [`noisy_step`] without noise.
+#[divan::bench(args = ["step_count", "mimic_heartsteps", "random_effects"])]
+fn model_step(bencher: Bencher<'_, '_>, name: &str) {
+    const LANES: usize = 1024;
+    let family = Family::named("declared").unwrap();
+    let text = std::fs::read_to_string(format!("experiments/models/{name}.toml")).unwrap();
+    let Kind::Content(form) = family.keys[0].kind else { unreachable!("a model is a file") };
+    let mut values = vec![Value::Content(Content::default()); family.keys.len()];
+    values[0] = Value::Content(Content::read(form, &text).unwrap());
+    let world = (family.read)(family, &values, &[]).unwrap();
+    let mut simulation = world.testing(&"all".parse().unwrap(), 1, LANES);
+    let mut streams = LaneStreams::Shared(Stream::new(1, Purpose::Environment));
+    simulation.reset(LaneSet::All, &mut streams);
+    let count = simulation.action_spec().count;
+    let mut choices = Stream::new(1, Purpose::Exploration);
+    let actions: Vec<Action> = (0..LANES).map(|_| Action::uniform(choices.bits(), count)).collect();
     time_episodes(bencher, &mut simulation, &actions, &mut streams);
 }

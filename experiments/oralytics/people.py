@@ -20,33 +20,34 @@ import pickle
 import sys
 
 DIGESTS = {
-    "stat_user_models.csv": "ea325cff4133451871fc8b7b5ab4db304389d054ab64de8cd8fa3f46b4fc91f3",
-    "non_stat_user_models.csv": "e8ebbf1cce641a417a06f1fcc5fcbf344e6344cd30c5c03051e4dfc01296d523",
-    "less_small_stat_user_effect_sizes.p": "7afb439f1b4bb0ca487786caada7251a757851b9cc5bc6c81a70709e46f7d45a",
-    "less_small_non_stat_user_effect_sizes.p": "9281edfa500f914881f0aeaacf21892189d0cf09020d5f437665d37f99b77dec",
-    "smaller_stat_user_effect_sizes.p": "84500dd02ef0674c35fa2813a00efa62136b983b3fd6c7805d949754d357c8d6",
-    "smaller_non_stat_user_effect_sizes.p": "b31aba8718ab4073031c7022b05de2e9088ec5f68f0f80c00f451eb3ee672ef1",
-    "v3_stat_zip_model_params.csv": "9eec9acae8f77eef7a6295955c2ea52473b5eebf7da4a966ddcb3729db302ea3",
-    "v3_non_stat_zip_model_params.csv": "912f5c8119f19dd419d47a5b793efefecb99858d57aafed33bb7f14161e92b0b",
-    "v3_app_open_prob.csv": "b21a5af1a0c1ca12bc36e961d33392dbd503e46f18949bad887e27426ce15cb9",
-    "v4_non_stat_zip_model_params.csv": "daaeed991275252ae3d76b9bfa7fb9e910f45bd8c54e51e24d57ef5763a40e87",
-    "v4_app_open_prob.csv": "ea022b85d8a09d8b6982c59a44e8b0c0f173c73d4fc115cc6a0bae1a99192413",
-    "v4_start_end_dates.csv": "f4151b868b962b11b29a3aeeebbbd142a94404ad4c94ec362207603df83d9516",
+    "sim_env_data/stat_user_models.csv": "ea325cff4133451871fc8b7b5ab4db304389d054ab64de8cd8fa3f46b4fc91f3",
+    "sim_env_data/non_stat_user_models.csv": "e8ebbf1cce641a417a06f1fcc5fcbf344e6344cd30c5c03051e4dfc01296d523",
+    "sim_env_data/less_small_stat_user_effect_sizes.p": "7afb439f1b4bb0ca487786caada7251a757851b9cc5bc6c81a70709e46f7d45a",
+    "sim_env_data/less_small_non_stat_user_effect_sizes.p": "9281edfa500f914881f0aeaacf21892189d0cf09020d5f437665d37f99b77dec",
+    "sim_env_data/smaller_stat_user_effect_sizes.p": "84500dd02ef0674c35fa2813a00efa62136b983b3fd6c7805d949754d357c8d6",
+    "sim_env_data/smaller_non_stat_user_effect_sizes.p": "b31aba8718ab4073031c7022b05de2e9088ec5f68f0f80c00f451eb3ee672ef1",
+    "sim_env_data/v3_stat_zip_model_params.csv": "9eec9acae8f77eef7a6295955c2ea52473b5eebf7da4a966ddcb3729db302ea3",
+    "sim_env_data/v3_non_stat_zip_model_params.csv": "912f5c8119f19dd419d47a5b793efefecb99858d57aafed33bb7f14161e92b0b",
+    "sim_env_data/v3_app_open_prob.csv": "b21a5af1a0c1ca12bc36e961d33392dbd503e46f18949bad887e27426ce15cb9",
+    "sim_env_data/v4_non_stat_zip_model_params.csv": "daaeed991275252ae3d76b9bfa7fb9e910f45bd8c54e51e24d57ef5763a40e87",
+    "sim_env_data/v4_app_open_prob.csv": "ea022b85d8a09d8b6982c59a44e8b0c0f173c73d4fc115cc6a0bae1a99192413",
+    "sim_env_data/v4_start_end_dates.csv": "f4151b868b962b11b29a3aeeebbbd142a94404ad4c94ec362207603df83d9516",
 }
 
 
-def read(folder, name):
-    path = pathlib.Path(folder) / "sim_env_data" / name
+def read(folder, name, digests):
+    """A published file, whose name in its repository is a key of ``digests``."""
+    path = pathlib.Path(folder) / name
     content = path.read_bytes()
     digest = hashlib.sha256(content).hexdigest()
-    if digest != DIGESTS[name]:
+    if digest != digests[name]:
         # A pickle can run any code, so that another one is not opened.
-        sys.exit(f"{path} is not the published file: its SHA-256 is {digest}, expected {DIGESTS[name]}")
+        sys.exit(f"{path} is not the published file: its SHA-256 is {digest}, expected {digests[name]}")
     return content
 
 
 def table(folder, name):
-    return list(csv.DictReader(io.StringIO(read(folder, name).decode())))
+    return list(csv.DictReader(io.StringIO(read(folder, f"sim_env_data/{name}", DIGESTS).decode())))
 
 
 def write(name, rows):
@@ -54,7 +55,7 @@ def write(name, rows):
         file.write(",".join(rows[0]) + "\n")
         for row in rows:
             file.write(",".join(str(value) for value in row.values()) + "\n")
-    print(f"{name}: {len(rows)} people")
+    print(f"{name}: {len(rows)} rows")
 
 
 def v2(folder, base, name):
@@ -69,7 +70,7 @@ def v2(folder, base, name):
     if base == "stat":
         del features["day"]
     effects = {
-        size: pickle.loads(read(folder, f"{stem}_{base}_user_effect_sizes.p"))
+        size: pickle.loads(read(folder, f"sim_env_data/{stem}_{base}_user_effect_sizes.p"))
         for size, stem in [("small", "less_small"), ("smaller", "smaller")]
     }
     rows = []

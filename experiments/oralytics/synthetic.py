@@ -51,7 +51,24 @@ def person(random, bed, features):
 def write(name, seed, bed, people, is_daily):
     generator = random.Random(seed)
     features = [feature for feature in OUTCOME[bed] if is_daily or feature != "day"]
-    rows = [{"person": number, **person(generator, bed, features)} for number in range(people)]
+    write_rows(name, [{"person": number, **person(generator, bed, features)} for number in range(people)])
+
+
+def write_v1(name, seed, people):
+    generator = random.Random(seed)
+    columns = {"time_of_day": "tod", "prior_total": "prev", "day_n": "day", "share": "prop", "weekend": "weekend", "1": "one"}
+    rows = []
+    for number in range(people):
+        row = {"person": number}
+        for prefix, law, other in [("b_", BERNOULLI, OTHERS), ("p_", LOG_MEAN, SMALL)]:
+            row |= {prefix + name: draw(generator, law.get(short, other)) for name, short in columns.items()}
+        row |= {"e_b": draw(generator, (0.6, 0.2)), "e_p": draw(generator, (0.2, 0.1))}
+        row["first_weekend"] = generator.choice([2, 4, 6, 8, 10])
+        rows.append(row)
+    write_rows(name, rows)
+
+
+def write_rows(name, rows):
     with open(name, "w", encoding="utf-8", newline="\n") as file:
         file.write("# synthetic: these people are invented, by synthetic.py\n")
         file.write(",".join(rows[0]) + "\n")
@@ -59,6 +76,7 @@ def write(name, seed, bed, people, is_daily):
             file.write(",".join(str(value) for value in row.values()) + "\n")
 
 
+write_v1("synthetic_v1.csv", 5, 13)
 write("synthetic_v2.csv", 1, "v2", 30, False)
 write("synthetic_v2_daily.csv", 2, "v2", 30, True)
 write("synthetic_v3.csv", 3, "v3", 12, False)

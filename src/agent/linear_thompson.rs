@@ -92,7 +92,8 @@ keys! {
         /// bias added to the drawn reward of each action before the maximum is taken: one number per
         /// action, or zeros for no bias
         action_bias: Vec<f64> = vec![0.0; 4], in PER_ACTION;
-        /// minimum probability of an action: p of n becomes pi_min + (1 - n pi_min) p; at most 1 / n
+        /// minimum probability of an action: p of n becomes pi_min + (1 - n pi_min) p, and with the clipped allocation
+        /// the nearest number from pi_min to 1 - pi_min; at most 1 / n
         pi_min: f64 = 0.0, in Kind::Real { min: 0.0, max: 0.5 };
         /// slope of a softmax over the drawn rewards, in 1/steps, which replaces the maximum; 0 for
         /// the maximum
@@ -109,8 +110,9 @@ keys! {
         effect_means: Vec<f64> = Vec::new(), before Vec::new(), in PER_FEATURE;
         /// standard deviations of these coefficients; empty for prior_sd
         effect_sds: Vec<f64> = Vec::new(), before Vec::new(), in POSITIVE_PER_FEATURE;
-        /// how the effect of the message becomes its probability: by "thompson" sampling, or "logistic", the
-        /// posterior mean of a generalised logistic function of the effect, for two actions
+        /// how the effect of the message becomes its probability: by "thompson" sampling, or for two actions
+        /// "clipped", the exact posterior probability that the effect is above 0, between pi_min and 1 - pi_min, or
+        /// "logistic", the posterior mean of a generalised logistic function of the effect
         allocation: BanditAllocation = BanditAllocation::Thompson, before BanditAllocation::Thompson;
         /// smallest probability of the logistic allocation
         logistic_lower: f64 = 0.2, before 0.2, in Kind::PROBABILITY;
@@ -140,6 +142,8 @@ choices! {
     pub enum BanditAllocation {
         /// The posterior probability of being the best.
         Thompson = "thompson",
+        /// The same for two actions, without draws, and cut to a range.
+        Clipped = "clipped",
         /// The posterior mean of a generalised logistic function of the effect.
         Logistic = "logistic",
     }

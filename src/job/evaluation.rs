@@ -21,7 +21,8 @@ keys! {
         /// episodes of an agent that does not train
         first_episodes: Vec<u32> = Vec::new(), before Vec::new(), in Kind::Counts { most: 20, max: 10_000_000 };
         /// which results of single people are stored: "all", or "none", which leaves the metrics, the learning
-        /// curve and the counts of actions, without episodes, participants and weights
+        /// curve and the counts of actions, without episodes, participants and weights; "quartiles" leaves both
+        /// quartiles of the return, "none" the lower one
         record_episodes: RecordedEpisodes = RecordedEpisodes::All, before RecordedEpisodes::All;
         /// what the agent is evaluated on: "test" episodes after its training, or the people of the "trial" in
         /// which it learned
@@ -79,7 +80,9 @@ choices! {
     pub enum RecordedEpisodes {
         /// Episodes, participants and weights.
         All = "all",
-        /// Metrics alone.
+        /// Metrics alone, both quartiles of the return among them.
+        Quartiles = "quartiles",
+        /// Metrics alone, the lower quartile of the return among them.
         None = "none",
     }
 }

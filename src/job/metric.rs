@@ -80,6 +80,9 @@ metrics! {
         "mean undiscounted return minus the cost of messages; absent if messages cost nothing";
     LOWER_QUARTILE_RETURN = "lower_quartile_return", "lower-quartile return", Return, [Analyses, Participants],
         "lower quartile of the return over evaluated episodes; computed when it is read, and recorded where episodes are not";
+    UPPER_QUARTILE_RETURN = "upper_quartile_return", "upper-quartile return", Return, [Analyses, Participants],
+        "upper quartile of the return over evaluated episodes; computed when it is read, and recorded with \
+         record_episodes = \"quartiles\"";
     MEAN_LENGTH = "mean_length", "mean episode length", Steps, [Test, Curve, Analyses, Participants],
         "mean episode length";
     DISENGAGEMENT_RATE = "disengagement_rate", "episodes ended by disengagement", Share,
@@ -169,6 +172,12 @@ impl MetricName {
     /// What the metric measures, as a sentence fragment.
     pub fn meaning(self) -> &'static str {
         self.declared.meaning
+    }
+
+    /// The share of evaluated episodes with a lower return, if it is a quantile of the return.
+    pub fn quantile(self) -> Option<f64> {
+        let quantiles = [(LOWER_QUARTILE_RETURN, 0.25), (UPPER_QUARTILE_RETURN, 0.75)];
+        quantiles.into_iter().find(|(metric, _)| *metric == self).map(|(_, share)| share)
     }
 
     /// Its unit.

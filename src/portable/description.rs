@@ -105,6 +105,7 @@ pub(super) fn describe_bandit(stored: &StoredWeights, weights: &Weights, deviate
     let precisions = rows("precision");
     let mut choice = match of.allocation {
         BanditAllocation::Thompson => json!({ "rule": "thompson", "smoothing": of.smoothing }),
+        BanditAllocation::Clipped => json!({ "rule": "clipped" }),
         BanditAllocation::Logistic => json!({
             "rule": "logistic", "lower": of.logistic_lower, "upper": of.logistic_upper,
             "slope": of.logistic_slope, "odds": of.logistic_odds,

@@ -7,7 +7,6 @@ use super::optima;
 use super::race::race;
 use super::section::ReportedExperiment;
 use crate::analyse::declared::{carry_out, condense, reproduce, summarise_arms, varying};
-use crate::job::metric::LOWER_QUARTILE_RETURN;
 use crate::job::{Condition, DataPart, RecordedEpisodes, distinct};
 use crate::key::{DIRECTION, Parameter, SectionName, Value, hidden};
 use crate::manifest::{Analysis, Faults, Manifest, Published};
@@ -118,9 +117,9 @@ fn data_set(
     let planned = manifest.jobs().inspect(|planned| problems.add(&planned.job));
     let mut read = 0;
     let parts = |job: &JobRecord| parts(manifest, job);
-    // A metric needs no more of the returns than their lower quartile; a kind of analysis may need them all.
+    // A metric needs no more of the returns than their quartiles; a kind of analysis may need them all.
     let needs_returns =
-        |one: &Analysis| one.part() == DataPart::Returns && one.metric != LOWER_QUARTILE_RETURN;
+        |one: &Analysis| one.part() == DataPart::Returns && one.metric.quantile().is_none();
     let is_condensed = !manifest.analyses.iter().any(needs_returns);
     let mut data = reader.data_set_of(&manifest.name, planned, parts, |job| {
         if let (JobStatus::Completed(run), true) = (&mut job.status, is_condensed) {
@@ -185,12 +184,14 @@ fn query(manifest: &Manifest, data: &DataSet, analysis: &Analysis) -> DataQuery 
     let varying = varying(&data.jobs.iter().collect::<Vec<_>>());
     let keys = conditions.iter().filter(|one| rank(one).0 == 3).map(Condition::name);
     let columns = distinct(varying.into_iter().chain(keys));
-    let none = Value::Choice(RecordedEpisodes::None.word());
+    let all = Value::Choice(RecordedEpisodes::All.word());
     let kept =
         manifest.sections[SectionName::Evaluation].get("record_episodes").unwrap_or_default();
     let part = match analysis.part() {
         // Where episodes are not recorded, what is computed from them is.
-        DataPart::Returns if kept == [none] => DataPart::Metric(analysis.metric),
+        DataPart::Returns if !kept.is_empty() && !kept.contains(&all) => {
+            DataPart::Metric(analysis.metric)
+        }
         part => part,
     };
     DataQuery { experiment: data.experiment.clone(), conditions, columns, part }

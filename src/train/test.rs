@@ -7,7 +7,7 @@ use crate::agent::{LearnerError, OutOfMemory, Rewards, StudyAgent, reserve_exact
 use crate::env::{Environment, Reported, Simulated, VectorEnvironment};
 use crate::job::metric::{
     LOWER_QUARTILE_RETURN, MEAN_LENGTH, MEAN_RETURN, MESSAGE_RATE, NET_RETURN, SD_RETURN,
-    quantile_of_sorted,
+    UPPER_QUARTILE_RETURN, quantile_of_sorted,
 };
 use crate::job::{
     ActionCount, EstimateDeclaration, Estimates, Job, Metric, MetricName, ParticipantValue, Phase,
@@ -366,11 +366,17 @@ impl Tested {
             metrics.push(Metric { name: NET_RETURN, value });
         }
         // Readers compute it from the episodes.
-        if self.recorded == RecordedEpisodes::None {
+        let recorded: &[_] = match self.recorded {
+            RecordedEpisodes::All => &[],
+            RecordedEpisodes::Quartiles => &[LOWER_QUARTILE_RETURN, UPPER_QUARTILE_RETURN],
+            RecordedEpisodes::None => &[LOWER_QUARTILE_RETURN],
+        };
+        if !recorded.is_empty() {
             let mut returns: Vec<f64> = self.episodes.iter().map(|e| e.total_reward).collect();
             returns.sort_unstable_by(f64::total_cmp);
-            let value = quantile_of_sorted(&returns, 0.25);
-            metrics.push(Metric { name: LOWER_QUARTILE_RETURN, value });
+            metrics.extend(recorded.iter().filter_map(|name| {
+                Some(Metric { name: *name, value: quantile_of_sorted(&returns, name.quantile()?) })
+            }));
         }
         metrics
     }
@@ -417,7 +423,7 @@ mod tests {
             terminated: DISENGAGEMENT_RATE,
             messages: Some(5),
             costs: Some(1.5 * 5.0),
-            recorded: RecordedEpisodes::None,
+            recorded: RecordedEpisodes::Quartiles,
         };
         let value = |name: &str| tested.metrics().iter().find(|m| m.name == name).unwrap().value;
         assert_eq!(value("mean_return"), 30.0);
@@ -427,6 +433,7 @@ mod tests {
         assert_eq!(value("message_rate"), 0.25);
         assert_eq!(value("mean_net_return"), 30.0 - 1.5 * 5.0 / 3.0);
         assert_eq!(value("lower_quartile_return"), 15.0);
+        assert_eq!(value("upper_quartile_return"), 40.0);
         let first = tested.first_returns([1, 2].map(first_return).into_iter());
         let first: Vec<(MetricName, f64)> =
             first.map(|metric| (metric.name, metric.value)).collect();
@@ -434,8 +441,8 @@ mod tests {
         let mut found: Vec<MetricName> = tested.metrics().iter().map(|m| m.name).collect();
         found.sort_by_key(|name| METRICS.iter().position(|metric| metric == name));
         let of_tests = metrics_of(MetricPlace::Test);
-        // The quartile is recorded where episodes are not.
-        let of_tests = of_tests.chain([LOWER_QUARTILE_RETURN]);
+        // Quartiles are recorded where episodes are not.
+        let of_tests = of_tests.chain([LOWER_QUARTILE_RETURN, UPPER_QUARTILE_RETURN]);
         let mut of_tests: Vec<MetricName> =
             of_tests.filter(|name| *name != TERMINATION_RATE).collect();
         of_tests.sort_by_key(|name| METRICS.iter().position(|metric| metric == name));

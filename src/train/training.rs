@@ -264,7 +264,7 @@ pub(super) fn assemble(
         posteriors: Vec::new(),
         estimates: tested.estimates,
     };
-    if tested.recorded == RecordedEpisodes::None {
+    if tested.recorded != RecordedEpisodes::All {
         (results.episodes, results.participants, results.weights) = (Vec::new(), Vec::new(), None);
     }
     results

@@ -114,6 +114,11 @@ fn manifests_of_any_bytes_are_refused_or_planned() {
 }
 
 #[test]
+fn models_of_any_bytes_are_refused_or_simulated() {
+    hold("model");
+}
+
+#[test]
 fn queries_of_any_text_leave_the_store_as_it_is() {
     hold("query");
 }

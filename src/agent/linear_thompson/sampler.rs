@@ -1,5 +1,7 @@
 //! Computes the probabilities of actions from a posterior and a state, and draws an action.
 
+use std::f64::consts::FRAC_1_SQRT_2;
+
 use crate::agent::Actions;
 use crate::agent::linear_thompson::logistic::mean_of_logistic;
 use crate::agent::linear_thompson::normal::Normals;
@@ -19,8 +21,7 @@ pub struct Sampler {
     bias: Vec<f64>,
     pi_min: f64,
     smoothing: f64,
-    /// `None` for the posterior probability of being the best.
-    logistic: Option<Logistic>,
+    of_effect: OfEffect,
     /// Standard normal deviates, \[draws, actions\], the same in every step of a job; empty if no draws are
     /// needed.
     deviates: Vec<f64>,
@@ -34,6 +35,28 @@ pub struct Sampler {
     row: Vec<f64>,
     whitened: Vec<f64>,
     root: Vec<f64>,
+}
+
+/// How the effect of the only message becomes its probability.
+#[derive(Clone, Copy, Debug)]
+enum OfEffect {
+    /// The posterior probability of being the best, by draws or by an integral over all actions.
+    Best,
+    /// The posterior probability that it is above 0.
+    Positive,
+    /// The posterior mean of a function of it.
+    Logistic(Logistic),
+}
+
+impl OfEffect {
+    /// The probability of a message with a normal effect; `None` for [`OfEffect::Best`].
+    fn probability(self, mean: f64, sd: f64) -> Option<f64> {
+        match self {
+            OfEffect::Best => None,
+            OfEffect::Positive => Some(0.5 * libm::erfc(-mean / sd * FRAC_1_SQRT_2)),
+            OfEffect::Logistic(logistic) => Some(logistic.mean(mean, sd)),
+        }
+    }
 }
 
 /// The generalised logistic function L + (U - L) / (1 + C exp(-B z)) of an effect z.
@@ -68,8 +91,12 @@ impl Sampler {
     pub fn new(parameters: &LinearThompson, actions: usize, seed: u64) -> Self {
         let mut bias = parameters.action_bias.clone();
         bias.resize(actions, 0.0);
-        let logistic = Logistic::of(parameters);
-        let by_draws = logistic.is_none()
+        let of_effect = match (parameters.allocation, Logistic::of(parameters)) {
+            (_, Some(logistic)) => OfEffect::Logistic(logistic),
+            (BanditAllocation::Clipped, None) => OfEffect::Positive,
+            (_, None) => OfEffect::Best,
+        };
+        let by_draws = matches!(of_effect, OfEffect::Best)
             && parameters.draw == BanditDraw::Step
             && (parameters.action_centring || parameters.smoothing > 0.0);
         let draws = if by_draws { parameters.probability_draws as usize } else { 0 };
@@ -80,7 +107,7 @@ impl Sampler {
             bias,
             pi_min: parameters.pi_min,
             smoothing: parameters.smoothing,
-            logistic,
+            of_effect,
             deviates: (0..draws * actions).map(|_| normal(&mut stream)).collect(),
             normals: Normals::default(),
             utilities: vec![0.0; actions],
@@ -138,6 +165,11 @@ impl Sampler {
             BanditDraw::Step if self.is_centred => self.of_effects(acting, features, probabilities),
             BanditDraw::Step => self.of_actions(acting, features, probabilities),
         }
+        if matches!(self.of_effect, OfEffect::Positive) {
+            let (least, most) = (self.pi_min, 1.0 - self.pi_min);
+            probabilities.iter_mut().for_each(|p| *p = p.clamp(least, most));
+            return;
+        }
         let rest = 1.0 - self.actions() as f64 * self.pi_min;
         probabilities.iter_mut().for_each(|p| *p = self.pi_min + rest * *p);
     }
@@ -186,9 +218,11 @@ impl Sampler {
             let whitened = factored.whiten(features);
             sds.push(dot(whitened, whitened).sqrt());
         }
-        if let Some(logistic) = self.logistic {
-            let sd = (sds[0] * sds[0] + sds[1] * sds[1]).sqrt();
-            return of_two(logistic.mean(means[1] - means[0], sd), probabilities);
+        if let [one, other] = sds[..] {
+            let sd = (one * one + other * other).sqrt();
+            if let Some(second) = self.of_effect.probability(means[1] - means[0], sd) {
+                return of_two(second, probabilities);
+            }
         }
         if self.smoothing == 0.0 {
             return self.normals.win_probabilities(probabilities);
@@ -219,10 +253,11 @@ impl Sampler {
             self.whitened.resize(message * all + block.start, 0.0);
             self.whitened.extend_from_slice(joint.whiten_from(block.start, &self.row));
         }
-        if let Some(logistic) = self.logistic {
-            let effect = means[1] - means[0];
+        if messages == 1 {
             let sd = dot(&self.whitened, &self.whitened).sqrt();
-            return of_two(logistic.mean(effect, sd), probabilities);
+            if let Some(second) = self.of_effect.probability(means[1] - means[0], sd) {
+                return of_two(second, probabilities);
+            }
         }
         root_of_products(&self.whitened, all, &mut self.root);
         self.by_draws(probabilities, |sampler, draw, utilities| {

@@ -22,6 +22,11 @@ pub enum NoSlopes {
          out `smoothing` and `action_centring`"
     )]
     ByDraws,
+    /// Probabilities are cut to a range.
+    #[error(
+        "the agent's probabilities are cut to a range, and not smooth there; use `allocation = \"logistic\"`"
+    )]
+    Clipped,
     /// The data of an update are not those of the last posterior alone.
     #[error(
         "a posterior of an earlier job, `prior_from`, or `draw = \"episode\"` is not supported"
@@ -51,6 +56,9 @@ impl BanditSums {
         letters: usize,
         actions: usize,
     ) -> Result<BanditSums, NoSlopes> {
+        if parameters.allocation == BanditAllocation::Clipped {
+            return Err(NoSlopes::Clipped);
+        }
         let is_logistic = parameters.allocation == BanditAllocation::Logistic;
         if !is_logistic && (parameters.action_centring || parameters.smoothing > 0.0) {
             return Err(NoSlopes::ByDraws);

@@ -78,14 +78,19 @@ impl AlgorithmParameters for LinearThompson {
         Constraint {
             parameters: &[ALLOCATION, DRAW, SMOOTHING],
             violation: |assignment| {
-                let is_logistic = assignment.is_word(ALLOCATION, "logistic");
                 let is_drawn = assignment.is_word(DRAW, "episode");
                 let is_smooth = assignment.real(SMOOTHING) > 0.0;
-                (is_logistic && (is_drawn || is_smooth)).then(|| Violation::Impossible {
-                    says: "allocation = \"logistic\" requires draw = \"step\" and smoothing = 0"
-                        .to_owned(),
-                    help: "the logistic function smooths by itself; remove draw and smoothing"
-                        .to_owned(),
+                let allocation = assignment.shown(ALLOCATION);
+                let help = match assignment.is_word(ALLOCATION, "logistic") {
+                    true => "the logistic function smooths by itself; remove draw and smoothing",
+                    false => "probabilities are exact; remove draw and smoothing",
+                };
+                let is_thompson = assignment.is_word(ALLOCATION, "thompson");
+                (!is_thompson && (is_drawn || is_smooth)).then(|| Violation::Impossible {
+                    says: format!(
+                        "allocation = {allocation} requires draw = \"step\" and smoothing = 0"
+                    ),
+                    help: help.to_owned(),
                 })
             },
         },
@@ -207,8 +212,16 @@ impl AlgorithmParameters for LinearThompson {
         let unsuited = |key, says: &'static str| {
             Some(Unsuited { key, environment: format!("{actions} actions"), says: says.into() })
         };
-        if self.allocation == BanditAllocation::Logistic && *actions != 2 {
-            return unsuited(ALLOCATION, "the logistic allocation is for two actions");
+        if *actions != 2 {
+            match self.allocation {
+                BanditAllocation::Thompson => {}
+                BanditAllocation::Clipped => {
+                    return unsuited(ALLOCATION, "the clipped allocation is for two actions");
+                }
+                BanditAllocation::Logistic => {
+                    return unsuited(ALLOCATION, "the logistic allocation is for two actions");
+                }
+            }
         }
         let width = Design::new(self.features, observations).width();
         let lists = [

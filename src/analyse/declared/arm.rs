@@ -2,11 +2,12 @@
 
 use crate::job::metric::{
     LOWER_QUARTILE_RETURN, MEAN_LENGTH, MEAN_RETURN, MESSAGE_RATE, MESSAGES, NET_RETURN,
+    UPPER_QUARTILE_RETURN,
 };
 use std::cmp::Reverse;
 use std::collections::{BTreeSet, HashMap, HashSet};
 
-use crate::analyse::{Sample, grouped, lower_quartile};
+use crate::analyse::{Sample, grouped, quantile};
 use crate::job::{MetricName, MetricUnit, Scalar};
 use crate::record::{CompletedRun, JobRecord, JobStatus};
 
@@ -74,7 +75,7 @@ pub fn value(job: &JobRecord, metric: MetricName) -> Option<f64> {
     let run = job.completed()?;
     let recorded = |metric: MetricName| run.metric(&metric.text());
     recorded(metric).or_else(|| match metric {
-        metric if metric == LOWER_QUARTILE_RETURN => lower_quartile(&run.returns).ok(),
+        metric if metric.quantile().is_some() => quantile(&run.returns, metric.quantile()?).ok(),
         metric if metric == MESSAGES => Some(recorded(MESSAGE_RATE)? * recorded(MEAN_LENGTH)?),
         // It is recorded only where messages cost something.
         metric if metric == NET_RETURN => recorded(MEAN_RETURN),
@@ -82,11 +83,14 @@ pub fn value(job: &JobRecord, metric: MetricName) -> Option<f64> {
     })
 }
 
-/// Replaces the test returns of a run by their lower quartile, which is all that analyses take from them.
+/// Replaces the test returns of a run by their quartiles, which are all that analyses take from them.
 pub fn condense(run: &mut CompletedRun) {
     let returns = std::mem::take(&mut run.returns);
-    let quartile = lower_quartile(&returns).ok();
-    run.metrics.extend(quartile.map(|quartile| (LOWER_QUARTILE_RETURN.text().into(), quartile)));
+    for metric in [LOWER_QUARTILE_RETURN, UPPER_QUARTILE_RETURN] {
+        let share = metric.quantile().unwrap_or_default();
+        let quartile = quantile(&returns, share).ok();
+        run.metrics.extend(quartile.map(|quartile| (metric.text().into(), quartile)));
+    }
 }
 
 /// Whether a job matches a row's name. An empty agent or scenario matches any.

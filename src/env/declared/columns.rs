@@ -1,10 +1,10 @@
 //! The numbers of a model's lanes, and the execution of its program on them.
 
+use std::ops::Range;
 use std::sync::Arc;
 
 use pulp::{Simd, WithSimd};
 
-use crate::env::declared::distribution::DrawLaw;
 use crate::env::declared::expression::{Binary, Summary, Unary};
 use crate::env::declared::model::{Clock, Moment, ProbabilityTable};
 use crate::env::declared::numbers;
@@ -33,6 +33,8 @@ pub(super) struct LaneColumns {
 /// What an execution needs beside the columns, \[lanes\] each.
 #[derive(Debug)]
 pub(super) struct Inputs<'a> {
+    /// The lanes that are computed.
+    pub span: Range<usize>,
     /// The number of steps of the lanes so far.
     pub clock: u64,
     /// The number of decisions before the present one.
@@ -69,17 +71,23 @@ impl LaneColumns {
         LaneColumns { program, all, buffers, valid: vec![false; tile] }
     }
 
-    /// Sets the clocks of all lanes, of which `entered` has the days of the trial on which their people entered.
-    pub fn set_clocks(&mut self, times: &[u32], entered: &[f64], per_day: u32) {
+    /// Sets the clocks of lanes, of which `entered` has the days of the trial on which their people entered.
+    pub fn set_clocks(&mut self, span: Range<usize>, times: &[u32], entered: &[f64], per_day: u32) {
+        let per_day = f64::from(per_day);
+        // Half a decision later the quotient is no whole number, so that rounding does not matter.
+        let day = |time: u32| ((f64::from(time) + 0.5) / per_day).floor();
         for (clock, column) in &self.program.clocks {
-            let lanes = self.all[*column].iter_mut().zip(times).zip(entered);
-            for ((out, time), entered) in lanes {
-                *out = match clock {
-                    Clock::Step => f64::from(*time),
-                    Clock::Day => f64::from(time / per_day),
-                    Clock::Slot => f64::from(time % per_day),
-                    Clock::CalendarDay => entered + f64::from(time / per_day),
-                };
+            let out = self.all[*column][span.clone()].iter_mut().zip(&times[span.clone()]);
+            match clock {
+                Clock::Step => out.for_each(|(out, time)| *out = f64::from(*time)),
+                Clock::Day => out.for_each(|(out, time)| *out = day(*time)),
+                Clock::Slot => {
+                    out.for_each(|(out, time)| *out = f64::from(*time) - per_day * day(*time));
+                }
+                Clock::CalendarDay => {
+                    let entered = &entered[span.clone()];
+                    out.zip(entered).for_each(|((out, time), from)| *out = from + day(*time));
+                }
             }
         }
     }
@@ -91,18 +99,19 @@ impl LaneColumns {
         Isa::chosen().run(Execution { columns: self, instructions, inputs })
     }
 
-    /// Remembers the values of a decision.
-    pub fn remember(&mut self, clock: u64, drawn: &[bool]) {
+    /// Remembers the values of a decision in these lanes.
+    pub fn remember(&mut self, span: Range<usize>, clock: u64, drawn: &[bool]) {
         let program = Arc::clone(&self.program);
         for (ring, value) in &program.rings {
             // The value of the present decision is the one that the next one finds at a lag of 1.
             let mut newest = std::mem::take(&mut self.all[ring.column(clock, 0)]);
-            newest.copy_from_slice(&self.all[*value]);
+            newest[span.clone()].copy_from_slice(&self.all[*value][span.clone()]);
             self.all[ring.column(clock, 0)] = newest;
         }
         for (total, value) in &program.totals {
             let mut sums = std::mem::take(&mut self.all[*total]);
-            for ((sum, value), drawn) in sums.iter_mut().zip(&self.all[*value]).zip(drawn) {
+            let own = sums[span.clone()].iter_mut().zip(&self.all[*value][span.clone()]);
+            for ((sum, value), drawn) in own.zip(&drawn[span.clone()]) {
                 if *drawn {
                     *sum += value;
                 }
@@ -132,11 +141,10 @@ impl WithSimd for Execution<'_> {
     #[inline(always)]
     fn with_simd<S: Simd>(self, _: S) -> Option<OutOfRange> {
         let Execution { columns, instructions, inputs } = self;
-        let lanes = inputs.times.len();
+        let Range { start: mut first, end } = inputs.span;
         let mut broken = None;
-        let mut first = 0;
-        while first < lanes {
-            let tile = Tile { first, count: (lanes - first).min(TILE) };
+        while first < end {
+            let tile = Tile { first, count: (end - first).min(TILE) };
             for instruction in instructions {
                 let found = columns.execute(instruction, tile, inputs);
                 if broken.is_none() {
@@ -311,11 +319,11 @@ impl LaneColumns {
                 let numbers = self.read(check.of, tile);
                 let (least, most) = check.range;
                 let checked = tile.of(inputs.checked);
-                let is_bad =
-                    |(x, checked): (&f64, &bool)| *checked & !((*x >= least) & (*x <= most));
-                let any = numbers.iter().zip(checked).fold(false, |any, one| any | is_bad(one));
-                if any {
-                    let lane = numbers.iter().zip(checked).position(is_bad);
+                let is_good = |x: f64| (x >= least) & (x <= most);
+                // Without a look at who is checked, which is seldom needed.
+                if !numbers.iter().fold(true, |all, x| all & is_good(*x)) {
+                    let mut lanes = numbers.iter().zip(checked);
+                    let lane = lanes.position(|(x, checked)| *checked && !is_good(*x));
                     return lane.map(|lane| OutOfRange {
                         check: *check,
                         lane: tile.first + lane,
@@ -377,18 +385,6 @@ impl LaneColumns {
                 }
             };
             match &draw.distribution {
-                DrawSource::DrawLaw(DrawLaw::Gaussian) => {
-                    // Without branches: most draws of most models.
-                    let (mean, sd) = (parameters[0], parameters[1]);
-                    for (lane, (out, (mean, sd))) in
-                        out.iter_mut().zip(mean.iter().zip(sd)).enumerate()
-                    {
-                        *out = mean + sd * words(lane).normal();
-                    }
-                    for (out, valid) in out.iter_mut().zip(valid_here.iter()) {
-                        *out = if *valid { *out } else { f64::NAN };
-                    }
-                }
                 DrawSource::DrawLaw(distribution) => {
                     distribution.draw(parameters, words, valid_here, out);
                 }

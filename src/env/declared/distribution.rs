@@ -107,58 +107,87 @@ impl DrawLaw {
         valid: &[bool],
         out: &mut [f64],
     ) {
-        let each = |out: &mut [f64], draw: &dyn Fn(usize) -> f64| {
-            for (i, (out, valid)) in out.iter_mut().zip(valid).enumerate() {
-                *out = if *valid { draw(i) } else { f64::NAN };
-            }
-        };
         match (self, parameters) {
             (DrawLaw::Gaussian, [mean, sd]) => {
-                each(out, &|i| mean[i] + sd[i] * words(i).normal());
+                branchless(out, valid, [mean, sd], words, |[mean, sd], mut words| {
+                    mean + sd * words.normal()
+                });
             }
             (DrawLaw::Lognormal, [mean, sd]) => {
-                each(out, &|i| numbers::exp(mean[i] + sd[i] * words(i).normal()));
+                branchless(out, valid, [mean, sd], words, |[mean, sd], mut words| {
+                    numbers::exp(mean + sd * words.normal())
+                });
             }
             (DrawLaw::Bernoulli, [p]) => {
-                each(out, &|i| truth(words(i).open_unit() < p[i]));
+                branchless(out, valid, [p], words, |[p], mut words| truth(words.open_unit() < p));
             }
             (DrawLaw::BernoulliLogit, [logit]) => {
-                each(out, &|i| truth(words(i).open_unit() < sigmoid(logit[i])));
+                branchless(out, valid, [logit], words, |[logit], mut words| {
+                    truth(words.open_unit() < sigmoid(logit))
+                });
             }
             (DrawLaw::Uniform, [low, high]) => {
-                each(out, &|i| {
-                    let width = high[i] - low[i];
+                branchless(out, valid, [low, high], words, |[low, high], mut words| {
+                    let width = high - low;
+                    let drawn = low + width * words.open_unit();
                     // Nothing lies between bounds in the wrong order.
-                    if width < 0.0 { f64::NAN } else { low[i] + width * words(i).open_unit() }
+                    if width < 0.0 { f64::NAN } else { drawn }
                 });
             }
             (DrawLaw::Poisson, [mean]) => {
-                each(out, &|i| poisson(mean[i], &mut words(i)));
+                each(out, valid, |i| poisson(mean[i], &mut words(i)));
             }
             (DrawLaw::PoissonLog, [log]) => {
-                each(out, &|i| poisson(math::exp(log[i]), &mut words(i)));
+                each(out, valid, |i| poisson(math::exp(log[i]), &mut words(i)));
             }
-            (DrawLaw::ZeroInflatedPoisson, [zero, log]) => each(out, &|i| {
+            (DrawLaw::ZeroInflatedPoisson, [zero, log]) => each(out, valid, |i| {
                 let mut words = words(i);
                 let is_zero = words.open_unit() < sigmoid(zero[i]);
                 if is_zero { 0.0 } else { poisson(math::exp(log[i]), &mut words) }
             }),
             (DrawLaw::Gamma, [mean, sd]) => {
-                each(out, &|i| gamma(mean[i], sd[i], words(i).bits()));
+                each(out, valid, |i| gamma(mean[i], sd[i], words(i).bits()));
             }
             (DrawLaw::Beta, [one, other]) => {
-                each(out, &|i| beta([one[i], other[i]], words(i).bits()));
+                each(out, valid, |i| beta([one[i], other[i]], words(i).bits()));
             }
-            (DrawLaw::Categorical, weights) => {
-                each(out, &|i| chosen(weights.iter().map(|weight| weight[i]), words(i).open_unit()))
-            }
-            (DrawLaw::CategoricalLogit, logits) => each(out, &|i| {
+            (DrawLaw::Categorical, weights) => each(out, valid, |i| {
+                chosen(weights.iter().map(|weight| weight[i]), words(i).open_unit())
+            }),
+            (DrawLaw::CategoricalLogit, logits) => each(out, valid, |i| {
                 let most = logits.iter().fold(f64::MIN, |most, logit| most.max(logit[i]));
                 let weights = logits.iter().map(|logit| math::exp(logit[i] - most));
                 chosen(weights, words(i).open_unit())
             }),
             _ => unreachable!("a model has read the parameters of a distribution"),
         }
+    }
+}
+
+/// Draws the numbers that are valid.
+#[inline(always)]
+fn each(out: &mut [f64], valid: &[bool], draw: impl Fn(usize) -> f64) {
+    for (i, (out, valid)) in out.iter_mut().zip(valid).enumerate() {
+        *out = if *valid { draw(i) } else { f64::NAN };
+    }
+}
+
+/// Draws all numbers, of which those that are not valid become NaN. There are no branches, so that compilers vectorise the
+/// loop.
+#[inline(always)]
+fn branchless<const N: usize>(
+    out: &mut [f64],
+    valid: &[bool],
+    parameters: [&[f64]; N],
+    words: impl Fn(usize) -> Expansion,
+    draw: impl Fn([f64; N], Expansion) -> f64,
+) {
+    let parameters = parameters.map(|all| &all[..out.len()]);
+    for (i, out) in out.iter_mut().enumerate() {
+        *out = draw(parameters.map(|all| all[i]), words(i));
+    }
+    for (out, valid) in out.iter_mut().zip(valid) {
+        *out = if *valid { *out } else { f64::NAN };
     }
 }
 

@@ -13,6 +13,7 @@ mod draft;
 mod expression;
 mod family;
 mod grammar;
+mod missing;
 mod model;
 mod numbers;
 mod program;

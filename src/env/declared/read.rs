@@ -11,7 +11,7 @@ use crate::env::declared::model::{
     Clock, Definition, ModelFile, ModelParameter, Moment, NamedExpression, PeopleDraw,
     ProbabilityTable, Quantity, ReplayOrder, TextPosition,
 };
-use crate::env::declared::resolve;
+use crate::env::declared::{missing, resolve};
 use crate::key::read_csv;
 use crate::text::{Document, Fault, FaultList, Source, Span, document, hidden, nearest, shortened};
 
@@ -59,6 +59,9 @@ pub(super) fn read(text: &str) -> Result<ModelFile, FaultList> {
     }
     // Names are resolved even if the form is faulty, so that all faults are reported at once.
     let model = resolve::resolve(draft, &mut faults);
+    if faults.is_empty() {
+        missing::check(&model, &mut faults);
+    }
     if faults.is_empty() { Ok(model) } else { Err(faults) }
 }
 

@@ -356,11 +356,13 @@ fn random_models_have_the_numbers_of_the_plain_reference() {
     let mut random = Stream::new(5, Purpose::Environment);
     let mut compared = 0;
     for seed in 0..300 {
+        // Missing numbers are compared as well, and reach neither a role nor a record.
         let lines: Vec<String> =
             (0..3).map(|place| format!("v{place} = \"{}\"", expression(&mut random, 3))).collect();
         let text = format!(
             "format = 1\ndays = 4\ndecisions_per_day = 3\n[parameters]\np = 2\n[variables]\n{}\ne = {{ gaussian = [0, 1] }}\n\
-             y = \"v0 + v1 + v2 + p + e + action\"\n[roles]\noutcome = \"y\"\nfeatures = [\"step\"]\n",
+             y = \"default(v0, 0) + default(v1, 0) + default(v2, 0) + p + e + action\"\n[roles]\noutcome = \"y\"\n\
+             state = [\"e\"]\nfeatures = [\"step\"]\n",
             lines.join("\n")
         );
         if read::read(&text).is_ok() {
@@ -619,6 +621,30 @@ fn a_missing_number_stops_the_simulation_with_its_place() {
         says,
         "model: sd of `y` is -0.5, expected a number of at least 0 for person 1 at decision 3; step = 3"
     );
+}
+
+#[test]
+fn a_lag_without_a_value_is_a_fault_where_a_number_is_needed() {
+    let fault = |lines: &str| faults(&with_variables(lines));
+    let found = fault("x = \"x[-1] + 1\"\ny = { gaussian = [\"x + action\", 1] }");
+    let says = "m.toml:4:6: `x[-1]` has no value at decision 0, where `y` needs it";
+    assert!(found.contains(says), "{found}");
+    assert!(found.contains("default(x[-1], 0), or if(step < 1, 0, x[-1])"), "{found}");
+    // Guarded for one decision, which is one too few.
+    let found = fault("x = \"if(step < 1, 0, y[-2])\"\ny = { gaussian = [\"x + action\", 1] }");
+    assert!(found.contains("`y[-2]` has no value at decision 1, where `y` needs it"), "{found}");
+    let found = fault("x = \"mean(y, 3)\"\ny = { gaussian = [\"x + action\", 1] }");
+    assert!(found.contains("the window has no value at decision 0, where `y` needs it"), "{found}");
+    // Nobody is hurt whose model may have a value.
+    for lines in [
+        "x = \"if(step < 2, 0, y[-2])\"\ny = { gaussian = [\"x + action\", 1] }",
+        "x = \"if(slot == 0 and day == 0, 0, y[-1])\"\ny = { gaussian = [\"x + action\", 1] }",
+        "x = \"sum(y) + default(mean(y), 0)\"\ny = { gaussian = [\"x + action\", 1] }",
+        "x = \"if(action == 1, default(y[-1], 0), 2)\"\ny = { gaussian = [\"x + action\", 1] }",
+        "z = { bernoulli = 0.5 }\nx = \"if(z, 0, y[-1])\"\ny = { gaussian = [\"x + action\", 1] }",
+    ] {
+        read::read(&with_variables(lines)).unwrap();
+    }
 }
 
 /// The first numbers of a variable of a world without chance, of one person.

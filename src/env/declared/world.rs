@@ -1,6 +1,7 @@
 //! The simulation of a model: one person per lane.
 
 use std::io;
+use std::ops::Range;
 use std::sync::{Arc, OnceLock};
 
 use crate::env::declared::columns::{Inputs, LaneColumns, OutOfRange};
@@ -34,7 +35,7 @@ pub(super) struct WorldParts {
     /// The index of each column of the rows.
     pub replayed: Vec<usize>,
     /// The rows of each person, \[people\]; empty without rows.
-    pub rows: Vec<std::ops::Range<usize>>,
+    pub rows: Vec<Range<usize>>,
     /// The features that are shown, by their index.
     pub shown: Vec<usize>,
     /// Why the simulation cannot go on.
@@ -175,11 +176,12 @@ impl World {
         }
     }
 
-    /// Computes a stage in all lanes, and checks it in those that are marked.
-    fn compute(&mut self, stage: Moment) {
+    /// Computes a stage in these lanes, and checks it in those that are marked.
+    fn compute(&mut self, span: Range<usize>, stage: Moment) {
         let parts = Arc::clone(&self.parts);
         let words = if stage == Moment::Person { &self.person_words } else { &self.words };
         let inputs = Inputs {
+            span,
             clock: self.clock,
             times: &self.times,
             words,
@@ -197,13 +199,12 @@ impl World {
         }
     }
 
-    /// Computes what is known before the choice, for lanes that are marked as drawn; the observations of those marked as
-    /// checked are renewed.
-    fn prepare(&mut self, renewed: &[bool]) {
+    /// Computes what is known before the choice, in these lanes; the observations of those marked as renewed are renewed.
+    fn prepare(&mut self, span: Range<usize>, renewed: &[bool]) {
         let per_day = self.model().decisions_per_day;
-        self.columns.set_clocks(&self.times, &self.entered, per_day);
+        self.columns.set_clocks(span.clone(), &self.times, &self.entered, per_day);
         self.choose_rows();
-        self.compute(Moment::Before);
+        self.compute(span, Moment::Before);
         let parts = Arc::clone(&self.parts);
         let features = parts.shown.len();
         for (slot, index) in parts.shown.iter().enumerate() {
@@ -395,6 +396,13 @@ impl World {
     }
 }
 
+/// The least range with every lane that is marked.
+fn span(marked: &[bool]) -> Range<usize> {
+    let first = marked.iter().position(|marked| *marked).unwrap_or(0);
+    let behind = marked.iter().rposition(|marked| *marked).map_or(first, |last| last + 1);
+    first..behind
+}
+
 /// A number for messages.
 fn shown(value: f64) -> String {
     if value.is_nan() { "missing".to_owned() } else { format!("{value}") }
@@ -440,13 +448,14 @@ impl VectorEnvironment for World {
             self.choose_person(lane, word);
             self.episodes[lane] += 1;
         }
-        // The others are computed again, from the same words: their numbers do not change.
+        // Others between them are computed again, from the same words: their numbers do not change.
         for (drawn, status) in self.drawn.iter_mut().zip(&self.statuses) {
             *drawn = *status == EpisodeStatus::Running;
         }
         self.checked.copy_from_slice(&begun);
-        self.compute(Moment::Person);
-        self.prepare(&begun);
+        let span = span(&begun);
+        self.compute(span.clone(), Moment::Person);
+        self.prepare(span, &begun);
     }
 
     fn step(&mut self, actions: &[Action], rewards: &mut [f64], streams: &mut LaneStreams) {
@@ -465,6 +474,8 @@ impl VectorEnvironment for World {
         }
         self.checked.copy_from_slice(&self.drawn);
         streams.fill(LaneSet::All, &self.drawn, &mut self.words);
+        // People of a trial enter one after the other, and leave so.
+        let span = span(&self.drawn);
         let parts = Arc::clone(&self.parts);
         // The first two quantities are the action and its probability.
         let taken = &mut self.columns.all[parts.program.values[0]];
@@ -475,7 +486,7 @@ impl VectorEnvironment for World {
         for (sent, available) in sent.iter_mut().zip(&self.is_available) {
             *sent = if *available { *sent } else { 0.0 };
         }
-        self.compute(Moment::After);
+        self.compute(span.clone(), Moment::After);
         let roles = &parts.model.roles;
         let value = |quantity: usize| parts.program.values[quantity];
         let (outcome, reward) = (value(roles.outcome), value(roles.reward));
@@ -487,7 +498,7 @@ impl VectorEnvironment for World {
             rewards[lane] = reward;
         }
         let ends = roles.ends.map(value);
-        self.columns.remember(self.clock, &self.drawn);
+        self.columns.remember(span.clone(), self.clock, &self.drawn);
         // Probabilities are of one step.
         self.columns.all[parts.program.values[1]].fill(f64::NAN);
         self.clock += 1;
@@ -509,7 +520,7 @@ impl VectorEnvironment for World {
         let renewed = std::mem::take(&mut self.renewed);
         let mut renewed = renewed;
         renewed.clone_from(&self.drawn);
-        self.prepare(&renewed);
+        self.prepare(span, &renewed);
         self.renewed = renewed;
     }
 

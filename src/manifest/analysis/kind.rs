@@ -3,7 +3,7 @@
 use serde_json::json;
 
 use crate::env::{Family, Scenario};
-use crate::job::metric::{LOWER_QUARTILE_RETURN, MEAN_RETURN, metrics_of};
+use crate::job::metric::{MEAN_RETURN, metrics_of};
 use crate::job::{Condition, DataPart, MetricName, MetricPlace};
 use crate::key::{FixedKind, Kind, Parameter, Value, choices};
 use crate::manifest::analysis::axis::CurveAxis;
@@ -250,9 +250,9 @@ impl AnalysisKind {
 pub(in crate::manifest) trait Rules {
     /// The part of the results that it is computed from: by default the metric.
     fn part(&self, metric: MetricName) -> DataPart {
-        match metric == LOWER_QUARTILE_RETURN {
-            true => DataPart::Returns,
-            false => DataPart::Metric(metric),
+        match metric.quantile() {
+            Some(_) => DataPart::Returns,
+            None => DataPart::Metric(metric),
         }
     }
 

@@ -15,10 +15,12 @@ use std::{str, thread};
 
 use jitai::agent::{Actions, Weights};
 use jitai::cli::input;
+use jitai::env::{Action, LaneSet, LaneStreams, VectorEnvironment};
 use jitai::job::Job;
 use jitai::job::{CurvePoint, Outcome, Provenance};
 use jitai::manifest::{self, Manifest};
 use jitai::plan::{self};
+use jitai::rng::{Purpose, Stream};
 use jitai::store::{
     self, Answer, Claimed, Experiment, Interrupter, Isolation, Parts, QueryError, Reader,
     RetryFailed, Store,
@@ -34,8 +36,9 @@ use tempfile::TempDir;
 pub type Target = fn(&[u8]);
 
 /// Every target, with its name.
-pub const TARGETS: [(&str, Target); 6] = [
+pub const TARGETS: [(&str, Target); 7] = [
     ("manifest", manifest),
+    ("model", model),
     ("query", query),
     ("filter", filter),
     ("replay", replay),
@@ -47,6 +50,8 @@ pub const TARGETS: [(&str, Target); 6] = [
 const JOBS_MADE: usize = 200;
 /// Maximum number of jobs of a manifest that is also tested in its resolved form.
 const MOST_RESOLVED: u64 = 10_000;
+/// Number of decisions that are taken in a model.
+const DECISIONS_TAKEN: usize = 20;
 /// Maximum number of rows read from an answer.
 const ROWS_HEARD: usize = 1_000;
 /// Time limit of a query. Outside tests there is no limit, and people stop long queries.
@@ -70,6 +75,34 @@ pub fn manifest(bytes: &[u8]) {
         let again = manifest::parse("resolved", resolved.as_bytes())
             .unwrap_or_else(|faults| panic!("{faults}\n{resolved}"));
         assert_eq!(keys(&again), planned);
+    }
+}
+
+/// A model: it is rejected with faults, or it is simulated, or says why it cannot go on.
+pub fn model(bytes: &[u8]) {
+    thread_local! {
+        static FOLDER: TempDir = tempfile::tempdir_in("/dev/shm").or_else(|_| tempfile::tempdir()).unwrap();
+    }
+    let path = FOLDER.with(|folder| folder.path().join("model.toml"));
+    fs::write(&path, bytes).unwrap();
+    let text = format!(
+        "format = 1\nname = \"fuzzed\"\nscenarios = \"all\"\nseeds = 1\n[environment]\nfamily = \"declared\"\n\
+         model = {path:?}\n[[agent]]\nname = \"rule\"\nalgorithm = \"rule\"\nrule = \"random\"\n"
+    );
+    let manifest = match manifest::parse("fuzzed", text.as_bytes()) {
+        Ok(manifest) => manifest,
+        Err(faults) => return assert!(!faults.to_string().is_empty()),
+    };
+    let job = plan::jobs(&manifest).next().unwrap().job;
+    let mut lanes = job.environment.testing(&job.scenario, 1, 2);
+    let mut streams = LaneStreams::Shared(Stream::new(1, Purpose::Environment));
+    lanes.reset(LaneSet::All, &mut streams);
+    let mut rewards = [0.0; 2];
+    for _ in 0..DECISIONS_TAKEN {
+        let actions = [Action::default(), Action::from_index(1).unwrap()];
+        lanes.step(&actions, &mut rewards, &mut streams);
+        let is_sound = rewards.iter().all(|reward| reward.is_finite());
+        assert!(is_sound && job.environment.failure().is_none_or(|says| !says.is_empty()));
     }
 }
 
