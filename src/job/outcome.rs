@@ -261,6 +261,8 @@ pub enum DataPart {
     LearningCurve,
     /// Choices of action.
     ActionChoice,
+    /// Recorded decisions.
+    Days,
     /// Returns of the test episodes.
     Returns,
     /// Estimates of causal effects.

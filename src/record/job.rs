@@ -169,6 +169,21 @@ impl AmongParticipants {
     }
 }
 
+/// A decision of a person of the test or trial.
+#[derive(Clone, Debug, PartialEq)]
+pub struct RecordedDay {
+    /// The number of the person, from 1.
+    pub person: u32,
+    /// The number of the decision, from 0.
+    pub step: u32,
+    /// The action; NaN where none could be chosen.
+    pub action: f64,
+    /// The reward.
+    pub reward: f64,
+    /// Names and numbers of the recorded state.
+    pub state: Vec<(String, f64)>,
+}
+
 /// The requested results of a completed run.
 #[derive(Clone, Debug, PartialEq)]
 pub struct CompletedRun {
@@ -186,6 +201,8 @@ pub struct CompletedRun {
     pub estimates: Vec<Estimates>,
     /// What was learned at the updates of a trial, by update and action; empty if not requested.
     pub posteriors: Vec<RecordedPosterior>,
+    /// Decisions of some people, by person and step; empty if not requested.
+    pub days: Vec<RecordedDay>,
     /// The code and the machine that produced the run.
     pub provenance: Arc<Provenance>,
     /// When the run ended, in UTC, ISO 8601 with milliseconds.

@@ -9,7 +9,7 @@ use super::section::ReportedExperiment;
 use crate::analyse::declared::{carry_out, condense, reproduce, summarise_arms, varying};
 use crate::job::{Condition, DataPart, RecordedEpisodes, distinct};
 use crate::key::{DIRECTION, Parameter, SectionName, Value, hidden};
-use crate::manifest::{Analysis, Faults, Manifest, Published};
+use crate::manifest::{Analysis, AnalysisKind, Faults, Manifest, Published};
 use crate::plan::{self, Staged};
 use crate::record::{DataSet, JobRecord, JobStatus};
 use crate::report::environment_words::Words;
@@ -49,7 +49,8 @@ pub fn assemble(
     let staged = plan::at_stage(manifests, |keys, metric| reader.scores(keys, metric))?;
     let experiment = |(staged, published): (&Staged<'_>, Option<Published>)| {
         let manifest = staged.manifest();
-        let (data, unknown_optima) = data_set(reader, staged, &mut on_progress)?;
+        let (mut data, unknown_optima) = data_set(reader, staged, &mut on_progress)?;
+        add_days(reader, manifest, &mut data)?;
         let queries: Vec<DataQuery> =
             manifest.analyses.iter().map(|analysis| query(manifest, &data, analysis)).collect();
         let is_registered = is_registered(reader, &data)?;
@@ -144,6 +145,29 @@ fn data_set(
         job.optimum = optimum;
     }
     Ok((data, found.unknown))
+}
+
+/// Reads the decisions of the people whose days are drawn, of the first completed job of each arm.
+fn add_days(reader: &Reader, manifest: &Manifest, data: &mut DataSet) -> Result<(), StoreError> {
+    for analysis in &manifest.analyses {
+        let AnalysisKind::Days(kind) = &analysis.kind else { continue };
+        let conditions: Vec<Condition> = analysis.of_jobs().collect();
+        let mut earlier: Option<JobRecord> = None;
+        for job in &mut data.jobs {
+            let is_concerned = conditions.iter().all(|condition| condition.is_met_by(job));
+            let is_first = earlier.as_ref().is_none_or(|earlier| !earlier.shares_arm(job));
+            let JobStatus::Completed(run) = &mut job.status else { continue };
+            if is_concerned && is_first {
+                let mut days = reader.days(&job.job_key, &kind.people)?;
+                let run = Arc::make_mut(run);
+                // Another analysis may show the same people.
+                days.retain(|one| run.days.iter().all(|known| known.person != one.person));
+                run.days.extend(days);
+                earlier = Some(job.clone());
+            }
+        }
+    }
+    Ok(())
 }
 
 /// The results of a job that the manifest's analyses and its tables take.

@@ -339,6 +339,7 @@ fn head(row: &rusqlite::Row<'_>, shared: &mut SharedNames) -> rusqlite::Result<C
         among: Vec::new(),
         estimates: Vec::new(),
         posteriors: Vec::new(),
+        days: Vec::new(),
         ended_at: row.get(1)?,
         wall_seconds: row.get(2)?,
         provenance,

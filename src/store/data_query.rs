@@ -80,6 +80,10 @@ impl DataQuery {
                     .to_owned(),
                 "JOIN action_choice AS choice ON choice.job_key = run.job_key".to_owned(),
             ),
+            DataPart::Days => (
+                "decision.episode, decision.step, decision.action, decision.reward, decision.state".to_owned(),
+                "JOIN decision ON decision.job_key = run.job_key AND decision.phase = 'test'".to_owned(),
+            ),
             DataPart::Estimates => (
                 "estimate.name, estimate.term, estimate.estimate, estimate.standard_error, estimate.low,\n  \
                  estimate.high, estimate.truth, estimate.failure"

@@ -2,7 +2,8 @@
 
 use serde_json::{Map, Value as Json};
 
-use crate::job::{Decision, Job, Phase};
+use crate::job::{Decision, Job, JobKey, Phase};
+use crate::record::RecordedDay;
 
 use super::error::StoreFault;
 use super::read::completed_run;
@@ -80,6 +81,39 @@ impl Reader {
                 count += 1;
             }
             Ok(count)
+        })
+    }
+}
+
+impl Reader {
+    /// The recorded decisions of some people of the test or trial of a job, by person and step.
+    pub fn days(&self, key: &JobKey, people: &[u32]) -> Result<Vec<RecordedDay>, StoreError> {
+        self.read("read decisions", |connection| {
+            let sql =
+                "SELECT step, action, coalesce(can_send, available), reward, state FROM decision
+                WHERE job_key = ?1 AND phase = 'test' AND episode = ?2 ORDER BY step";
+            let mut statement = connection.prepare_cached(sql)?;
+            let mut days = Vec::new();
+            for person in people {
+                let mut rows = statement.query((key.to_string(), person))?;
+                while let Some(row) = rows.next()? {
+                    let text: String = row.get(4)?;
+                    let state: Map<String, Json> =
+                        serde_json::from_str(&text).map_err(unreadable)?;
+                    let number = |(name, value): (String, Json)| {
+                        let flag = value.as_bool().map(|flag| f64::from(u8::from(flag)));
+                        Some((name, value.as_f64().or(flag)?))
+                    };
+                    days.push(RecordedDay {
+                        person: *person,
+                        step: row.get(0)?,
+                        action: if row.get(2)? { row.get(1)? } else { f64::NAN },
+                        reward: row.get(3)?,
+                        state: state.into_iter().filter_map(number).collect(),
+                    });
+                }
+            }
+            Ok(days)
         })
     }
 }

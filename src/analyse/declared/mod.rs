@@ -10,6 +10,7 @@ mod action_choice;
 mod arm;
 mod contrast;
 mod curve;
+mod days;
 mod heat_map;
 mod inference_error;
 mod learned;
@@ -25,6 +26,7 @@ pub use action_choice::{ActionPanel, BinShares};
 pub use arm::{Arm, ArmId, condense, implied, is_at, varying};
 pub use contrast::{ContrastFigure, ContrastRow, TestFamily};
 pub use curve::{ALPHA, Apart, CurveFigure, CurveLine, Ends, LinePoint, Trends};
+pub use days::DaysFigure;
 pub use heat_map::{HeatFigure, HeatTile, PeakLead, Scale, heat_range};
 pub use inference_error::{ErrorFigure, ErrorPoint};
 pub use learned::{LearnedFigure, LearnedPanel, LearnedPoint, OverTrials};
@@ -64,6 +66,8 @@ pub enum FindingContent {
     Contrast(ContrastFigure),
     /// A metric along a parameter.
     Curve(CurveFigure),
+    /// The days of single people, one figure per arm and person.
+    Days(Vec<DaysFigure>),
     /// Learning curves, one panel per scenario.
     LearningCurve(LearningFigure),
     /// Maps over two parameters, one per agent.
@@ -86,6 +90,7 @@ impl FindingContent {
         match self {
             FindingContent::Contrast(figure) => Some(&mut figure.rows),
             FindingContent::Curve(_)
+            | FindingContent::Days(_)
             | FindingContent::LearningCurve(_)
             | FindingContent::HeatMap(_)
             | FindingContent::ActionChoice(_)
@@ -178,6 +183,7 @@ fn content_of(
         AnalysisKind::Curve(curve) => {
             FindingContent::Curve(curve::figure(curve.x, metric, jobs, published))
         }
+        AnalysisKind::Days(kind) => FindingContent::Days(days::figures(kind, jobs)),
         AnalysisKind::LearningCurve(curve) => {
             FindingContent::LearningCurve(learning_curve::figure(curve.window, jobs))
         }

@@ -30,6 +30,30 @@ pub(super) struct LaneColumns {
     valid: Vec<bool>,
 }
 
+/// Buffers for the numbers of a few lanes.
+#[derive(Clone, Debug)]
+pub(super) struct FewLanes {
+    columns: LaneColumns,
+    times: Vec<u32>,
+    words: Vec<u64>,
+    rows: Vec<u32>,
+    /// Every lane takes part.
+    all: Vec<bool>,
+}
+
+impl FewLanes {
+    /// Buffers for lanes of a program.
+    pub fn new(program: Arc<LaneProgram>) -> FewLanes {
+        FewLanes {
+            columns: LaneColumns::new(program, TILE),
+            times: vec![0; TILE],
+            words: vec![0; TILE],
+            rows: vec![0; TILE],
+            all: vec![true; TILE],
+        }
+    }
+}
+
 /// What an execution needs beside the columns, \[lanes\] each.
 #[derive(Debug)]
 pub(super) struct Inputs<'a> {
@@ -97,6 +121,47 @@ impl LaneColumns {
         let program = Arc::clone(&self.program);
         let instructions = &program.stages[stage as usize];
         Isa::chosen().run(Execution { columns: self, instructions, inputs })
+    }
+
+    /// Computes the quantities of a stage in a few lanes alone, with the buffers of `few`. The inputs are of all lanes, and
+    /// these draw and are checked.
+    pub fn compute_few(
+        &mut self,
+        few: &mut FewLanes,
+        lanes: &[usize],
+        stage: Moment,
+        inputs: &Inputs<'_>,
+    ) -> Option<OutOfRange> {
+        let mut broken = None;
+        let FewLanes { columns, times, words, rows, all } = few;
+        for lanes in lanes.chunks(columns.valid.len()) {
+            for (own, from) in columns.all.iter_mut().zip(&self.all) {
+                own.iter_mut().zip(lanes).for_each(|(own, lane)| *own = from[*lane]);
+            }
+            times.iter_mut().zip(lanes).for_each(|(own, lane)| *own = inputs.times[*lane]);
+            words.iter_mut().zip(lanes).for_each(|(own, lane)| *own = inputs.words[*lane]);
+            let replay = inputs.replay.map(|(numbers, from)| {
+                rows.iter_mut().zip(lanes).for_each(|(own, lane)| *own = from[*lane]);
+                (numbers, &rows[..])
+            });
+            let inputs = Inputs {
+                span: 0..lanes.len(),
+                clock: inputs.clock,
+                times,
+                words,
+                drawn: all,
+                checked: all,
+                replay,
+                replayed: inputs.replayed,
+            };
+            let found = columns.compute(stage, &inputs);
+            broken = broken.or(found.map(|found| OutOfRange { lane: lanes[found.lane], ..found }));
+            for column in &self.program.values {
+                let (own, all) = (&columns.all[*column], &mut self.all[*column]);
+                lanes.iter().zip(own).for_each(|(lane, value)| all[*lane] = *value);
+            }
+        }
+        broken
     }
 
     /// Remembers the values of a decision in these lanes.
@@ -171,16 +236,6 @@ impl Tile {
     }
 }
 
-#[inline(always)]
-fn one(out: &mut [f64], x: &[f64], of: impl Fn(f64) -> f64) {
-    out.iter_mut().zip(x).for_each(|(out, x)| *out = of(*x));
-}
-
-#[inline(always)]
-fn two(out: &mut [f64], x: &[f64], y: &[f64], of: impl Fn(f64, f64) -> f64) {
-    out.iter_mut().zip(x).zip(y).for_each(|((out, x), y)| *out = of(*x, *y));
-}
-
 /// Calls `$run` with each function as a constant, so that its loop is compiled for it.
 macro_rules! each_function {
     ($kind:ident, $function:expr, [$($name:ident)*], |$constant:ident| $run:expr) => {
@@ -203,20 +258,21 @@ impl LaneColumns {
         }
     }
 
-    /// Computes the numbers of a tile, which are taken out meanwhile: no instruction reads its destination.
+    /// Takes out the numbers that an instruction writes: no instruction reads its destination.
     #[inline(always)]
-    fn write(&mut self, to: Operand, tile: Tile, compute: impl FnOnce(&mut Self, &mut [f64])) {
+    fn take(&mut self, to: Operand) -> Vec<f64> {
         match to {
-            Operand::Column(column) => {
-                let mut numbers = std::mem::take(&mut self.all[column]);
-                compute(self, &mut numbers[tile.first..tile.first + tile.count]);
-                self.all[column] = numbers;
-            }
-            Operand::Buffer(buffer) => {
-                let mut numbers = std::mem::take(&mut self.buffers[buffer]);
-                compute(self, &mut numbers[..tile.count]);
-                self.buffers[buffer] = numbers;
-            }
+            Operand::Column(column) => std::mem::take(&mut self.all[column]),
+            Operand::Buffer(buffer) => std::mem::take(&mut self.buffers[buffer]),
+        }
+    }
+
+    /// Puts back what [`LaneColumns::take`] took.
+    #[inline(always)]
+    fn put(&mut self, to: Operand, numbers: Vec<f64>) {
+        match to {
+            Operand::Column(column) => self.all[column] = numbers,
+            Operand::Buffer(buffer) => self.buffers[buffer] = numbers,
         }
     }
 
@@ -227,47 +283,79 @@ impl LaneColumns {
         tile: Tile,
         inputs: &Inputs<'_>,
     ) -> Option<OutOfRange> {
-        match instruction {
-            Instruction::Copy(from, to) => {
-                self.write(*to, tile, |all, out| out.copy_from_slice(all.read(*from, tile)));
+        let to = match instruction {
+            Instruction::Check(check) => return self.check(check, tile, inputs),
+            Instruction::DrawInstruction(draw) => {
+                self.validate(draw, tile, inputs);
+                draw.to
             }
-            Instruction::Unary(function, x, to) => self.write(*to, tile, |all, out| {
-                let x = all.read(*x, tile);
+            Instruction::Copy(.., to)
+            | Instruction::Unary(.., to)
+            | Instruction::Binary(.., to)
+            | Instruction::Select(.., to)
+            | Instruction::Lag(.., to)
+            | Instruction::Window(.., to)
+            | Instruction::Total(.., to)
+            | Instruction::Linear(.., to)
+            | Instruction::Replay(.., to) => *to,
+        };
+        // Closures around numbers, as of `for_each`, would be compiled for the least instruction set, because several sets
+        // call them.
+        let mut numbers = self.take(to);
+        let out = match to {
+            Operand::Column(_) => &mut numbers[tile.first..tile.first + tile.count],
+            Operand::Buffer(_) => &mut numbers[..tile.count],
+        };
+        self.write(instruction, tile, inputs, out);
+        self.put(to, numbers);
+        None
+    }
+
+    #[inline(always)]
+    fn write(&self, instruction: &Instruction, tile: Tile, inputs: &Inputs<'_>, out: &mut [f64]) {
+        match instruction {
+            Instruction::Copy(from, _) => out.copy_from_slice(self.read(*from, tile)),
+            Instruction::Unary(function, x, _) => {
+                let x = self.read(*x, tile);
                 each_function!(
                     Unary, function,
                     [Minus Not Abs Exp Log Sqrt Sigmoid NormalCdf Floor Round],
-                    |f| one(out, x, |x| numbers::unary(f, x))
+                    |f| for (out, x) in out.iter_mut().zip(x) {
+                        *out = numbers::unary(f, *x);
+                    }
                 );
-            }),
-            Instruction::Binary(function, [x, y], to) => self.write(*to, tile, |all, out| {
-                let (x, y) = (all.read(*x, tile), all.read(*y, tile));
+            }
+            Instruction::Binary(function, [x, y], _) => {
+                let (x, y) = (self.read(*x, tile), self.read(*y, tile));
                 each_function!(
                     Binary, function,
                     [
                         Plus Minus Times Divided Modulo Power Less AtMost Greater AtLeast Equal
                         Unequal And Or Min Max Default
                     ],
-                    |f| two(out, x, y, |x, y| numbers::binary(f, x, y))
+                    |f| for ((out, x), y) in out.iter_mut().zip(x).zip(y) {
+                        *out = numbers::binary(f, *x, *y);
+                    }
                 );
-            }),
-            Instruction::Select([condition, x, y], to) => self.write(*to, tile, |all, out| {
-                let [condition, x, y] = [condition, x, y].map(|of| all.read(*of, tile));
+            }
+            Instruction::Select([condition, x, y], _) => {
+                let [condition, x, y] = [condition, x, y].map(|of| self.read(*of, tile));
                 for (((out, condition), x), y) in out.iter_mut().zip(condition).zip(x).zip(y) {
                     *out = numbers::select(*condition, *x, *y);
                 }
-            }),
-            Instruction::Lag(ring, back, to) => self.write(*to, tile, |all, out| {
-                let past = tile.of(&all.all[ring.column(inputs.clock, u64::from(*back))]);
+            }
+            Instruction::Lag(ring, back, _) => {
+                let past = tile.of(&self.all[ring.column(inputs.clock, u64::from(*back))]);
                 let times = tile.of(inputs.times);
                 for ((out, past), time) in out.iter_mut().zip(past).zip(times) {
                     *out = if time >= back { *past } else { f64::NAN };
                 }
-            }),
-            Instruction::Window(ring, weights, divisor, to) => self.write(*to, tile, |all, out| {
-                all.window(*ring, (weights, *divisor), tile, inputs, out);
-            }),
-            Instruction::Total(total, summary, to) => self.write(*to, tile, |all, out| {
-                let sums = tile.of(&all.all[*total]);
+            }
+            Instruction::Window(ring, weights, divisor, _) => {
+                self.window(*ring, (weights, *divisor), tile, inputs, out);
+            }
+            Instruction::Total(total, summary, _) => {
+                let sums = tile.of(&self.all[*total]);
                 let times = tile.of(inputs.times);
                 for ((out, sum), time) in out.iter_mut().zip(sums).zip(times) {
                     *out = match summary {
@@ -275,38 +363,10 @@ impl LaneColumns {
                         Summary::Sum | Summary::Count => *sum,
                     };
                 }
-            }),
-            Instruction::Linear(terms, to) => self.write(*to, tile, |all, out| {
-                out.fill(0.0);
-                for (coefficient, factors) in terms {
-                    let coefficient = all.read(*coefficient, tile);
-                    match factors[..] {
-                        [] => one_more(out, coefficient),
-                        [x] => {
-                            let x = all.read(x, tile);
-                            for ((out, c), x) in out.iter_mut().zip(coefficient).zip(x) {
-                                *out += c * x;
-                            }
-                        }
-                        [x, y] => {
-                            let (x, y) = (all.read(x, tile), all.read(y, tile));
-                            for (((out, c), x), y) in out.iter_mut().zip(coefficient).zip(x).zip(y)
-                            {
-                                *out += c * (x * y);
-                            }
-                        }
-                        _ => {
-                            for (lane, (out, c)) in out.iter_mut().zip(coefficient).enumerate() {
-                                let product: f64 =
-                                    factors.iter().map(|x| all.read(*x, tile)[lane]).product();
-                                *out += c * product;
-                            }
-                        }
-                    }
-                }
-            }),
-            Instruction::DrawInstruction(draw) => self.draw(draw, tile, inputs),
-            Instruction::Replay(column, to) => self.write(*to, tile, |_, out| {
+            }
+            Instruction::Linear(terms, _) => self.linear(terms, tile, out),
+            Instruction::DrawInstruction(draw) => self.draw(draw, tile, inputs, out),
+            Instruction::Replay(column, _) => {
                 if let Some((rows, row)) = inputs.replay {
                     let column = inputs.replayed[*column];
                     for (out, row) in out.iter_mut().zip(tile.of(row)) {
@@ -314,25 +374,60 @@ impl LaneColumns {
                         *out = if row < rows.rows() { rows.number(row, column) } else { f64::NAN };
                     }
                 }
-            }),
-            Instruction::Check(check) => {
-                let numbers = self.read(check.of, tile);
-                let (least, most) = check.range;
-                let checked = tile.of(inputs.checked);
-                let is_good = |x: f64| (x >= least) & (x <= most);
-                // Without a look at who is checked, which is seldom needed.
-                if !numbers.iter().fold(true, |all, x| all & is_good(*x)) {
-                    let mut lanes = numbers.iter().zip(checked);
-                    let lane = lanes.position(|(x, checked)| *checked && !is_good(*x));
-                    return lane.map(|lane| OutOfRange {
-                        check: *check,
-                        lane: tile.first + lane,
-                        value: numbers[lane],
-                    });
+            }
+            Instruction::Check(_) => {}
+        }
+    }
+
+    #[inline(always)]
+    fn check(&self, check: &Check, tile: Tile, inputs: &Inputs<'_>) -> Option<OutOfRange> {
+        let numbers = self.read(check.of, tile);
+        let (least, most) = check.range;
+        let is_good = |x: f64| (x >= least) & (x <= most);
+        // Without a look at who is checked, which is seldom needed.
+        let mut are_good = true;
+        for x in numbers {
+            are_good &= is_good(*x);
+        }
+        if are_good {
+            return None;
+        }
+        let mut lanes = numbers.iter().zip(tile.of(inputs.checked));
+        let lane = lanes.position(|(x, checked)| *checked && !is_good(*x))?;
+        Some(OutOfRange { check: *check, lane: tile.first + lane, value: numbers[lane] })
+    }
+
+    #[inline(always)]
+    fn linear(&self, terms: &[(Operand, Vec<Operand>)], tile: Tile, out: &mut [f64]) {
+        out.fill(0.0);
+        for (coefficient, factors) in terms {
+            let coefficient = self.read(*coefficient, tile);
+            match factors[..] {
+                [] => {
+                    for (out, c) in out.iter_mut().zip(coefficient) {
+                        *out += c;
+                    }
+                }
+                [x] => {
+                    let x = self.read(x, tile);
+                    for ((out, c), x) in out.iter_mut().zip(coefficient).zip(x) {
+                        *out += c * x;
+                    }
+                }
+                [x, y] => {
+                    let (x, y) = (self.read(x, tile), self.read(y, tile));
+                    for (((out, c), x), y) in out.iter_mut().zip(coefficient).zip(x).zip(y) {
+                        *out += c * (x * y);
+                    }
+                }
+                _ => {
+                    for (lane, (out, c)) in out.iter_mut().zip(coefficient).enumerate() {
+                        let factors = factors.iter().map(|x| self.read(*x, tile)[lane]);
+                        *out += c * factors.product::<f64>();
+                    }
                 }
             }
         }
-        None
     }
 
     #[inline(always)]
@@ -357,55 +452,53 @@ impl LaneColumns {
         }
     }
 
+    /// Marks the lanes that draw and whose parameters are in their ranges.
     #[inline(always)]
-    fn draw(&mut self, draw: &DrawInstruction, tile: Tile, inputs: &Inputs<'_>) {
+    fn validate(&mut self, draw: &DrawInstruction, tile: Tile, inputs: &Inputs<'_>) {
         let mut valid = std::mem::take(&mut self.valid);
-        let valid_here = &mut valid[..tile.count];
-        valid_here.copy_from_slice(tile.of(inputs.drawn));
+        valid[..tile.count].copy_from_slice(tile.of(inputs.drawn));
         for (parameter, (least, most)) in draw.parameters.iter().zip(&draw.ranges) {
-            for (valid, x) in valid_here.iter_mut().zip(self.read(*parameter, tile)) {
+            for (valid, x) in valid.iter_mut().zip(self.read(*parameter, tile)) {
                 *valid &= (*x >= *least) & (*x <= *most);
             }
         }
-        let words = tile.of(inputs.words);
-        self.write(draw.to, tile, |all, out| {
-            let words = |lane: usize| Expansion(words[lane] ^ draw.stream);
-            let mut few: [&[f64]; 4] = [&[]; 4];
-            let many: Vec<&[f64]>;
-            let parameters = match draw.parameters.len() {
-                count @ 0..=4 => {
-                    for (slot, parameter) in few.iter_mut().zip(&draw.parameters) {
-                        *slot = all.read(*parameter, tile);
-                    }
-                    &few[..count]
-                }
-                _ => {
-                    many = draw.parameters.iter().map(|of| all.read(*of, tile)).collect();
-                    &many[..]
-                }
-            };
-            match &draw.distribution {
-                DrawSource::DrawLaw(distribution) => {
-                    distribution.draw(parameters, words, valid_here, out);
-                }
-                DrawSource::ProbabilityTable(table) => {
-                    for (lane, (out, valid)) in out.iter_mut().zip(valid_here.iter()).enumerate() {
-                        let given = parameters.iter().map(|of| of[lane]);
-                        *out = match valid {
-                            true => table.drawn(given, words(lane).open_unit()),
-                            false => f64::NAN,
-                        };
-                    }
-                }
-            }
-        });
         self.valid = valid;
     }
-}
 
-#[inline(always)]
-fn one_more(out: &mut [f64], x: &[f64]) {
-    out.iter_mut().zip(x).for_each(|(out, x)| *out += x);
+    #[inline(always)]
+    fn draw(&self, draw: &DrawInstruction, tile: Tile, inputs: &Inputs<'_>, out: &mut [f64]) {
+        let valid = &self.valid[..tile.count];
+        let words = tile.of(inputs.words);
+        let mut few: [&[f64]; 4] = [&[]; 4];
+        let many: Vec<&[f64]>;
+        let parameters = match draw.parameters.len() {
+            count @ 0..=4 => {
+                for (slot, parameter) in few.iter_mut().zip(&draw.parameters) {
+                    *slot = self.read(*parameter, tile);
+                }
+                &few[..count]
+            }
+            _ => {
+                many = draw.parameters.iter().map(|of| self.read(*of, tile)).collect();
+                &many[..]
+            }
+        };
+        match &draw.distribution {
+            DrawSource::DrawLaw(distribution) => {
+                distribution.draw(parameters, (words, draw.stream), valid, out);
+            }
+            DrawSource::ProbabilityTable(table) => {
+                for (lane, (out, valid)) in out.iter_mut().zip(valid).enumerate() {
+                    let given = parameters.iter().map(|of| of[lane]);
+                    let mut words = Expansion(words[lane] ^ draw.stream);
+                    *out = match valid {
+                        true => table.drawn(given, words.open_unit()),
+                        false => f64::NAN,
+                    };
+                }
+            }
+        }
+    }
 }
 
 impl ProbabilityTable {

@@ -98,96 +98,96 @@ impl DrawLaw {
         ranges[index.min(ranges.len() - 1)]
     }
 
-    /// Draws numbers by their parameters, \[numbers\] each, and a word for each; NaN where the parameters are not valid.
+    /// Draws numbers by their parameters, \[numbers\] each, and a word for each, of this stream; NaN where the parameters are not valid.
     #[inline(always)]
     pub fn draw(
         self,
         parameters: &[&[f64]],
-        words: impl Fn(usize) -> Expansion,
+        (words, stream): (&[u64], u64),
         valid: &[bool],
         out: &mut [f64],
     ) {
+        /// Draws the numbers that are valid.
+        macro_rules! each {
+            (|$i:ident, $words:ident| $draw:expr) => {
+                for ($i, out) in out.iter_mut().enumerate() {
+                    #[allow(unused_mut, reason = "some laws take one word")]
+                    let mut $words = Expansion(words[$i] ^ stream);
+                    *out = if valid[$i] { $draw } else { f64::NAN };
+                }
+            };
+        }
+        /// Draws all numbers, of which those that are not valid become NaN. There are no branches, so that compilers
+        /// vectorise the loop.
+        macro_rules! all {
+            ([$one:ident], |$words:ident| $draw:expr) => {
+                for ((out, word), $one) in out.iter_mut().zip(words).zip($one.iter().copied()) {
+                    let mut $words = Expansion(word ^ stream);
+                    *out = $draw;
+                }
+                retain(out, valid);
+            };
+            ([$one:ident, $other:ident], |$words:ident| $draw:expr) => {
+                let both = $one.iter().copied().zip($other.iter().copied());
+                for ((out, word), ($one, $other)) in out.iter_mut().zip(words).zip(both) {
+                    let mut $words = Expansion(word ^ stream);
+                    *out = $draw;
+                }
+                retain(out, valid);
+            };
+        }
         match (self, parameters) {
             (DrawLaw::Gaussian, [mean, sd]) => {
-                branchless(out, valid, [mean, sd], words, |[mean, sd], mut words| {
-                    mean + sd * words.normal()
-                });
+                all!([mean, sd], |words| mean + sd * words.normal());
             }
             (DrawLaw::Lognormal, [mean, sd]) => {
-                branchless(out, valid, [mean, sd], words, |[mean, sd], mut words| {
-                    numbers::exp(mean + sd * words.normal())
-                });
+                all!([mean, sd], |words| numbers::exp(mean + sd * words.normal()));
             }
             (DrawLaw::Bernoulli, [p]) => {
-                branchless(out, valid, [p], words, |[p], mut words| truth(words.open_unit() < p));
+                all!([p], |words| truth(words.open_unit() < p));
             }
             (DrawLaw::BernoulliLogit, [logit]) => {
-                branchless(out, valid, [logit], words, |[logit], mut words| {
-                    truth(words.open_unit() < sigmoid(logit))
-                });
+                all!([logit], |words| truth(words.open_unit() < sigmoid(logit)));
             }
             (DrawLaw::Uniform, [low, high]) => {
-                branchless(out, valid, [low, high], words, |[low, high], mut words| {
-                    let width = high - low;
-                    let drawn = low + width * words.open_unit();
-                    // Nothing lies between bounds in the wrong order.
-                    if width < 0.0 { f64::NAN } else { drawn }
+                // Nothing lies between bounds in the wrong order.
+                all!([low, high], |words| {
+                    let drawn = low + (high - low) * words.open_unit();
+                    if high < low { f64::NAN } else { drawn }
                 });
             }
-            (DrawLaw::Poisson, [mean]) => {
-                each(out, valid, |i| poisson(mean[i], &mut words(i)));
-            }
+            (DrawLaw::Poisson, [mean]) => each!(|i, words| poisson(mean[i], &mut words)),
             (DrawLaw::PoissonLog, [log]) => {
-                each(out, valid, |i| poisson(math::exp(log[i]), &mut words(i)));
+                each!(|i, words| poisson(math::exp(log[i]), &mut words));
             }
-            (DrawLaw::ZeroInflatedPoisson, [zero, log]) => each(out, valid, |i| {
-                let mut words = words(i);
+            (DrawLaw::ZeroInflatedPoisson, [zero, log]) => each!(|i, words| {
                 let is_zero = words.open_unit() < sigmoid(zero[i]);
                 if is_zero { 0.0 } else { poisson(math::exp(log[i]), &mut words) }
             }),
             (DrawLaw::Gamma, [mean, sd]) => {
-                each(out, valid, |i| gamma(mean[i], sd[i], words(i).bits()));
+                each!(|i, words| gamma(mean[i], sd[i], words.bits()));
             }
             (DrawLaw::Beta, [one, other]) => {
-                each(out, valid, |i| beta([one[i], other[i]], words(i).bits()));
+                each!(|i, words| beta([one[i], other[i]], words.bits()));
             }
-            (DrawLaw::Categorical, weights) => each(out, valid, |i| {
-                chosen(weights.iter().map(|weight| weight[i]), words(i).open_unit())
+            (DrawLaw::Categorical, weights) => each!(|i, words| {
+                chosen(weights.iter().map(|weight| weight[i]), words.open_unit())
             }),
-            (DrawLaw::CategoricalLogit, logits) => each(out, valid, |i| {
+            (DrawLaw::CategoricalLogit, logits) => each!(|i, words| {
                 let most = logits.iter().fold(f64::MIN, |most, logit| most.max(logit[i]));
                 let weights = logits.iter().map(|logit| math::exp(logit[i] - most));
-                chosen(weights, words(i).open_unit())
+                chosen(weights, words.open_unit())
             }),
             _ => unreachable!("a model has read the parameters of a distribution"),
         }
     }
 }
 
-/// Draws the numbers that are valid.
+/// Replaces the numbers that are not valid by NaN.
 #[inline(always)]
-fn each(out: &mut [f64], valid: &[bool], draw: impl Fn(usize) -> f64) {
-    for (i, (out, valid)) in out.iter_mut().zip(valid).enumerate() {
-        *out = if *valid { draw(i) } else { f64::NAN };
-    }
-}
-
-/// Draws all numbers, of which those that are not valid become NaN. There are no branches, so that compilers vectorise the
-/// loop.
-#[inline(always)]
-fn branchless<const N: usize>(
-    out: &mut [f64],
-    valid: &[bool],
-    parameters: [&[f64]; N],
-    words: impl Fn(usize) -> Expansion,
-    draw: impl Fn([f64; N], Expansion) -> f64,
-) {
-    let parameters = parameters.map(|all| &all[..out.len()]);
-    for (i, out) in out.iter_mut().enumerate() {
-        *out = draw(parameters.map(|all| all[i]), words(i));
-    }
-    for (out, valid) in out.iter_mut().zip(valid) {
-        *out = if *valid { *out } else { f64::NAN };
+fn retain(numbers: &mut [f64], valid: &[bool]) {
+    for (number, valid) in numbers.iter_mut().zip(valid) {
+        *number = if *valid { *number } else { f64::NAN };
     }
 }
 

@@ -5,7 +5,7 @@ use toml::de::{DeTable, DeValue};
 
 use crate::env::declared::distribution::{DrawLaw, FORMS, Form};
 use crate::env::declared::draft::{CoefficientBlock, DraftFeature, DraftRoles, ModelDraft};
-use crate::env::declared::expression::{Expression, FUNCTIONS, OPERATORS};
+use crate::env::declared::expression::{Expression, OPERATORS};
 use crate::env::declared::grammar;
 use crate::env::declared::model::{
     Clock, Definition, ModelFile, ModelParameter, Moment, NamedExpression, PeopleDraw,
@@ -635,10 +635,7 @@ fn reserved(name: &str) -> Option<&'static str> {
     if matches!(name, "policy" | "reported" | "reached" | "gross_reward") {
         return Some("a number that a trial records");
     }
-    if OPERATORS.contains(&name) {
-        return Some("an operator");
-    }
-    FUNCTIONS.iter().any(|(function, _)| *function == name).then_some("a function")
+    OPERATORS.contains(&name).then_some("an operator")
 }
 
 /// Where a text stands that a value in the file has.

@@ -235,9 +235,7 @@ impl Plain<'_> {
                                 super::distribution::DrawLaw::Gaussian => {
                                     out[0] = all[0] + all[1] * words.normal();
                                 }
-                                other => {
-                                    other.draw(&columns, |_| Expansion(word), &[true], &mut out)
-                                }
+                                other => other.draw(&columns, (&[word], 0), &[true], &mut out),
                             }
                             out[0]
                         })
@@ -454,7 +452,7 @@ fn operators_bind_as_in_mathematics() {
 #[test]
 fn faults_have_their_positions_and_remedies() {
     let model = with_variables(
-        "a = \"b + 1\"\nb = \"c[-1] + a\"\nc = \"a +\"\nd = { gausian = [0, 1] }\ny = { bernoulli = 1.5 }\nmean = \"1\"",
+        "a = \"b + 1\"\nb = \"c[-1] + a\"\nc = \"a +\"\nd = { gausian = [0, 1] }\ny = { bernoulli = 1.5 }\nstep = \"1\"",
     );
     let says = faults(&model);
     for part in [
@@ -463,7 +461,7 @@ fn faults_have_their_positions_and_remedies() {
         "m.toml:7:7: `d`: there is no distribution `gausian`",
         "did you mean `gaussian`?",
         "m.toml:8:19: `y`: probability is a number from 0 to 1, found 1.5",
-        "m.toml:9:1: `mean` cannot name a variable: it is a function",
+        "m.toml:9:1: `step` cannot name a variable: it is a clock",
     ] {
         assert!(says.contains(part), "{part}\n{says}");
     }

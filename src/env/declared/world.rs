@@ -4,7 +4,7 @@ use std::io;
 use std::ops::Range;
 use std::sync::{Arc, OnceLock};
 
-use crate::env::declared::columns::{Inputs, LaneColumns, OutOfRange};
+use crate::env::declared::columns::{FewLanes, Inputs, LaneColumns, OutOfRange};
 use crate::env::declared::model::{
     Clock, Definition, ModelFile, Moment, NamedExpression, PeopleDraw, Referent, ReplayOrder,
     RoleFeature,
@@ -82,7 +82,8 @@ pub struct World {
     /// The outcomes of the last step.
     outcomes: Vec<f64>,
     is_available: Vec<bool>,
-    /// Buffers.
+    /// Buffers, and the lanes that are computed alone.
+    few: (FewLanes, Vec<usize>),
     drawn: Vec<bool>,
     checked: Vec<bool>,
     renewed: Vec<bool>,
@@ -109,6 +110,7 @@ impl World {
             seen: vec![0.0; lanes * features],
             outcomes: vec![0.0; lanes],
             is_available: vec![true; lanes],
+            few: (FewLanes::new(Arc::clone(&parts.program)), Vec::new()),
             drawn: vec![false; lanes],
             checked: vec![false; lanes],
             renewed: vec![false; lanes],
@@ -176,7 +178,7 @@ impl World {
         }
     }
 
-    /// Computes a stage in these lanes, and checks it in those that are marked.
+    /// Computes a stage in these lanes, or in those of `self.few` if there are any, and checks it in those that are marked.
     fn compute(&mut self, span: Range<usize>, stage: Moment) {
         let parts = Arc::clone(&self.parts);
         let words = if stage == Moment::Person { &self.person_words } else { &self.words };
@@ -190,7 +192,13 @@ impl World {
             replay: parts.replay.as_deref().map(|rows| (rows, &self.rows[..])),
             replayed: &parts.replayed,
         };
-        if let Some(broken) = self.columns.compute(stage, &inputs)
+        let broken = match &mut self.few {
+            (few, lanes) if !lanes.is_empty() => {
+                self.columns.compute_few(few, lanes, stage, &inputs)
+            }
+            _ => self.columns.compute(stage, &inputs),
+        };
+        if let Some(broken) = broken
             && self.parts.failure.get().is_none()
         {
             let says = self.explained(broken);
@@ -204,26 +212,31 @@ impl World {
         let per_day = self.model().decisions_per_day;
         self.columns.set_clocks(span.clone(), &self.times, &self.entered, per_day);
         self.choose_rows();
-        self.compute(span, Moment::Before);
+        self.compute(span.clone(), Moment::Before);
         let parts = Arc::clone(&self.parts);
         let features = parts.shown.len();
         for (slot, index) in parts.shown.iter().enumerate() {
             let source = parts.model.roles.features[*index].source;
-            for (lane, renewed) in renewed.iter().enumerate() {
-                if *renewed {
-                    let value = self.value(source, lane);
-                    self.check_feature(*index, lane, value);
+            if let Referent::Quantity(quantity) = source {
+                let values = &self.columns.all[parts.program.values[quantity]][span.clone()];
+                let seen = self.seen[span.start * features..].chunks_exact_mut(features);
+                for ((seen, value), renewed) in seen.zip(values).zip(&renewed[span.clone()]) {
                     // Behind the last decision, rows may have ended.
-                    if value.is_finite() {
-                        self.seen[lane * features + slot] = value;
-                    }
+                    seen[slot] = if *renewed & value.is_finite() { *value } else { seen[slot] };
+                }
+                continue;
+            }
+            for lane in span.clone().filter(|lane| renewed[*lane]) {
+                let value = self.value(source, lane);
+                self.check_feature(*index, lane, value);
+                if value.is_finite() {
+                    self.seen[lane * features + slot] = value;
                 }
             }
         }
         if let Some(available) = parts.model.roles.available {
-            let column = parts.program.values[available];
-            for (is_available, value) in self.is_available.iter_mut().zip(&self.columns.all[column])
-            {
+            let values = &self.columns.all[parts.program.values[available]][span.clone()];
+            for (is_available, value) in self.is_available[span].iter_mut().zip(values) {
                 *is_available = *value != 0.0;
             }
         }
@@ -234,7 +247,7 @@ impl World {
     fn check_feature(&self, index: usize, lane: usize, value: f64) {
         let feature = &self.parts.model.roles.features[index];
         let is_inside = value >= feature.low.max(f64::MIN) && value <= feature.high.min(f64::MAX);
-        if is_inside || !self.checked[lane] || matches!(feature.source, Referent::Quantity(_)) {
+        if is_inside || !self.checked[lane] {
             return;
         }
         let (person, time) = (lane + 1, self.times[lane]);
@@ -396,6 +409,9 @@ impl World {
     }
 }
 
+/// If one lane among this many begins, those that begin are computed alone.
+const SPARSE: usize = 4;
+
 /// The least range with every lane that is marked.
 fn span(marked: &[bool]) -> Range<usize> {
     let first = marked.iter().position(|marked| *marked).unwrap_or(0);
@@ -448,14 +464,19 @@ impl VectorEnvironment for World {
             self.choose_person(lane, word);
             self.episodes[lane] += 1;
         }
-        // Others between them are computed again, from the same words: their numbers do not change.
+        // Others between them may be computed again, from the same words: their numbers do not change.
         for (drawn, status) in self.drawn.iter_mut().zip(&self.statuses) {
             *drawn = *status == EpisodeStatus::Running;
         }
         self.checked.copy_from_slice(&begun);
         let span = span(&begun);
+        let count = begun.iter().filter(|begins| **begins).count();
+        if count * SPARSE <= span.len() {
+            self.few.1.extend((0..begun.len()).filter(|lane| begun[*lane]));
+        }
         self.compute(span.clone(), Moment::Person);
         self.prepare(span, &begun);
+        self.few.1.clear();
     }
 
     fn step(&mut self, actions: &[Action], rewards: &mut [f64], streams: &mut LaneStreams) {
@@ -489,13 +510,14 @@ impl VectorEnvironment for World {
         self.compute(span.clone(), Moment::After);
         let roles = &parts.model.roles;
         let value = |quantity: usize| parts.program.values[quantity];
-        let (outcome, reward) = (value(roles.outcome), value(roles.reward));
-        for (lane, drawn) in self.drawn.iter().enumerate() {
-            let numbers = [outcome, reward].map(|column| self.columns.all[column][lane]);
-            // A number that is not finite ends the job.
-            let [outcome, reward] = numbers.map(|x| if *drawn && x.is_finite() { x } else { 0.0 });
-            self.outcomes[lane] = outcome;
-            rewards[lane] = reward;
+        for (numbers, role) in [(&mut self.outcomes[..], roles.outcome), (rewards, roles.reward)] {
+            numbers.fill(0.0);
+            let computed = &self.columns.all[value(role)][span.clone()];
+            let lanes = numbers[span.clone()].iter_mut().zip(computed);
+            for ((number, computed), drawn) in lanes.zip(&self.drawn[span.clone()]) {
+                // A number that is not finite ends the job.
+                *number = if *drawn & computed.is_finite() { *computed } else { 0.0 };
+            }
         }
         let ends = roles.ends.map(value);
         self.columns.remember(span.clone(), self.clock, &self.drawn);
@@ -503,19 +525,22 @@ impl VectorEnvironment for World {
         self.columns.all[parts.program.values[1]].fill(f64::NAN);
         self.clock += 1;
         let horizon = parts.model.horizon();
-        for lane in 0..lanes {
-            if !self.drawn[lane] {
-                continue;
+        let lanes = self.times.iter_mut().zip(&mut self.statuses).zip(&self.drawn);
+        for ((time, status), drawn) in lanes {
+            *time += u32::from(*drawn);
+            let is_last = *drawn & (*time >= horizon);
+            *status = if is_last { EpisodeStatus::Truncated } else { *status };
+        }
+        if let Some(ends) = ends {
+            let lanes = self.statuses.iter_mut().zip(&self.columns.all[ends]).zip(&self.drawn);
+            for ((status, ends), drawn) in lanes {
+                let is_end = *drawn & (*ends != 0.0);
+                *status = if is_end { EpisodeStatus::Terminated } else { *status };
             }
-            self.times[lane] += 1;
-            let is_end = ends.is_some_and(|column| self.columns.all[column][lane] != 0.0);
-            if is_end {
-                self.statuses[lane] = EpisodeStatus::Terminated;
-            } else if self.times[lane] >= horizon {
-                self.statuses[lane] = EpisodeStatus::Truncated;
-            }
-            // Behind the last decision nothing is checked.
-            self.checked[lane] = self.statuses[lane] == EpisodeStatus::Running;
+        }
+        // Behind the last decision nothing is checked.
+        for (checked, status) in self.checked.iter_mut().zip(&self.statuses) {
+            *checked = *status == EpisodeStatus::Running;
         }
         let renewed = std::mem::take(&mut self.renewed);
         let mut renewed = renewed;

@@ -88,25 +88,25 @@ impl Field for Vec<Condition> {
     }
 }
 
-/// The names of declared estimates; none for all of them.
+/// Names of what is declared elsewhere; none for all of them.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
-pub struct EstimateNames(pub Vec<String>);
+pub struct NameList(pub Vec<String>);
 
-impl Field for EstimateNames {
-    type Value = EstimateNames;
+impl Field for NameList {
+    type Value = NameList;
 
     fn schema(_: Option<Kind>) -> Json {
         json!({ "type": "array", "minItems": 1, "uniqueItems": true, "items": { "$ref": "#/$defs/name" } })
     }
 
     fn read(table: &mut TableReader<'_, '_>, key: &str, _: Option<Kind>) -> Option<Self> {
-        let Some(node) = table.node(key) else { return Some(EstimateNames::default()) };
+        let Some(node) = table.node(key) else { return Some(NameList::default()) };
         let items = table.reader.items(key, node);
         let names = items.into_iter().map(|item| table.reader.name(key, item).value);
-        Some(EstimateNames(names.collect()))
+        Some(NameList(names.collect()))
     }
 
-    fn written(value: &EstimateNames, key: &'static str) -> Vec<(&'static str, String)> {
+    fn written(value: &NameList, key: &'static str) -> Vec<(&'static str, String)> {
         let names: Vec<String> = value.0.iter().map(quoted).collect();
         if names.is_empty() { Vec::new() } else { vec![(key, format!("[{}]", names.join(", ")))] }
     }

@@ -8,7 +8,7 @@ use crate::job::{Condition, DataPart, MetricName, MetricPlace};
 use crate::key::{FixedKind, Kind, Parameter, Value, choices};
 use crate::manifest::analysis::axis::CurveAxis;
 use crate::manifest::analysis::figure_keys::FigureKeys;
-use crate::manifest::analysis::forms::{Bins, EstimateNames, FamilyName, Find, States};
+use crate::manifest::analysis::forms::{Bins, FamilyName, Find, NameList, States};
 use crate::manifest::analysis::participants;
 use crate::manifest::analysis::sides::Sides;
 use crate::manifest::table::{Fields, TableKey, TableReader, fields, name_key, names};
@@ -114,6 +114,14 @@ kinds! {
         sides: Option<Sides>;
     }
 
+    /// The days of single people: recorded variables over decisions, with the actions marked.
+    Days = "days", [], ["width", "height", "font_size", "theme"], {
+        /// names of the recorded state, and "reward"; the reward and the first seven by default
+        variables: NameList;
+        /// the people, numbered from 1 in the order of the test or trial, of the first seed of each arm
+        people: Vec<u32> = vec![1], in Kind::Counts { most: 20, max: 10_000_000 };
+    }
+
     /// Shares of the actions chosen in the test, by bins of the probability of context 0.
     ActionChoice = "action_choice", [], FRAME, {
         /// bins of the context probability
@@ -131,7 +139,7 @@ kinds! {
     /// How estimates behave over trials: bias, standard errors, coverage and power.
     OperatingCharacteristics = "operating_characteristics", [], LINES, {
         /// the names of the estimates; all by default
-        estimates: EstimateNames;
+        estimates: NameList;
         /// the horizontal axis of the figures; `trial.people` with `find`
         x: Option<Parameter>;
         /// the power whose number of people is sought along `trial.people`
@@ -311,6 +319,22 @@ impl Rules for Curve {
 
     fn shows_inference_error(&self) -> bool {
         self.x == CurveAxis::ContextInferenceError
+    }
+}
+
+impl Rules for Days {
+    fn part(&self, _: MetricName) -> DataPart {
+        DataPart::Days
+    }
+
+    /// Reports decisions that are not recorded.
+    fn check(&self, rest: &dyn Declares, span: Span, faults: &mut FaultList) {
+        let recorded = rest.values(Parameter::Evaluation("record_decisions")).unwrap_or_default();
+        let is_recorded = |value: &Value| !matches!(value, Value::Choice("none"));
+        if !recorded.iter().any(is_recorded) {
+            let fault = Fault::at(span, "kind \"days\" needs the decisions of the test or trial");
+            faults.add(fault.help("write record_decisions = \"test\" in [evaluation]"));
+        }
     }
 }
 

@@ -3,6 +3,7 @@
 mod action_choice;
 mod contrast;
 mod curve;
+mod days;
 mod forest;
 mod heat_map;
 mod inference_error;
@@ -84,6 +85,7 @@ pub(super) fn drawn(content: &FindingContent) -> &dyn Drawn {
     match content {
         FindingContent::Contrast(figure) => figure,
         FindingContent::Curve(figure) => figure,
+        FindingContent::Days(figures) => figures,
         FindingContent::LearningCurve(figure) => figure,
         FindingContent::HeatMap(figures) => figures,
         FindingContent::ActionChoice(panels) => panels,
