@@ -113,7 +113,7 @@ const RECORD_EPISODES: Parameter = Parameter::Evaluation("record_episodes");
 const DECISIONS_OF_EPISODES: Constraint = Constraint {
     parameters: &[RECORD_EPISODES, RECORD_DECISIONS],
     violation: |assignment| {
-        let violated = !assignment.is_word(RECORD_EPISODES, "all")
+        let violated = assignment.is_word(RECORD_EPISODES, "none")
             && !assignment.is_word(RECORD_DECISIONS, "none");
         let says = "leaves out the episodes of";
         violated.then(|| assignment.contradiction(RECORD_EPISODES, says, RECORD_DECISIONS))

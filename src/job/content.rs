@@ -78,7 +78,7 @@ pub enum NoWeights {
     NotPooled,
     /// The job records metrics alone.
     #[error(
-        "it stores metrics alone (`record_episodes`); a job with `record_episodes = \"all\"` stores its weights"
+        "it stores metrics alone (`record_episodes = \"none\"`); a job with `record_episodes = \"all\"` stores its weights"
     )]
     NotRecorded,
 }

@@ -21,9 +21,11 @@ keys! {
         /// episodes of an agent that does not train
         first_episodes: Vec<u32> = Vec::new(), before Vec::new(), in Kind::Counts { most: 20, max: 10_000_000 };
         /// which results of single people are stored: "all", or "none", which leaves the metrics, the learning
-        /// curve and the counts of actions, without episodes, participants and weights; "quartiles" leaves both
-        /// quartiles of the return, "none" the lower one
+        /// curve and the counts of actions, without episodes, participants and weights
         record_episodes: RecordedEpisodes = RecordedEpisodes::All, before RecordedEpisodes::All;
+        /// which quartiles of the return are metrics where record_episodes = "none": the "lower" one, or "both";
+        /// elsewhere analyses compute them from the episodes
+        record_quartiles: RecordedQuartiles = RecordedQuartiles::Lower, before RecordedQuartiles::Lower;
         /// what the agent is evaluated on: "test" episodes after its training, or the people of the "trial" in
         /// which it learned
         on: EvaluatedOn = EvaluatedOn::Test, before EvaluatedOn::Test;
@@ -80,10 +82,18 @@ choices! {
     pub enum RecordedEpisodes {
         /// Episodes, participants and weights.
         All = "all",
-        /// Metrics alone, both quartiles of the return among them.
-        Quartiles = "quartiles",
-        /// Metrics alone, the lower quartile of the return among them.
+        /// Metrics alone.
         None = "none",
+    }
+}
+
+choices! {
+    /// Which quartiles of the return are metrics where episodes are not stored.
+    pub enum RecordedQuartiles {
+        /// The lower one.
+        Lower = "lower",
+        /// The lower and the upper one.
+        Both = "both",
     }
 }
 

@@ -82,7 +82,7 @@ metrics! {
         "lower quartile of the return over evaluated episodes; computed when it is read, and recorded where episodes are not";
     UPPER_QUARTILE_RETURN = "upper_quartile_return", "upper-quartile return", Return, [Analyses, Participants],
         "upper quartile of the return over evaluated episodes; computed when it is read, and recorded with \
-         record_episodes = \"quartiles\"";
+         record_quartiles = \"both\" where episodes are not";
     MEAN_LENGTH = "mean_length", "mean episode length", Steps, [Test, Curve, Analyses, Participants],
         "mean episode length";
     DISENGAGEMENT_RATE = "disengagement_rate", "episodes ended by disengagement", Share,

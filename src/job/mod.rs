@@ -25,7 +25,9 @@ pub use estimate::{
     CONSTANT, Effect, Estimate, EstimateDeclaration, Estimates, Estimator, GROSS_REWARD, Messages,
     REWARD, STEP, StandardErrors, Treatment,
 };
-pub use evaluation::{EvaluatedOn, Evaluation, RecordedDecisions, RecordedEpisodes, TestActions};
+pub use evaluation::{
+    EvaluatedOn, Evaluation, RecordedDecisions, RecordedEpisodes, RecordedQuartiles, TestActions,
+};
 pub use identity::{
     CanonicalForm, JobKey, Versions, agent_text, environment_text, people_text, seed_of, text,
     without_seed,

@@ -208,14 +208,12 @@ fn query(manifest: &Manifest, data: &DataSet, analysis: &Analysis) -> DataQuery 
     let varying = varying(&data.jobs.iter().collect::<Vec<_>>());
     let keys = conditions.iter().filter(|one| rank(one).0 == 3).map(Condition::name);
     let columns = distinct(varying.into_iter().chain(keys));
-    let all = Value::Choice(RecordedEpisodes::All.word());
+    let none = Value::Choice(RecordedEpisodes::None.word());
     let kept =
         manifest.sections[SectionName::Evaluation].get("record_episodes").unwrap_or_default();
     let part = match analysis.part() {
         // Where episodes are not recorded, what is computed from them is.
-        DataPart::Returns if !kept.is_empty() && !kept.contains(&all) => {
-            DataPart::Metric(analysis.metric)
-        }
+        DataPart::Returns if kept == [none] => DataPart::Metric(analysis.metric),
         part => part,
     };
     DataQuery { experiment: data.experiment.clone(), conditions, columns, part }

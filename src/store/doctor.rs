@@ -69,8 +69,7 @@ const INVARIANTS: [Invariant; 6] = [
         violation: "its test episodes do not match the declared number, counted from 1",
         sql: "SELECT job.key FROM run JOIN job ON job.id = run.job
               WHERE status = 'completed' AND CASE
-                    WHEN json_extract(canonical, '$.evaluation.record_episodes')
-                        IN ('none', 'quartiles') THEN 0
+                    WHEN json_extract(canonical, '$.evaluation.record_episodes') = 'none' THEN 0
                     ELSE ifnull(json_extract(canonical, '$.trial.people'),
                         json_extract(canonical, '$.evaluation.test_episodes')) END
                 IS NOT (SELECT iif(count(*) = ifnull(max(episode), 0), count(*), -1) FROM test_episode

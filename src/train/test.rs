@@ -11,7 +11,7 @@ use crate::job::metric::{
 };
 use crate::job::{
     ActionCount, EstimateDeclaration, Estimates, Job, Metric, MetricName, ParticipantValue, Phase,
-    RecordedEpisodes, RunnableJob, TestEpisode,
+    RecordedEpisodes, RecordedQuartiles, RunnableJob, TestEpisode,
 };
 use crate::state::{Resumable, StateError, StateReader, StateWriter, resumable};
 use crate::train::observers::{ObservedTrial, Observers};
@@ -36,7 +36,7 @@ pub(super) struct Test {
     environment: Environment,
     /// The metric that is the share of terminated episodes.
     terminated: MetricName,
-    recorded: RecordedEpisodes,
+    recorded: (RecordedEpisodes, RecordedQuartiles),
 }
 
 /// How a test proceeds.
@@ -91,7 +91,7 @@ pub(super) struct Tested {
     /// The total cost of messages; `None` if messages have no cost.
     costs: Option<f64>,
     /// Whether the results of single people are stored.
-    pub(super) recorded: RecordedEpisodes,
+    pub(super) recorded: (RecordedEpisodes, RecordedQuartiles),
 }
 
 impl Test {
@@ -127,7 +127,7 @@ impl Test {
             participants: Vec::new(),
             environment: environment.clone(),
             terminated: job.termination_metric(),
-            recorded: job.evaluation.record_episodes,
+            recorded: (job.evaluation.record_episodes, job.evaluation.record_quartiles),
         }
     }
 
@@ -367,9 +367,9 @@ impl Tested {
         }
         // Readers compute it from the episodes.
         let recorded: &[_] = match self.recorded {
-            RecordedEpisodes::All => &[],
-            RecordedEpisodes::Quartiles => &[LOWER_QUARTILE_RETURN, UPPER_QUARTILE_RETURN],
-            RecordedEpisodes::None => &[LOWER_QUARTILE_RETURN],
+            (RecordedEpisodes::All, _) => &[],
+            (_, RecordedQuartiles::Lower) => &[LOWER_QUARTILE_RETURN],
+            (_, RecordedQuartiles::Both) => &[LOWER_QUARTILE_RETURN, UPPER_QUARTILE_RETURN],
         };
         if !recorded.is_empty() {
             let mut returns: Vec<f64> = self.episodes.iter().map(|e| e.total_reward).collect();
@@ -423,7 +423,7 @@ mod tests {
             terminated: DISENGAGEMENT_RATE,
             messages: Some(5),
             costs: Some(1.5 * 5.0),
-            recorded: RecordedEpisodes::Quartiles,
+            recorded: (RecordedEpisodes::None, RecordedQuartiles::Both),
         };
         let value = |name: &str| tested.metrics().iter().find(|m| m.name == name).unwrap().value;
         assert_eq!(value("mean_return"), 30.0);
@@ -463,7 +463,7 @@ mod tests {
             terminated: DISENGAGEMENT_RATE,
             messages: Some(0),
             costs: None,
-            recorded: RecordedEpisodes::All,
+            recorded: (RecordedEpisodes::All, RecordedQuartiles::Lower),
         };
         let names: Vec<MetricName> = tested.metrics().iter().map(|m| m.name).collect();
         let defined = [MEAN_RETURN, MEAN_LENGTH, DISENGAGEMENT_RATE, MESSAGE_RATE];

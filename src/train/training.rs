@@ -264,7 +264,7 @@ pub(super) fn assemble(
         posteriors: Vec::new(),
         estimates: tested.estimates,
     };
-    if tested.recorded != RecordedEpisodes::All {
+    if tested.recorded.0 == RecordedEpisodes::None {
         (results.episodes, results.participants, results.weights) = (Vec::new(), Vec::new(), None);
     }
     results

@@ -190,7 +190,7 @@ fn a_trial_begins_with_the_posterior_of_a_pooled_trial() {
 fn a_job_that_stores_metrics_alone_has_no_policy_and_says_why() {
     let recorded = "record_decisions = \"all\"";
     let folder = Folder::completed(&PILOT.replace(recorded, "record_episodes = \"none\""));
-    let says = "has no stored policy: it stores metrics alone (`record_episodes`)";
+    let says = "has no stored policy: it stores metrics alone (`record_episodes = \"none\"`)";
     for agent in ["thompson", "dqn"] {
         let key = key(&folder, &format!("agent = '{agent}'"));
         folder.jitai(["export", "--policy", &key, "--out", "policy"]).ended(2).says(says);

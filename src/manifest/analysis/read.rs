@@ -7,7 +7,7 @@ use toml::de::DeTable;
 use crate::env::Scenario;
 use crate::job::metric::UPPER_QUARTILE_RETURN;
 use crate::job::metric::{MEAN_RETURN, metrics_with};
-use crate::job::{Condition, MetricName, MetricPlace, RecordedEpisodes};
+use crate::job::{Condition, MetricName, MetricPlace, RecordedEpisodes, RecordedQuartiles};
 use crate::key::{Distribution, Parameter, SectionName, Value};
 use crate::manifest::analysis::declared::{Analysis, AnalysisDraft};
 use crate::manifest::analysis::figure_keys::FigureKeys;
@@ -267,22 +267,23 @@ impl Checked<'_> {
         }
         let kept =
             manifest.sections[SectionName::Evaluation].get("record_episodes").unwrap_or_default();
+        let quartiles =
+            manifest.sections[SectionName::Evaluation].get("record_quartiles").unwrap_or_default();
         if analysis.analysis.metric == UPPER_QUARTILE_RETURN
             && kept.contains(&Value::Choice(RecordedEpisodes::None.word()))
+            && !quartiles.contains(&Value::Choice(RecordedQuartiles::Both.word()))
         {
             let message = format!(
                 "no job with record_episodes = \"none\" records the metric \"{UPPER_QUARTILE_RETURN}\""
             );
-            let help = "set `record_episodes = \"quartiles\"` in [evaluation]";
+            let help = "set `record_quartiles = \"both\"` in [evaluation]";
             faults.add(Fault::at(analysis.span, message).help(help));
         }
         if let Some(range) = &analysis.participants
-            && let Some(word) =
-                kept.iter().find(|word| **word != Value::Choice(RecordedEpisodes::All.word()))
+            && kept.contains(&Value::Choice(RecordedEpisodes::None.word()))
         {
-            let message = format!(
-                "`participants` needs episodes, and `record_episodes` of [evaluation] is {word}"
-            );
+            let message =
+                "`participants` needs episodes, and `record_episodes` of [evaluation] is \"none\"";
             faults.add(Fault::at(range.span, message).help("remove record_episodes"));
         }
         if let Some(range) = &analysis.participants
