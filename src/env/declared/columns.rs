@@ -440,8 +440,9 @@ impl LaneColumns {
         out: &mut [f64],
     ) {
         out.fill(0.0);
+        let newest = ring.newest(inputs.clock);
         for (back, weight) in (1..).zip(weights) {
-            let past = tile.of(&self.all[ring.column(inputs.clock, back)]);
+            let past = tile.of(&self.all[ring.column_from(newest, back)]);
             for (out, past) in out.iter_mut().zip(past) {
                 *out += weight * past;
             }

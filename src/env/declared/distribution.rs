@@ -160,10 +160,20 @@ impl DrawLaw {
             (DrawLaw::PoissonLog, [log]) => {
                 each!(|i, words| poisson(math::exp(log[i]), &mut words));
             }
-            (DrawLaw::ZeroInflatedPoisson, [zero, log]) => each!(|i, words| {
-                let is_zero = words.open_unit() < sigmoid(zero[i]);
-                if is_zero { 0.0 } else { poisson(math::exp(log[i]), &mut words) }
-            }),
+            (DrawLaw::ZeroInflatedPoisson, [zero, log]) => {
+                // The means, or -1 for a 0 that no count draws.
+                all!([zero, log], |words| {
+                    let is_zero = words.open_unit() < sigmoid(zero);
+                    if is_zero { -1.0 } else { math::exp(log) }
+                });
+                for ((out, word), valid) in out.iter_mut().zip(words).zip(valid) {
+                    if *valid {
+                        let mut words = Expansion(word ^ stream);
+                        words.open_unit();
+                        *out = if *out < 0.0 { 0.0 } else { poisson(*out, &mut words) };
+                    }
+                }
+            }
             (DrawLaw::Gamma, [mean, sd]) => {
                 each!(|i, words| gamma(mean[i], sd[i], words.bits()));
             }

@@ -80,11 +80,23 @@ pub(super) struct Ring {
 }
 
 impl Ring {
-    /// The column of the value some decisions ago, after this number of steps of all lanes.
+    /// The column of the value some decisions ago, at most as many as there are, after this number of steps of all lanes.
     #[inline(always)]
     pub fn column(self, clock: u64, back: u64) -> usize {
-        let depth = self.depth as u64;
-        self.first + ((clock + depth - back % depth) % depth) as usize
+        self.column_from(self.newest(clock), back as usize)
+    }
+
+    /// The index of the value that the present decision will have.
+    #[inline(always)]
+    pub fn newest(self, clock: u64) -> usize {
+        (clock % self.depth as u64) as usize
+    }
+
+    /// The column of the value some decisions before this index.
+    #[inline(always)]
+    pub fn column_from(self, newest: usize, back: usize) -> usize {
+        let index = newest + self.depth - back;
+        self.first + if index >= self.depth { index - self.depth } else { index }
     }
 }
 

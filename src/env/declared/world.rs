@@ -412,11 +412,14 @@ impl World {
 /// If one lane among this many begins, those that begin are computed alone.
 const SPARSE: usize = 4;
 
-/// The least range with every lane that is marked.
+/// Lanes are computed by this many, which a vectorised loop takes at a time.
+const TOGETHER: usize = 16;
+
+/// The least range with every lane that is marked, in multiples of [`TOGETHER`].
 fn span(marked: &[bool]) -> Range<usize> {
-    let first = marked.iter().position(|marked| *marked).unwrap_or(0);
+    let Some(first) = marked.iter().position(|marked| *marked) else { return 0..0 };
     let behind = marked.iter().rposition(|marked| *marked).map_or(first, |last| last + 1);
-    first..behind
+    first / TOGETHER * TOGETHER..behind.next_multiple_of(TOGETHER).min(marked.len())
 }
 
 /// A number for messages.
