@@ -200,7 +200,7 @@ evaluation = {{ test_episodes = 4, record_decisions = "test" }}
 
 """
 
-# Every way to a probability: an integral, shares of draws, and the logistic function.
+# Every way to a probability: an integral, shares of draws, the sign of the effect, and the logistic function.
 OF_FOUR = {
     "plain": "",
     "biased": "action_bias = [0, -20, -30, 5]\npi_min = 0.05",
@@ -213,6 +213,8 @@ OF_FOUR = {
 OF_TWO = {
     "plain": "noise_sd = 1000",
     "logistic": 'allocation = "logistic"\nlogistic_odds = 3\nlogistic_slope = 0.515',
+    "clipped": 'allocation = "clipped"\npi_min = 0.1\nnoise_sd = 1000',
+    "clipped_centred": 'allocation = "clipped"\naction_centring = true\npi_min = 0.2\nnoise_sd = 1000',
     "narrow": 'allocation = "logistic"\nlogistic_slope = 0.01\nprior_sd = 1',
     "steep": 'allocation = "logistic"\nlogistic_slope = 40\naction_bias = [0, 12]',
     "centred": 'allocation = "logistic"\naction_centring = true\nnoise_sd = 63.7',

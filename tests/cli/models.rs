@@ -73,6 +73,32 @@ fn a_trial_in_a_declared_world_is_run_queried_merged_and_reported() {
 }
 
 #[test]
+fn the_days_of_people_are_drawn_from_recorded_decisions() {
+    let days = "[[analysis]]\nname = \"days\"\nkind = \"days\"\nwhere = { agent.name = \"bandit\" }\npeople = [1, 6]\n\
+                variables = [\"dose\", \"reward\"]\n";
+    let folder = Folder::with(&format!("{MANIFEST}{days}"));
+    folder.write("world.toml", MODEL);
+    folder.jitai(["run", "sweep.toml"]).succeeded();
+    folder.jitai(["report", "sweep.toml", "--out", "report"]).succeeded();
+    // Two scenarios and two effects, each with the first of two seeds: two people, two variables, 30 decisions.
+    let table = folder.read("report/tables/walks-days.csv");
+    assert_eq!(table.lines().count(), 1 + 4 * 2 * 2 * 30, "{table}");
+    let of_store = "SELECT count(*) FROM decision AS d JOIN arm_summary AS s USING (job_key) WHERE s.agent = 'bandit' \
+                    AND s.seed = 1 AND d.episode IN (1, 6) AND d.action = 1";
+    let marked = table.lines().filter(|line| line.contains(",1,dose,")).count();
+    assert_eq!(marked as i64, folder.number(of_store));
+    let figure = folder.read("report/figures/walks-days.svg");
+    assert!(figure.contains("person 6") && figure.contains(">dose<"), "{figure}");
+    let silent = MANIFEST.replace("record_decisions = \"test\"\n", "");
+    folder.write("silent.toml", &format!("{silent}{days}"));
+    folder
+        .jitai(["check", "silent.toml"])
+        .failed()
+        .says("kind \"days\" needs the decisions of the test or trial")
+        .says("write record_decisions = \"test\"");
+}
+
+#[test]
 fn faults_of_a_model_stand_beside_those_of_its_manifest() {
     let faulty = MODEL
         .replace("effect - 2 * dose", "efect - 2 * dos")

@@ -184,6 +184,41 @@ fn no_action_is_less_likely_than_pi_min() {
 }
 
 #[test]
+fn clipped_probabilities_are_exact_and_cut_to_a_range() {
+    let thompson = LinearThompson { noise_sd: 300.0, ..LinearThompson::default() };
+    let clipped =
+        LinearThompson { allocation: BanditAllocation::Clipped, pi_min: 0.1, ..thompson.clone() };
+    let of_two = |parameters: &LinearThompson, steps: usize| {
+        let mut posterior = Posterior::prior(parameters, Shape { inputs: WIDTH, actions: 2 });
+        let mut stream = stream(4);
+        for (features, reward) in data(steps, WIDTH, &mut stream) {
+            let probabilities = vec![0.6, 0.4];
+            let action = pick(&probabilities, stream.unit());
+            let reward = reward * (0.5 + 0.1 * action.index() as f64);
+            posterior.learn(&Decision { features, probabilities, action }, reward);
+        }
+        let mut acting = Acting::new(posterior).unwrap();
+        let mut out = [f64::NAN; 2];
+        let known = (&mut acting, &mut Vec::new());
+        Sampler::new(parameters, 2, 9).probabilities(known, &FEATURES, 77, &mut out);
+        out
+    };
+    // The integral over both actions, from little data to certainty.
+    let shares: Vec<f64> = [5, 100, 400, 20_000].map(|steps| of_two(&thompson, steps)[1]).into();
+    assert!(shares[..3].iter().all(|share| (0.1..0.9).contains(share)), "{shares:?}");
+    assert!(shares[3] > 0.9, "{shares:?}");
+    for (steps, share) in [5, 100, 400, 20_000].into_iter().zip(shares) {
+        let share = share.clamp(0.1, 0.9);
+        assert_close(&of_two(&clipped, steps), &[1.0 - share, share], 1e-9);
+    }
+    // With action centring, shares of draws have an error of 0.008.
+    let centred = LinearThompson { action_centring: true, pi_min: 1e-9, ..thompson };
+    let by_draws = LinearThompson { probability_draws: 20_000, ..centred.clone() };
+    let exact = LinearThompson { allocation: BanditAllocation::Clipped, ..centred };
+    assert_close(&of_two(&exact, 200), &of_two(&by_draws, 200), 0.015);
+}
+
+#[test]
 fn equal_biases_change_nothing() {
     let with = |bias: [f64; 4]| LinearThompson {
         noise_sd: 200.0,

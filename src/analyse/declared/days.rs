@@ -22,6 +22,9 @@ pub struct DaysFigure {
 /// The most variables that are drawn unless they are named.
 const MOST_UNNAMED: usize = 8;
 
+/// What a trial records beside the state, and is drawn if it is named.
+const CLOCKS: [&str; 2] = ["calendar_day", "policy"];
+
 /// The name of the reward among variables.
 const REWARD: &str = "reward";
 
@@ -40,6 +43,7 @@ pub fn figures(kind: &Days, jobs: &[&JobRecord]) -> Vec<DaysFigure> {
             let mut names = kind.variables.0.clone();
             if names.is_empty() {
                 let recorded = first.state.iter().map(|(name, _)| name.clone());
+                let recorded = recorded.filter(|name| !CLOCKS.contains(&name.as_str()));
                 names = [REWARD.to_owned()].into_iter().chain(recorded).collect();
                 names.truncate(MOST_UNNAMED);
             }

@@ -6,7 +6,7 @@ use crate::env::contract;
 use crate::env::declared::expression::{Binary, Expression, ExpressionNode, Summary, Unary};
 use crate::env::declared::family::MODEL;
 use crate::env::declared::model::{
-    Clock, Definition, ModelFile, Moment, NamedExpression, Referent,
+    Clock, Definition, ModelFile, Moment, NamedExpression, NeededColumn, Referent,
 };
 use crate::env::declared::program::stream;
 use crate::env::declared::rows::{PEOPLE, REPLAY};
@@ -188,12 +188,12 @@ impl Plain<'_> {
                     self.past[first..].iter().map(|then| then[quantity]).collect();
                 let values = values?;
                 let factor = window.factor.as_ref().map_or(1.0, |factor| {
-                    let name = factor.names.first().map(|name| name.text.as_str());
-                    let of_name = |name| {
-                        let known = |one: &&super::model::ModelParameter| one.name == name;
-                        self.model.parameters.iter().find(known).unwrap().default
+                    let of_name = |index: usize| {
+                        let name = &factor.names[index].text;
+                        let mut parameters = self.model.parameters.iter();
+                        Some(parameters.find(|one| one.name == *name)?.default)
                     };
-                    name.map_or(0.5, of_name)
+                    super::numbers::constant(factor, &of_name).unwrap()
                 });
                 let ages = (0..values.len()).rev();
                 let weights: Vec<f64> = ages.map(|age| factor.powi(age as i32)).collect();
@@ -318,6 +318,28 @@ fn compare(text: &str, people: &str, row: &[f64], seed: u64) {
 fn numbers_are_those_of_a_plain_reference() {
     for seed in 1..6 {
         compare(MANY, PEOPLE_OF_MANY, &[1.0, 0.5, 0.1, 2.0], seed);
+    }
+}
+
+#[test]
+fn a_world_with_a_week_of_memory_and_a_regime_has_the_numbers_of_the_plain_reference() {
+    // People whose prompts wear off, a day of memory, averages of a week, and coefficients by person.
+    let text = include_str!("../../../experiments/oralytics/v1.toml");
+    let people = include_str!("../../../experiments/oralytics/synthetic_v1.csv");
+    let model = read::read(text).unwrap();
+    let mut lines = people.lines().skip(1).map(|line| line.split(',').collect::<Vec<_>>());
+    let (names, first) = (lines.next().unwrap(), lines.next().unwrap());
+    let number = |column: &NeededColumn| {
+        let index = names.iter().position(|name| *name == column.name);
+        first[index.unwrap_or_else(|| panic!("{} is a column", column.name))].parse().unwrap()
+    };
+    let row: Vec<f64> = model.columns.iter().map(number).collect();
+    for (seed, after) in [(1, "0.5"), (2, "0"), (3, "0.8")] {
+        let text = text.replace(
+            "effect_after_shrinking   = 0.5",
+            &format!("effect_after_shrinking = {after}"),
+        );
+        compare(&text, people, &row, seed);
     }
 }
 

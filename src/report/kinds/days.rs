@@ -88,7 +88,7 @@ const PANEL: f64 = 52.0;
 const NAME: f64 = 14.0;
 /// The height of the strip of actions, and of what stands below the panels.
 const STRIP: f64 = 18.0;
-const BOTTOM: f64 = 34.0;
+const BOTTOM: f64 = 40.0;
 
 fn days_figure(figure: &DaysFigure, sheet: &Sheet<'_>) -> Scene {
     let whole = sheet.style.width();
@@ -157,8 +157,7 @@ fn days_figure(figure: &DaysFigure, sheet: &Sheet<'_>) -> Scene {
     marks.extend(strip(figure, bottom, &at));
     marks.extend(below(&x, bottom + STRIP, (across, whole)));
     if sheet.style.has_titles() {
-        let note =
-            format!("Actions below, one mark per decision with an action; seed {}.", figure.seed);
+        let note = format!("A mark for each decision with an action; seed {}.", figure.seed);
         let under = (whole / 2.0, height - 5.0);
         marks.push(fitting(under, note, (NOTE, whole - 8.0), FAINT).into());
     }
