@@ -93,7 +93,7 @@ fn the_days_of_people_are_drawn_from_recorded_decisions() {
     folder.write("silent.toml", &format!("{silent}{days}"));
     folder
         .jitai(["check", "silent.toml"])
-        .failed()
+        .ended(2)
         .says("kind \"days\" needs the decisions of the test or trial")
         .says("write record_decisions = \"test\"");
 }
