@@ -90,7 +90,7 @@ fn the_days_of_people_are_drawn_from_recorded_decisions() {
     let figure = folder.read("report/figures/walks-days.svg");
     assert!(figure.contains("person 6") && figure.contains(">dose<"), "{figure}");
     let silent = MANIFEST.replace("record_decisions = \"test\"\n", "");
-    folder.write("silent.toml", &format!("{silent}{days}"));
+    folder.write("silent.toml", format!("{silent}{days}"));
     folder
         .jitai(["check", "silent.toml"])
         .ended(2)
