@@ -147,8 +147,9 @@ pub(super) fn compile(model: &ModelFile, parameters: &[f64]) -> LaneProgram {
         (0..model.quantities.len()).map(|_| compiler_column(&mut compiler.program)).collect();
     compiler.program.people =
         model.columns.iter().map(|_| compiler_column(&mut compiler.program)).collect();
+    let needed = compiler.needed();
     for (stage, order) in model.order.iter().enumerate() {
-        for index in order {
+        for index in order.iter().filter(|index| needed[**index]) {
             compiler.quantity(stage, *index);
         }
     }
@@ -257,6 +258,107 @@ impl Compiler<'_> {
         }
     }
 
+    /// The quantities that a role needs at these values of the parameters.
+    fn needed(&self) -> Vec<bool> {
+        let roles = &self.model.roles;
+        let features = roles.features.iter().map(|feature| feature.source);
+        let others = [roles.outcome, roles.reward].into_iter().chain(roles.available);
+        let others = others.chain(roles.ends).chain(roles.state.iter().copied());
+        let mut open: Vec<Referent> = features.chain(others.map(Referent::Quantity)).collect();
+        let mut needed = vec![false; self.model.quantities.len()];
+        while let Some(referent) = open.pop() {
+            let Referent::Quantity(index) = referent else { continue };
+            if std::mem::replace(&mut needed[index], true) {
+                continue;
+            }
+            let definition = &self.model.quantities[index].definition;
+            match definition {
+                Definition::Linear(_) => {
+                    open.extend(definition.referents().into_iter().map(|(referent, _)| referent));
+                }
+                _ => open.extend(ModelFile::formulas(definition).iter().flat_map(|formula| {
+                    let read = self.read_nodes(formula);
+                    let mut windows = formula.windows.iter();
+                    let mut referents = Vec::new();
+                    for (node, read) in formula.expression.nodes.iter().zip(read) {
+                        let referent = match node {
+                            ExpressionNode::WrittenName(name) => Some(formula.targets[*name]),
+                            ExpressionNode::PastWindow(_) => {
+                                windows.next().map(|window| Referent::Quantity(*window))
+                            }
+                            _ => None,
+                        };
+                        referents.extend(referent.filter(|_| read));
+                    }
+                    referents
+                })),
+            }
+        }
+        needed
+    }
+
+    /// Whether each node of a formula is read at these values of the parameters: a constant has no parts, and an `if` with a
+    /// constant condition has one branch.
+    fn read_nodes(&self, formula: &NamedExpression) -> Vec<bool> {
+        let nodes = &formula.expression.nodes;
+        let constants = self.constants_of(formula);
+        let mut read = vec![false; nodes.len()];
+        if let Some(last) = read.last_mut() {
+            *last = true;
+        }
+        for index in (0..nodes.len()).rev().filter(|index| constants[*index].is_none()) {
+            if !read[index] {
+                continue;
+            }
+            match &nodes[index] {
+                ExpressionNode::Number(_)
+                | ExpressionNode::WrittenName(_)
+                | ExpressionNode::PastWindow(_) => {}
+                ExpressionNode::Unary(_, of) => read[*of] = true,
+                ExpressionNode::Binary(_, of) => of.iter().for_each(|of| read[*of] = true),
+                ExpressionNode::If([condition, one, other]) => match constants[*condition] {
+                    Some(condition) => read[if condition != 0.0 { *one } else { *other }] = true,
+                    None => [condition, one, other].iter().for_each(|of| read[**of] = true),
+                },
+            }
+        }
+        read
+    }
+
+    /// The values of the nodes of a formula that numbers and parameters determine.
+    fn constants_of(&self, formula: &NamedExpression) -> Vec<Option<f64>> {
+        let names = &formula.expression.names;
+        let mut constants: Vec<Option<f64>> = Vec::with_capacity(formula.expression.nodes.len());
+        for node in &formula.expression.nodes {
+            constants.push(match node {
+                ExpressionNode::Number(value) => Some(*value),
+                ExpressionNode::WrittenName(name) => match formula.targets[*name] {
+                    Referent::One => Some(1.0),
+                    Referent::ModelParameter(index) if names[*name].back == 0 => {
+                        Some(self.parameters[index])
+                    }
+                    _ => None,
+                },
+                ExpressionNode::Unary(function, of) => {
+                    constants[*of].map(|x| numbers::unary(*function, x))
+                }
+                ExpressionNode::Binary(function, [one, other]) => {
+                    match (constants[*one], constants[*other]) {
+                        (Some(x), Some(y)) => Some(numbers::binary(*function, x, y)),
+                        _ => None,
+                    }
+                }
+                ExpressionNode::If([condition, one, other]) => match constants[*condition] {
+                    Some(condition) if condition.is_nan() => Some(f64::NAN),
+                    Some(condition) => constants[if condition != 0.0 { *one } else { *other }],
+                    None => None,
+                },
+                ExpressionNode::PastWindow(_) => None,
+            });
+        }
+        constants
+    }
+
     fn quantity(&mut self, stage: usize, index: usize) {
         let model = self.model;
         let to = Operand::Column(self.program.values[index]);
@@ -332,10 +434,19 @@ impl Compiler<'_> {
     /// Computes a formula, into `to` where it ends with an instruction.
     fn formula(&mut self, stage: usize, formula: &NamedExpression, to: Option<Operand>) -> Part {
         let nodes = &formula.expression.nodes;
+        let (constants, read) = (self.constants_of(formula), self.read_nodes(formula));
         let mut parts: Vec<Part> = Vec::with_capacity(nodes.len());
         let mut windows = formula.windows.iter();
         for (index, node) in nodes.iter().enumerate() {
             let to = to.filter(|_| index + 1 == nodes.len());
+            let of_window = match node {
+                ExpressionNode::PastWindow(_) => windows.next(),
+                _ => None,
+            };
+            if constants[index].is_some() || !read[index] {
+                parts.push(Part::Constant(constants[index].unwrap_or(f64::NAN)));
+                continue;
+            }
             let part = match node {
                 ExpressionNode::Number(value) => Part::Constant(*value),
                 ExpressionNode::WrittenName(name) => {
@@ -349,35 +460,37 @@ impl Compiler<'_> {
                         _ => unreachable!("only quantities have lags"),
                     }
                 }
-                ExpressionNode::Unary(function, of) => match parts[*of] {
-                    Part::Constant(x) => Part::Constant(numbers::unary(*function, x)),
-                    part => self.emit(stage, to, &[part], |of, to| {
+                ExpressionNode::Unary(function, of) => {
+                    self.emit(stage, to, &[parts[*of]], |of, to| {
                         Instruction::Unary(*function, of[0], to)
-                    }),
-                },
+                    })
+                }
+                ExpressionNode::Binary(Binary::Times, [one, other])
+                    if constants[*other] == Some(1.0) =>
+                {
+                    parts[*one]
+                }
+                ExpressionNode::Binary(Binary::Times, [one, other])
+                    if constants[*one] == Some(1.0) =>
+                {
+                    parts[*other]
+                }
                 ExpressionNode::Binary(function, [one, other]) => {
-                    match (parts[*one], parts[*other]) {
-                        (Part::Constant(x), Part::Constant(y)) => {
-                            Part::Constant(numbers::binary(*function, x, y))
-                        }
-                        (one, other) => self.emit(stage, to, &[one, other], |of, to| {
-                            Instruction::Binary(*function, [of[0], of[1]], to)
-                        }),
-                    }
+                    self.emit(stage, to, &[parts[*one], parts[*other]], |of, to| {
+                        Instruction::Binary(*function, [of[0], of[1]], to)
+                    })
                 }
-                ExpressionNode::If([condition, one, other]) => {
-                    let of = [parts[*condition], parts[*one], parts[*other]];
-                    match of {
-                        [Part::Constant(condition), Part::Constant(one), Part::Constant(other)] => {
-                            Part::Constant(numbers::select(condition, one, other))
-                        }
-                        of => self.emit(stage, to, &of, |of, to| {
+                ExpressionNode::If([condition, one, other]) => match constants[*condition] {
+                    Some(condition) => parts[if condition != 0.0 { *one } else { *other }],
+                    None => {
+                        let of = [parts[*condition], parts[*one], parts[*other]];
+                        self.emit(stage, to, &of, |of, to| {
                             Instruction::Select([of[0], of[1], of[2]], to)
-                        }),
+                        })
                     }
-                }
+                },
                 ExpressionNode::PastWindow(window) => {
-                    let quantity = *windows.next().expect("every window has a quantity");
+                    let quantity = *of_window.expect("every window has a quantity");
                     match window.length {
                         None => {
                             let total = self.total(quantity);
