@@ -4,11 +4,13 @@ use std::collections::HashSet;
 use std::sync::Arc;
 
 use crate::env::declared::description::WorldDescription;
-use crate::env::declared::model::ModelFile;
+use crate::env::declared::model::{Definition, ModelFile, ModelParameter, Referent};
+use crate::env::declared::numbers::range_in_words;
+use crate::env::declared::program::impossible_draws;
 use crate::env::declared::rows::{ColumnFault, Numbers};
 use crate::env::scenario::Scenario;
 use crate::key::{Assignment, Constraint, Content, Key, KeyType, Parameter, Value, Violation};
-use crate::text::{Fault, FaultList, nearest};
+use crate::text::{Fault, FaultList, Span, nearest};
 
 const MODEL: Parameter = Parameter::Environment("model");
 const PEOPLE: Parameter = Parameter::Environment("people");
@@ -22,6 +24,42 @@ pub(super) fn of_parameters(keys: &[&'static Key]) -> Constraint {
     let set = keys.iter().map(|key| Parameter::Environment(key.name));
     let parameters: Vec<Parameter> = [MODEL].into_iter().chain(set).collect();
     Constraint { parameters: parameters.leak(), violation: unknown_parameter }
+}
+
+/// The constraint on worlds of which no parameter is set.
+pub(super) const OF_DEFAULTS: &[Constraint] =
+    &[Constraint { parameters: &[MODEL], violation: unknown_parameter }];
+
+/// Reports draws that values of the parameters make impossible.
+fn draws(assignment: &Assignment<'_>, model: &ModelFile, parameters: &[f64]) -> Option<Violation> {
+    let mut faults = FaultList::default();
+    for (index, parameter, value) in impossible_draws(model, parameters) {
+        let quantity = &model.quantities[index];
+        let Definition::DrawInstruction(law, formulas) = &quantity.definition else { continue };
+        let (least, most) = law.range(parameter);
+        let keys = law.form().keys;
+        let key = keys[parameter.min(keys.len() - 1)];
+        let expected = range_in_words(least, most);
+        let named = formulas[parameter].targets.iter().filter_map(|target| match target {
+            Referent::ModelParameter(index) => Some(*index),
+            _ => None,
+        });
+        let given =
+            named.map(|one| format!("{} = {}", model.parameters[one].name, parameters[one]));
+        let given: Vec<String> = given.collect();
+        let whole = formulas[parameter].position.whole;
+        let says = format!(
+            "`{}`: {key} is {expected}, found {value} with {}",
+            quantity.name,
+            given.join(", ")
+        );
+        let fault = Fault::at(Span { start: whole.0, end: whole.1 }, says);
+        faults.add(fault.help(
+            "give the parameter another value, or cut the expression to the range with clip",
+        ));
+    }
+    let content = content(assignment, MODEL)?;
+    (!faults.is_empty()).then_some(Violation::InFile { parameter: MODEL, content, faults })
 }
 
 fn content(assignment: &Assignment<'_>, parameter: Parameter) -> Option<Content> {
@@ -194,7 +232,13 @@ fn unknown_parameter(assignment: &Assignment<'_>) -> Option<Violation> {
             );
         }
     }
-    None
+    let value = |one: &ModelParameter| {
+        let mut given = assignment.0.iter();
+        let given = given.find(|(key, _)| key.key().strip_prefix("parameters.") == Some(&one.name));
+        given.and_then(|(_, value)| number(value)).unwrap_or(one.default)
+    };
+    let parameters: Vec<f64> = model.parameters.iter().map(value).collect();
+    draws(assignment, &model, &parameters)
 }
 
 /// The number that a value of a parameter is; true is 1.

@@ -53,7 +53,7 @@ pub static FAMILY: Family = Family {
     name: "declared",
     keys: DeclaredParameters::KEYS,
     people: &[],
-    constraints: &[constraints::CONSTRAINTS],
+    constraints: &[constraints::CONSTRAINTS, constraints::OF_DEFAULTS],
     return_unit: "outcome",
     termination_metric: "termination_rate",
     has_optimum: false,

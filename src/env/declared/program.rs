@@ -133,16 +133,7 @@ pub(super) fn stream(name: &str) -> u64 {
 
 /// The program of a model with these values of its parameters.
 pub(super) fn compile(model: &ModelFile, parameters: &[f64]) -> LaneProgram {
-    let mut compiler = Compiler {
-        model,
-        parameters,
-        program: LaneProgram::default(),
-        constants: HashMap::new(),
-        clocks: HashMap::new(),
-        rings: HashMap::new(),
-        totals: HashMap::new(),
-        free: Vec::new(),
-    };
+    let mut compiler = Compiler::new(model, parameters);
     compiler.program.values =
         (0..model.quantities.len()).map(|_| compiler_column(&mut compiler.program)).collect();
     compiler.program.people =
@@ -155,6 +146,27 @@ pub(super) fn compile(model: &ModelFile, parameters: &[f64]) -> LaneProgram {
     }
     compiler.roles();
     compiler.program
+}
+
+/// The draws whose parameters are out of their ranges at these values of the model's parameters, whatever else happens:
+/// the index of the quantity, of its parameter, and the number. Draws that no role needs do not count.
+pub(super) fn impossible_draws(model: &ModelFile, parameters: &[f64]) -> Vec<(usize, usize, f64)> {
+    let compiler = Compiler::new(model, parameters);
+    let needed = compiler.needed();
+    let mut found = Vec::new();
+    for (index, quantity) in model.quantities.iter().enumerate().filter(|(one, _)| needed[*one]) {
+        let Definition::DrawInstruction(law, formulas) = &quantity.definition else { continue };
+        for (parameter, formula) in formulas.iter().enumerate() {
+            let (least, most) = law.range(parameter);
+            match compiler.constants_of(formula).pop().flatten() {
+                Some(value) if !(value >= least && value <= most) => {
+                    found.push((index, parameter, value));
+                }
+                _ => {}
+            }
+        }
+    }
+    found
 }
 
 /// A new column.
@@ -185,7 +197,20 @@ enum Part {
     At(Operand),
 }
 
-impl Compiler<'_> {
+impl<'m> Compiler<'m> {
+    fn new(model: &'m ModelFile, parameters: &'m [f64]) -> Compiler<'m> {
+        Compiler {
+            model,
+            parameters,
+            program: LaneProgram::default(),
+            constants: HashMap::new(),
+            clocks: HashMap::new(),
+            rings: HashMap::new(),
+            totals: HashMap::new(),
+            free: Vec::new(),
+        }
+    }
+
     fn constant(&mut self, value: f64) -> Operand {
         let program = &mut self.program;
         let column = *self.constants.entry(value.to_bits()).or_insert_with(|| {

@@ -25,7 +25,7 @@ const MOST_PARAMETERS: usize = 100;
 const MOST_DAYS: i64 = 10_000;
 const MOST_DECISIONS_PER_DAY: i64 = 1440;
 
-const KEYS: [&str; 14] = [
+pub(super) const KEYS: [&str; 14] = [
     "format",
     "title",
     "unit",

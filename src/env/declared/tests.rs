@@ -667,6 +667,56 @@ fn a_lag_without_a_value_is_a_fault_where_a_number_is_needed() {
     }
 }
 
+#[test]
+fn a_draw_that_parameters_make_impossible_is_found_where_it_is_needed() {
+    let model = |lines: &str| {
+        let text =
+            with_variables(lines).replace("days = 40", "days = 40\n[parameters]\np = 2\nq = 0");
+        read::read(&text).unwrap()
+    };
+    let found = |lines: &str, parameters: [f64; 2]| {
+        super::program::impossible_draws(&model(lines), &parameters)
+            .into_iter()
+            .map(|(_, parameter, value)| (parameter, value))
+            .collect::<Vec<_>>()
+    };
+    let draw = "y = { bernoulli = \"p / 2 + q\" }";
+    assert_eq!(found(draw, [2.0, 0.5]), [(0, 1.5)]);
+    assert_eq!(found(draw, [1.0, 0.5]), []);
+    // Nobody is hurt whose probability varies, or whose draw another parameter switches off.
+    assert_eq!(found("y = { bernoulli = \"p * (step > 50) + q\" }", [2.0, 0.5]), []);
+    let switched = "x = { bernoulli = \"p\" }\ny = { gaussian = [\"if(q, x, action)\", 1] }";
+    let text = with_variables(switched)
+        .replace("days = 40", "days = 40\n[parameters]\np = 2\nq = 0")
+        .replace("outcome = \"y\"", "outcome = \"y\"\nstate = [\"y\"]");
+    let model = read::read(&text).unwrap();
+    assert_eq!(super::program::impossible_draws(&model, &[2.0, 0.0]), []);
+    assert_eq!(super::program::impossible_draws(&model, &[2.0, 1.0]).len(), 1);
+}
+
+#[test]
+fn the_page_of_models_lists_every_word_of_the_grammar() {
+    let page = include_str!("../../../docs/models.md");
+    for form in &super::distribution::FORMS {
+        let row = page.lines().find(|line| line.starts_with(&format!("| `{}` |", form.name)));
+        let row = row.unwrap_or_else(|| panic!("{} has a row", form.name));
+        for key in form.keys {
+            assert!(row.contains(&format!("`{key}`")), "{}: {key}", form.name);
+        }
+    }
+    let words = super::expression::FUNCTIONS.map(|(name, _)| name);
+    for name in words.into_iter().chain(Clock::NAMED.map(|(name, _)| name)) {
+        let is_listed = page.contains(&format!("`{name}`")) || page.contains(&format!("`{name}("));
+        assert!(is_listed || page.contains(&format!(" {name}`")), "{name}");
+    }
+    for key in read::KEYS {
+        assert!(
+            page.contains(&format!("`{key}`")) || page.contains(&format!("`[{key}]`")),
+            "{key}"
+        );
+    }
+}
+
 /// The first numbers of a variable of a world without chance, of one person.
 fn numbers(lines: &str, name: &str, count: usize) -> Vec<f64> {
     let mut world = world(&with_variables(lines), "", "", 1);
