@@ -162,7 +162,7 @@ pub mod results {
         Scalar, Score, StandardErrors, Treatment,
     };
     pub use crate::record::{
-        AmongParticipants, CompletedRun, DataSet, JobRecord, JobStatus, RecordedDay, Settings,
+        AmongParticipants, CompletedRun, DataSet, JobRecord, JobStatus, PersonDecision, Settings,
     };
     pub use crate::report::{
         AssembleError, AssemblyWork, Hosts, ReportFigure, ReportFile, ReportedExperiment,

@@ -43,10 +43,11 @@ const CURVE_STRIDE: Parameter = Parameter::Evaluation("curve_stride");
 
 /// Constraints on every algorithm that trains.
 pub const OF_TRAINING: &[Constraint] =
-    &[CURVE_FITS, DECISIONS_FIT, DECISIONS_OF_EPISODES, FIRST_TRAINED];
+    &[CURVE_FITS, DECISIONS_FIT, DECISIONS_OF_EPISODES, QUARTILES_WITHOUT_EPISODES, FIRST_TRAINED];
 
 /// Constraints on every algorithm that does not train.
-pub const OF_TESTING: &[Constraint] = &[TEST_DECISIONS_FIT, DECISIONS_OF_EPISODES, FIRST_TESTED];
+pub const OF_TESTING: &[Constraint] =
+    &[TEST_DECISIONS_FIT, DECISIONS_OF_EPISODES, QUARTILES_WITHOUT_EPISODES, FIRST_TESTED];
 
 /// The learning curve has at most as many points as a store should hold.
 const CURVE_FITS: Constraint = Constraint {
@@ -117,6 +118,22 @@ const DECISIONS_OF_EPISODES: Constraint = Constraint {
             && !assignment.is_word(RECORD_DECISIONS, "none");
         let says = "leaves out the episodes of";
         violated.then(|| assignment.contradiction(RECORD_EPISODES, says, RECORD_DECISIONS))
+    },
+};
+
+const RECORD_QUARTILES: Parameter = Parameter::Evaluation("record_quartiles");
+
+/// Where episodes are stored, both quartiles are computed from them.
+const QUARTILES_WITHOUT_EPISODES: Constraint = Constraint {
+    parameters: &[RECORD_EPISODES, RECORD_QUARTILES],
+    violation: |assignment| {
+        let is_idle = assignment.is_word(RECORD_QUARTILES, "both")
+            && assignment.is_word(RECORD_EPISODES, "all");
+        is_idle.then(|| Violation::Impossible {
+            says: "record_quartiles = \"both\" does nothing with record_episodes = \"all\": quartiles are computed from episodes"
+                .to_owned(),
+            help: "leave record_quartiles out, or set record_episodes = \"none\"".to_owned(),
+        })
     },
 };
 

@@ -166,7 +166,11 @@ impl Days<'_> {
     fn print(&self, format: Format) -> Result<(), Error> {
         let names = self.environment.state_names();
         let own = ["person", "step", "can_send", "action"].map(str::to_owned);
-        let paid = ["outcome", "reward"].map(str::to_owned);
+        // Variables can have these names.
+        let paid = ["outcome", "reward"].map(|name| match names.iter().any(|one| one == name) {
+            true => format!("roles.{name}"),
+            false => name.to_owned(),
+        });
         let columns: Vec<String> = own.into_iter().chain(names).chain(paid).collect();
         let mut out = OutputRows::new(format, &columns, io::stdout().lock())?;
         for (person, rows) in (1..).zip(&self.rows) {

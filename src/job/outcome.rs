@@ -261,8 +261,8 @@ pub enum DataPart {
     LearningCurve,
     /// Choices of action.
     ActionChoice,
-    /// Recorded decisions.
-    Days,
+    /// Recorded decisions of people up to this number.
+    Days(u32),
     /// Returns of the test episodes.
     Returns,
     /// Estimates of causal effects.

@@ -4,6 +4,8 @@ use std::fs::{self, File};
 use std::io::{self, Read};
 use std::path::Path;
 
+use toml::de::DeTable;
+
 use crate::manifest::commas::decimal_commas;
 use crate::manifest::declared::Manifest;
 use crate::manifest::read::newer_format;
@@ -84,6 +86,9 @@ pub(super) fn read_text(path: &str, text: &str, runs: Runs) -> Result<Checked, F
     if let Some(fault) = newer_format(root.get_ref()) {
         return Err(Faults::of_text(path, text, fault));
     }
+    if let Some(fault) = model_file(root.get_ref(), path) {
+        return Err(Faults::of_text(path, text, fault));
+    }
     let mut reader = Reader { runs, ..Reader::new(text) };
     reader.folder = Path::new(path).parent().unwrap_or(Path::new("")).to_owned();
     let mut draft = reader.draft(root.get_ref());
@@ -104,6 +109,19 @@ pub(super) fn read_text(path: &str, text: &str, runs: Runs) -> Result<Checked, F
     let (manifest, lost) = check::check(&draft, manifest, &mut faults);
     faults.explain(decimal_commas(text), &source);
     Ok((manifest, faults, lost))
+}
+
+/// The fault of a file that is a model, which a manifest names.
+fn model_file(root: &DeTable<'_>, path: &str) -> Option<Fault> {
+    let (roles, _) = root.get_key_value("roles")?;
+    let is_model = root.contains_key("variables") && !root.contains_key("agent");
+    let name = Path::new(path).file_name().unwrap_or_default().to_string_lossy();
+    let help = format!(
+        "a manifest names it: [environment] with family = \"declared\" and model = \"{name}\"; `jitai simulate --model {name}` \
+         checks and simulates it alone"
+    );
+    let fault = Fault::at(roles.span().into(), "this is a model, not a manifest");
+    is_model.then(|| fault.help(help))
 }
 
 /// The bytes as text, without a byte-order mark.

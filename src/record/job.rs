@@ -171,12 +171,12 @@ impl AmongParticipants {
 
 /// A decision of a person of the test or trial.
 #[derive(Clone, Debug, PartialEq)]
-pub struct RecordedDay {
+pub struct PersonDecision {
     /// The number of the person, from 1.
     pub person: u32,
     /// The number of the decision, from 0.
     pub step: u32,
-    /// The action; NaN where none could be chosen.
+    /// The action; NaN where no message could be sent.
     pub action: f64,
     /// The reward.
     pub reward: f64,
@@ -202,7 +202,7 @@ pub struct CompletedRun {
     /// What was learned at the updates of a trial, by update and action; empty if not requested.
     pub posteriors: Vec<RecordedPosterior>,
     /// Decisions of some people, by person and step; empty if not requested.
-    pub days: Vec<RecordedDay>,
+    pub days: Vec<PersonDecision>,
     /// The code and the machine that produced the run.
     pub provenance: Arc<Provenance>,
     /// When the run ended, in UTC, ISO 8601 with milliseconds.

@@ -3,5 +3,5 @@
 mod job;
 mod settings;
 
-pub use job::{AmongParticipants, CompletedRun, DataSet, JobRecord, JobStatus, RecordedDay};
+pub use job::{AmongParticipants, CompletedRun, DataSet, JobRecord, JobStatus, PersonDecision};
 pub use settings::{Settings, SharedSettings};

@@ -80,9 +80,14 @@ impl DataQuery {
                     .to_owned(),
                 "JOIN action_choice AS choice ON choice.job_key = run.job_key".to_owned(),
             ),
-            DataPart::Days => (
-                "decision.episode, decision.step, decision.action, decision.reward, decision.state".to_owned(),
-                "JOIN decision ON decision.job_key = run.job_key AND decision.phase = 'test'".to_owned(),
+            DataPart::Days(most) => (
+                "decision.episode, decision.step, coalesce(decision.can_send, decision.available) AS can_send,\n  \
+                 decision.action, decision.reward, decision.state"
+                    .to_owned(),
+                format!(
+                    "JOIN decision ON decision.job_key = run.job_key AND decision.phase = 'test'\n  \
+                     AND decision.episode <= {most}"
+                ),
             ),
             DataPart::Estimates => (
                 "estimate.name, estimate.term, estimate.estimate, estimate.standard_error, estimate.low,\n  \

@@ -3,7 +3,7 @@
 use serde_json::{Map, Value as Json};
 
 use crate::job::{Decision, Job, JobKey, Phase};
-use crate::record::RecordedDay;
+use crate::record::PersonDecision;
 
 use super::error::StoreFault;
 use super::read::completed_run;
@@ -87,7 +87,7 @@ impl Reader {
 
 impl Reader {
     /// The recorded decisions of some people of the test or trial of a job, by person and step.
-    pub fn days(&self, key: &JobKey, people: &[u32]) -> Result<Vec<RecordedDay>, StoreError> {
+    pub fn days(&self, key: &JobKey, people: &[u32]) -> Result<Vec<PersonDecision>, StoreError> {
         self.read("read decisions", |connection| {
             let sql =
                 "SELECT step, action, coalesce(can_send, available), reward, state FROM decision
@@ -104,7 +104,7 @@ impl Reader {
                         let flag = value.as_bool().map(|flag| f64::from(u8::from(flag)));
                         Some((name, value.as_f64().or(flag)?))
                     };
-                    days.push(RecordedDay {
+                    days.push(PersonDecision {
                         person: *person,
                         step: row.get(0)?,
                         action: if row.get(2)? { row.get(1)? } else { f64::NAN },

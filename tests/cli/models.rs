@@ -89,6 +89,18 @@ fn the_days_of_people_are_drawn_from_recorded_decisions() {
     assert_eq!(marked as i64, folder.number(of_store));
     let figure = folder.read("report/figures/walks-days.svg");
     assert!(figure.contains("person 6") && figure.contains(">dose<"), "{figure}");
+    // What does not exist is a fault, or is said.
+    let none = days.replace("[1, 6]", "[1, 7]");
+    folder.write("none.toml", format!("{MANIFEST}{none}"));
+    folder
+        .jitai(["check", "none.toml"])
+        .ended(2)
+        .says("there is no person 7: the test or trial has 6");
+    let unknown = days.replace("\"reward\"]", "\"minuets\"]");
+    folder.write("unknown.toml", format!("{MANIFEST}{unknown}"));
+    folder.jitai(["report", "unknown.toml", "--out", "other"]).succeeded();
+    let page = folder.read("other/index.html");
+    assert!(page.contains("`minuets` is not recorded"), "{page}");
     let silent = MANIFEST.replace("record_decisions = \"test\"\n", "");
     folder.write("silent.toml", format!("{silent}{days}"));
     folder
@@ -96,6 +108,21 @@ fn the_days_of_people_are_drawn_from_recorded_decisions() {
         .ended(2)
         .says("kind \"days\" needs the decisions of the test or trial")
         .says("write record_decisions = \"test\"");
+}
+
+#[test]
+fn a_model_is_no_manifest_and_its_variables_may_have_names_of_columns() {
+    let folder = folder(MODEL);
+    let said = folder.jitai(["check", "world.toml"]).ended(2);
+    said.says("this is a model, not a manifest")
+        .says("jitai simulate --model world.toml")
+        .says("1 fault");
+    // Both stand in the table, the reward under the name of its role.
+    let model = MODEL.replace("minutes = {", "reward = {").replace("\"minutes\"", "\"reward\"");
+    folder.write("named.toml", model);
+    let rows =
+        folder.jitai(["simulate", "--model", "named.toml", "--episodes", "1", "--format", "csv"]);
+    rows.succeeded().prints("person,step,can_send,action,dose,reward,outcome,roles.reward");
 }
 
 #[test]

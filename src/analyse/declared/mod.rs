@@ -26,7 +26,7 @@ pub use action_choice::{ActionPanel, BinShares};
 pub use arm::{Arm, ArmId, condense, implied, is_at, varying};
 pub use contrast::{ContrastFigure, ContrastRow, TestFamily};
 pub use curve::{ALPHA, Apart, CurveFigure, CurveLine, Ends, LinePoint, Trends};
-pub use days::DaysFigure;
+pub use days::{DaysFigure, PersonDays};
 pub use heat_map::{HeatFigure, HeatTile, PeakLead, Scale, heat_range};
 pub use inference_error::{ErrorFigure, ErrorPoint};
 pub use learned::{LearnedFigure, LearnedPanel, LearnedPoint, OverTrials};
@@ -66,8 +66,8 @@ pub enum FindingContent {
     Contrast(ContrastFigure),
     /// A metric along a parameter.
     Curve(CurveFigure),
-    /// The days of single people, one figure per arm and person.
-    Days(Vec<DaysFigure>),
+    /// The days of single people.
+    Days(DaysFigure),
     /// Learning curves, one panel per scenario.
     LearningCurve(LearningFigure),
     /// Maps over two parameters, one per agent.
@@ -183,7 +183,7 @@ fn content_of(
         AnalysisKind::Curve(curve) => {
             FindingContent::Curve(curve::figure(curve.x, metric, jobs, published))
         }
-        AnalysisKind::Days(kind) => FindingContent::Days(days::figures(kind, jobs)),
+        AnalysisKind::Days(kind) => FindingContent::Days(days::figure(kind, jobs)),
         AnalysisKind::LearningCurve(curve) => {
             FindingContent::LearningCurve(learning_curve::figure(curve.window, jobs))
         }

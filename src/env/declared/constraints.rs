@@ -10,7 +10,7 @@ use crate::env::declared::program::impossible_draws;
 use crate::env::declared::rows::{ColumnFault, Numbers};
 use crate::env::scenario::Scenario;
 use crate::key::{Assignment, Constraint, Content, Key, KeyType, Parameter, Value, Violation};
-use crate::text::{Fault, FaultList, Span, nearest};
+use crate::text::{Fault, FaultList, Span, nearest, shortened};
 
 const MODEL: Parameter = Parameter::Environment("model");
 const PEOPLE: Parameter = Parameter::Environment("people");
@@ -46,7 +46,8 @@ fn draws(assignment: &Assignment<'_>, model: &ModelFile, parameters: &[f64]) -> 
         });
         let given =
             named.map(|one| format!("{} = {}", model.parameters[one].name, parameters[one]));
-        let given: Vec<String> = given.collect();
+        let mut given: Vec<String> = given.collect();
+        given.dedup();
         let whole = formulas[parameter].position.whole;
         let says = format!(
             "`{}`: {key} is {expected}, found {value} with {}",
@@ -114,7 +115,17 @@ const COLUMNS: Constraint = Constraint {
                         format!("`{name}` is neither declared here nor a column of the people"),
                     );
                     let columns = table.columns().iter().map(String::as_str);
-                    fault.nearest(name, known.iter().copied().chain(columns).collect::<Vec<_>>())
+                    match (nearest(name, known.iter().copied().chain(columns)), table.columns()) {
+                        (Some(near), _) => fault.help(format!("did you mean `{near}`?")),
+                        (None, [only]) if only.contains(';') || only.contains('\t') => {
+                            let help = "separate the fields of the file of people by commas: its only column is";
+                            fault.help(format!("{help} `{}`", shortened(only)))
+                        }
+                        (None, columns) => {
+                            let columns = shortened(&columns.join(", "));
+                            fault.help(format!("the columns of the people are {columns}"))
+                        }
+                    }
                 }
                 (Err(ColumnFault::Missing), None) => {
                     let fault = Fault::at(needed.span, format!("`{name}` is not declared"));

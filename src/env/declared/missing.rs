@@ -1,14 +1,14 @@
-//! Lags and windows that have no value at a person's first decisions, though a draw or a role needs them there.
+//! Lags and windows that have no value at a person's first decisions, though a role needs them there.
 //!
 //! The first decisions are evaluated with what is known of every number: its value where it follows from the step alone,
-//! that it is missing, or nothing. A model that is reported fails in every simulation.
+//! that it is missing, or nothing. A model that is reported fails in every simulation, whatever its parameters are.
 
 use crate::env::declared::expression::{Binary, ExpressionNode, Summary};
 use crate::env::declared::model::{Clock, Definition, ModelFile, NamedExpression, Referent};
 use crate::env::declared::numbers;
 use crate::text::{Fault, FaultList, Span};
 
-/// Maximum number of quantities that are evaluated, so that a long window costs no more than the rest of the reader.
+/// Maximum number of nodes and quantities that are evaluated, so that a long window costs no more than the rest of the reader.
 const MOST_EVALUATED: usize = 1_000_000;
 
 /// What is known of a number before the simulation.
@@ -33,11 +33,25 @@ struct Absence<'m> {
 /// Reports the lags and windows of a model that are missing where a number is needed.
 pub(super) fn check(model: &ModelFile, faults: &mut FaultList) {
     let backs = model.quantities.iter().map(|quantity| quantity.back as usize);
-    let most = MOST_EVALUATED / model.quantities.len();
+    let count = model.quantities.len();
+    let formulas = model.quantities.iter().flat_map(|one| ModelFile::formulas(&one.definition));
+    let nodes: usize = formulas.map(|formula| formula.expression.nodes.len()).sum();
+    let most = MOST_EVALUATED / (count + nodes);
     let steps = (1 + backs.max().unwrap_or(0)).min(model.horizon() as usize).min(most);
-    let mut first = FirstDecisions { model, past: Vec::new(), now: Vec::new(), found: Vec::new() };
+    let mut first = FirstDecisions {
+        model,
+        past: Vec::new(),
+        last_missing: vec![None; count],
+        now: Vec::new(),
+        found: Vec::new(),
+    };
     for _ in 0..steps {
         first.decide();
+        // Behind a decision that may be the last one, nothing is known.
+        let ends = model.roles.ends.map(|index| first.past[first.past.len() - 1][index]);
+        if !ends.is_none_or(|ends| matches!(ends, Knowledge::Value(ends) if ends == 0.0)) {
+            break;
+        }
     }
     first.found.into_iter().for_each(|(_, fault)| faults.add(fault));
 }
@@ -46,6 +60,8 @@ struct FirstDecisions<'m> {
     model: &'m ModelFile,
     /// \[decisions\], each \[quantities\].
     past: Vec<Vec<Knowledge<'m>>>,
+    /// The last decision at which each quantity was missing, with the reason, \[quantities\].
+    last_missing: Vec<Option<(usize, Absence<'m>)>>,
     now: Vec<Knowledge<'m>>,
     found: Vec<(Span, Fault)>,
 }
@@ -61,13 +77,12 @@ impl<'m> FirstDecisions<'m> {
                     Knowledge::Nothing
                 }
                 Definition::NamedExpression(formula) => self.formula(formula),
+                // Whether a draw is made can depend on parameters: what is missing in it is reported where a role needs it.
                 Definition::DrawInstruction(_, formulas)
                 | Definition::ProbabilityTable(_, formulas) => {
-                    for formula in formulas {
-                        let parameter = self.formula(formula);
-                        self.need(parameter, &quantity.name);
-                    }
-                    Knowledge::Nothing
+                    let parameters = formulas.iter().map(|formula| self.formula(formula));
+                    let missing = parameters.into_iter().find(Knowledge::is_missing);
+                    missing.unwrap_or_default()
                 }
                 Definition::Linear(terms) => {
                     let parts = terms.iter().flat_map(|term| &term.factors);
@@ -84,32 +99,47 @@ impl<'m> FirstDecisions<'m> {
         let others = [roles.outcome, roles.reward].into_iter();
         let others = others.chain(roles.available).chain(roles.ends);
         for index in roles.state.iter().copied().chain(features).chain(others) {
-            self.need(self.now[index], &model.quantities[index].name);
+            let name = &model.quantities[index].name;
+            let needed = match roles.state.contains(&index) {
+                true => format!("`{name}` is recorded"),
+                false => format!("`{name}` needs it"),
+            };
+            self.need(self.now[index], &needed);
+        }
+        let step = self.past.len();
+        for (last, now) in self.last_missing.iter_mut().zip(&self.now) {
+            if let Knowledge::Missing(absence) = now {
+                *last = Some((step, *absence));
+            }
         }
         self.past.push(std::mem::take(&mut self.now));
     }
 
     /// Reports a number that is missing where it is needed, once.
-    fn need(&mut self, number: Knowledge<'m>, by: &str) {
+    fn need(&mut self, number: Knowledge<'m>, needed: &str) {
         let Knowledge::Missing(Absence { formula, part, step }) = number else { return };
-        let (range, lag) = match part {
+        // The decisions that must be there, and what stands in the text.
+        let (range, back, what, text) = match part {
             Ok(name) => {
                 let name = &formula.expression.names[name];
-                (&name.span, Some(format!("{}[-{}]", name.text, name.back)))
+                let lag = format!("{}[-{}]", name.text, name.back);
+                (&name.span, name.back, format!("`{lag}`"), lag)
             }
             Err(window) => {
                 let window = formula.expression.windows().nth(window);
-                (&window.expect("the window is in the formula").span, None)
+                let window = window.expect("the window is in the formula");
+                let back = window.length.unwrap_or(1);
+                let what = format!("this window of {back} decisions");
+                let what = if back == 1 { "this window".to_owned() } else { what };
+                (&window.span, back, what, "…".to_owned())
             }
         };
         let span = formula.position.span(range);
         if self.found.iter().any(|(known, _)| *known == span) {
             return;
         }
-        let what = lag.as_ref().map_or("the window".to_owned(), |lag| format!("`{lag}`"));
-        let says = format!("{what} has no value at decision {step}, where `{by}` needs it");
-        let lag = lag.as_deref().unwrap_or("…");
-        let help = format!("give it one: default({lag}, 0), or if(step < {}, 0, {lag})", step + 1);
+        let says = format!("{what} has no value at decision {step}, where {needed}");
+        let help = format!("give it one: default({text}, 0), or if(step < {back}, 0, {text})");
         self.found.push((span, Fault::at(span, says).help(help)));
     }
 
@@ -200,8 +230,10 @@ impl<'m> FirstDecisions<'m> {
             return Knowledge::Missing(Absence { formula, part: Err(index), step });
         }
         let first = length.map_or(0, |length| step - length as usize);
-        let summarised = self.past[first..].iter().map(|one| one[formula.windows[index]]);
-        summarised.into_iter().find(Knowledge::is_missing).unwrap_or_default()
+        match self.last_missing[formula.windows[index]] {
+            Some((last, absence)) if last >= first => Knowledge::Missing(absence),
+            _ => Knowledge::Nothing,
+        }
     }
 }
 

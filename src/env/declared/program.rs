@@ -114,8 +114,9 @@ pub(super) struct LaneProgram {
     pub clocks: Vec<(Clock, usize)>,
     /// The columns of the file of people, \[needed columns\].
     pub people: Vec<usize>,
-    /// The column of each quantity.
+    /// The column of each quantity, and whether it is computed.
     pub values: Vec<usize>,
+    pub needed: Vec<bool>,
     /// The rings, each with the column of its quantity.
     pub rings: Vec<(Ring, usize)>,
     /// The totals of all earlier decisions: their column, and that of the quantity.
@@ -145,6 +146,7 @@ pub(super) fn compile(model: &ModelFile, parameters: &[f64]) -> LaneProgram {
         }
     }
     compiler.roles();
+    compiler.program.needed = needed;
     compiler.program
 }
 

@@ -635,6 +635,9 @@ fn reserved(name: &str) -> Option<&'static str> {
     if matches!(name, "policy" | "reported" | "reached" | "gross_reward") {
         return Some("a number that a trial records");
     }
+    if matches!(name, "person" | "can_send") {
+        return Some("a column that stands beside the recorded variables");
+    }
     OPERATORS.contains(&name).then_some("an operator")
 }
 

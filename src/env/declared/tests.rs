@@ -612,6 +612,57 @@ fn another_policy_and_another_variable_leave_every_draw_as_it_is() {
 }
 
 #[test]
+fn people_who_begin_among_many_have_the_numbers_of_people_alone() {
+    const LANES: u32 = 300;
+    let mut together = world(MANY, PEOPLE_OF_MANY, "", LANES as usize);
+    let mut alone: Vec<World> = (0..LANES).map(|_| world(MANY, PEOPLE_OF_MANY, "", 1)).collect();
+    let mut streams = streams(LANES);
+    let LaneStreams::PerLane(own) = &streams else { unreachable!() };
+    let mut own: Vec<LaneStreams> =
+        own.iter().map(|stream| LaneStreams::PerLane(vec![stream.clone()])).collect();
+    // Many, then few far from one another, then none at the beginning of the lanes.
+    let mut begins: Vec<bool> = (0..LANES).map(|lane| lane % 3 > 0 && lane > 40).collect();
+    let mut choices = Stream::new(7, Purpose::Exploration);
+    let (mut rewards, mut reward) = (vec![0.0; LANES as usize], [0.0]);
+    let mut few = 0;
+    for time in 0..60 {
+        together.reset(LaneSet::Masked(&begins), &mut streams);
+        for (lane, _) in begins.iter().enumerate().filter(|(_, begins)| **begins) {
+            alone[lane].reset(LaneSet::All, &mut own[lane]);
+        }
+        let count = begins.iter().filter(|begins| **begins).count();
+        few += usize::from((1..LANES as usize / 4).contains(&count));
+        let actions: Vec<Action> =
+            (0..LANES).map(|_| Action::from_index(choices.below(3) as usize).unwrap()).collect();
+        let mut bytes = Vec::new();
+        if time == 30 {
+            together.save(&mut StateWriter::new(&mut bytes)).unwrap();
+            together = world(MANY, PEOPLE_OF_MANY, "", LANES as usize);
+            together.restore(&mut StateReader::new(&mut &bytes[..])).unwrap();
+        }
+        together.step(&actions, &mut rewards, &mut streams);
+        for (lane, alone) in alone.iter_mut().enumerate() {
+            alone.step(&actions[lane..=lane], &mut reward, &mut own[lane]);
+            assert_eq!(reward[0].to_bits(), rewards[lane].to_bits(), "lane {lane} at {time}");
+            assert_eq!(alone.statuses()[0], together.statuses()[lane], "lane {lane} at {time}");
+            let bits = |features: &[f64]| features.iter().map(|x| x.to_bits()).collect::<Vec<_>>();
+            let (mut one, mut other) = (Vec::new(), Vec::new());
+            let unread = together.observation_spec().observations();
+            alone.exact_features(0, &unread, &mut one);
+            together.exact_features(lane, &unread, &mut other);
+            assert_eq!(bits(&one), bits(&other), "lane {lane} at {time}");
+        }
+        // Some wait before they begin again.
+        begins =
+            together.statuses().iter().map(|status| *status != EpisodeStatus::Running).collect();
+        for (lane, begins) in begins.iter_mut().enumerate() {
+            *begins &= (lane + time) % 5 == 0;
+        }
+    }
+    assert!(few > 10, "{few}");
+}
+
+#[test]
 fn a_missing_number_stops_the_simulation_with_its_place() {
     let model = with_variables(
         "x = \"if(step < 3, 1, log(2 - step))\"\ny = { gaussian = [\"x + action\", \"1 - 0.1 * x\"] }",
@@ -647,14 +698,20 @@ fn a_missing_number_stops_the_simulation_with_its_place() {
 fn a_lag_without_a_value_is_a_fault_where_a_number_is_needed() {
     let fault = |lines: &str| faults(&with_variables(lines));
     let found = fault("x = \"x[-1] + 1\"\ny = { gaussian = [\"x + action\", 1] }");
-    let says = "m.toml:4:6: `x[-1]` has no value at decision 0, where `y` needs it";
+    let says = "m.toml:4:6: `x[-1]` has no value at decision 0, where `x` is recorded";
     assert!(found.contains(says), "{found}");
     assert!(found.contains("default(x[-1], 0), or if(step < 1, 0, x[-1])"), "{found}");
     // Guarded for one decision, which is one too few.
     let found = fault("x = \"if(step < 1, 0, y[-2])\"\ny = { gaussian = [\"x + action\", 1] }");
-    assert!(found.contains("`y[-2]` has no value at decision 1, where `y` needs it"), "{found}");
+    assert!(found.contains("`y[-2]` has no value at decision 1, where `x` is recorded"), "{found}");
     let found = fault("x = \"mean(y, 3)\"\ny = { gaussian = [\"x + action\", 1] }");
-    assert!(found.contains("the window has no value at decision 0, where `y` needs it"), "{found}");
+    let says = "this window of 3 decisions has no value at decision 0, where `x` is recorded";
+    assert!(found.contains(says) && found.contains("if(step < 3, 0, …)"), "{found}");
+    // What is missing in a draw is missing in the draw.
+    let silent = with_variables("x = \"y[-1]\"\ny = { gaussian = [\"x + action\", 1] }");
+    let found = faults(&silent.replace("outcome = \"y\"", "outcome = \"y\"\nstate = []"));
+    let says = "`y[-1]` has no value at decision 0, where `roles.outcome` needs it";
+    assert!(found.contains(says), "{found}");
     // Nobody is hurt whose model may have a value.
     for lines in [
         "x = \"if(step < 2, 0, y[-2])\"\ny = { gaussian = [\"x + action\", 1] }",
@@ -665,6 +722,18 @@ fn a_lag_without_a_value_is_a_fault_where_a_number_is_needed() {
     ] {
         read::read(&with_variables(lines)).unwrap();
     }
+    // Nor one whose draw a parameter switches off, or whose people leave before.
+    let switched = with_variables(
+        "noise = { gaussian = [\"y[-1]\", 1] }\ny = { gaussian = [\"action + if(memory, noise, 0)\", 1] }",
+    );
+    let switched = switched
+        .replace("days = 40", "days = 40\n[parameters]\nmemory = 0")
+        .replace("outcome = \"y\"", "outcome = \"y\"\nstate = [\"y\"]");
+    assert_eq!(environment(&switched, "", "").failure(), None);
+    let early =
+        with_variables("x = \"if(step < 2, 0, y[-4])\"\ny = { gaussian = [\"x + action\", 1] }");
+    let early = early.replace("outcome = \"y\"", "outcome = \"y\"\nends = \"step >= 1\"");
+    read::read(&early).unwrap();
 }
 
 #[test]
@@ -785,7 +854,10 @@ fn a_missing_coefficient_is_named_where_its_block_is_used() {
     world.reset(LaneSet::All, &mut draws);
     world.step(&[Action::default()], &mut [0.0], &mut draws);
     let says = environment.failure().unwrap();
-    assert!(says.contains("`base` is missing") && says.contains("b_1 = missing"), "{says}");
+    assert!(
+        says.contains("`base` is missing") && says.contains("column b_1 of the people is empty"),
+        "{says}"
+    );
 }
 
 #[test]

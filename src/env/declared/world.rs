@@ -6,8 +6,7 @@ use std::sync::{Arc, OnceLock};
 
 use crate::env::declared::columns::{FewLanes, Inputs, LaneColumns, OutOfRange};
 use crate::env::declared::model::{
-    Clock, Definition, ModelFile, Moment, NamedExpression, PeopleDraw, Referent, ReplayOrder,
-    RoleFeature,
+    Clock, Definition, ModelFile, Moment, PeopleDraw, Referent, ReplayOrder, RoleFeature,
 };
 use crate::env::declared::program::{LaneProgram, stream};
 use crate::env::declared::rows::Numbers;
@@ -83,7 +82,7 @@ pub struct World {
     outcomes: Vec<f64>,
     is_available: Vec<bool>,
     /// Buffers, and the lanes that are computed alone.
-    few: (FewLanes, Vec<usize>),
+    few: (FewBuffers, Vec<usize>),
     drawn: Vec<bool>,
     checked: Vec<bool>,
     renewed: Vec<bool>,
@@ -110,7 +109,7 @@ impl World {
             seen: vec![0.0; lanes * features],
             outcomes: vec![0.0; lanes],
             is_available: vec![true; lanes],
-            few: (FewLanes::new(Arc::clone(&parts.program)), Vec::new()),
+            few: (FewBuffers(None), Vec::new()),
             drawn: vec![false; lanes],
             checked: vec![false; lanes],
             renewed: vec![false; lanes],
@@ -193,7 +192,9 @@ impl World {
             replayed: &parts.replayed,
         };
         let broken = match &mut self.few {
-            (few, lanes) if !lanes.is_empty() => {
+            (FewBuffers(few), lanes) if !lanes.is_empty() => {
+                let program = Arc::clone(&parts.program);
+                let few = few.get_or_insert_with(|| Box::new(FewLanes::new(program)));
                 self.columns.compute_few(few, lanes, stage, &inputs)
             }
             _ => self.columns.compute(stage, &inputs),
@@ -323,10 +324,18 @@ impl World {
         let mut known = Vec::<String>::new();
         for formula in formulas {
             for (name, target) in formula.expression.names.iter().zip(&formula.targets) {
+                let index = match target {
+                    Referent::Quantity(index) => Some(*index),
+                    _ => None,
+                };
+                if index.is_some_and(|index| !self.parts.program.needed[index]) {
+                    continue;
+                }
                 let (text, value) = match (name.back, target) {
                     (0, target) => (name.text.clone(), self.value(*target, lane)),
                     (back, Referent::Quantity(index)) => {
-                        (format!("{}[-{back}]", name.text), self.past(*index, back, lane))
+                        let Some(past) = self.past(*index, back, lane) else { continue };
+                        (format!("{}[-{back}]", name.text), past)
                     }
                     _ => continue,
                 };
@@ -341,28 +350,32 @@ impl World {
                 known.push(format!("{name} = {}", shown(self.value(coefficient, lane))));
             }
         }
-        // A block that is missing says which of its coefficients is.
-        for block in self.missing_blocks(formulas, lane) {
-            known.push(block);
+        // Behind what is missing, a field of the people's file can be.
+        for column in self.empty_columns(check.quantity, lane) {
+            let shown = format!("{column} = missing");
+            let is_empty = format!("column {column} of the people is empty");
+            match known.iter_mut().find(|known| **known == shown) {
+                Some(known) => *known = is_empty,
+                None => known.push(is_empty),
+            }
         }
         let (least, most) = check.range;
         let is = match value {
             value if value.is_nan() => "is missing".to_owned(),
             value if value.is_infinite() => "is infinite".to_owned(),
-            value => format!(
-                "is {value}, expected {}",
-                crate::env::declared::numbers::range_in_words(least, most)
-            ),
+            value => {
+                let expected = crate::env::declared::numbers::range_in_words(least, most);
+                // A quantity has no range of its own: a feature has.
+                let whose = if check.parameter.is_none() { ", its bounds in [roles]" } else { "" };
+                format!("is {value}, expected {expected}{whose}")
+            }
         };
         let person = match &self.parts.people {
             Some(people) => {
                 let row = self.people[lane] as usize;
-                format!(
-                    "person {} (row {} of the people, {})",
-                    lane + 1,
-                    row + 1,
-                    people.person(row)
-                )
+                let (number, name) = ((row + 1).to_string(), people.person(row));
+                let named = if name == number { String::new() } else { format!(", {name}") };
+                format!("person {} (row {number} of the people{named})", lane + 1)
             }
             None => format!("person {}", lane + 1),
         };
@@ -372,40 +385,49 @@ impl World {
         format!("model: {name} {is} for {person} at decision {time}{because}")
     }
 
-    /// The coefficients that are missing in blocks of these formulas.
-    fn missing_blocks(&self, formulas: &[NamedExpression], lane: usize) -> Vec<String> {
-        let targets = formulas.iter().flat_map(|formula| &formula.targets);
-        let mut missing = Vec::new();
-        for target in targets {
-            let Referent::Quantity(index) = target else { continue };
-            let Definition::Linear(terms) = &self.model().quantities[*index].definition else {
-                continue;
-            };
-            for term in terms {
-                if self.value(term.coefficient, lane).is_nan() {
-                    missing.push(format!("{} = missing", term.name));
+    /// The columns of the people's file whose fields are empty and that a quantity is computed from at the present decision.
+    fn empty_columns(&self, quantity: usize, lane: usize) -> Vec<&str> {
+        let (mut open, mut seen, mut empty) = (vec![quantity], vec![quantity], Vec::new());
+        while let Some(index) = open.pop() {
+            for (referent, back) in self.model().quantities[index].definition.referents() {
+                if back > 0 || !self.value(referent, lane).is_nan() {
+                    continue;
+                }
+                match referent {
+                    Referent::Column(column) => empty.push(&*self.model().columns[column].name),
+                    Referent::Quantity(other) if !seen.contains(&other) => {
+                        seen.push(other);
+                        open.push(other);
+                    }
+                    _ => {}
                 }
             }
         }
-        missing
+        empty
     }
 
-    /// The value of a quantity some decisions ago.
-    fn past(&self, quantity: usize, back: u32, lane: usize) -> f64 {
+    /// The value of a quantity some decisions ago; `None` if nothing reads it.
+    fn past(&self, quantity: usize, back: u32, lane: usize) -> Option<f64> {
         let program = &self.parts.program;
         let value = program.values[quantity];
         let ring = program.rings.iter().find(|(_, of)| *of == value).map(|(ring, _)| *ring);
-        match ring {
-            Some(ring) if self.times[lane] >= back => {
-                self.columns.all[ring.column(self.clock, u64::from(back))][lane]
-            }
-            _ => f64::NAN,
-        }
+        let column = ring?.column(self.clock, u64::from(back).min(ring?.depth as u64));
+        Some(if self.times[lane] >= back { self.columns.all[column][lane] } else { f64::NAN })
     }
 
     fn observe_now(&self, out: &mut Observations) {
         out.clear();
         out.features.extend(self.seen.iter().map(|value| *value as f32));
+    }
+}
+
+/// Buffers for few lanes, made when they are first needed. Copies of a world have none.
+#[derive(Debug)]
+struct FewBuffers(Option<Box<FewLanes>>);
+
+impl Clone for FewBuffers {
+    fn clone(&self) -> FewBuffers {
+        FewBuffers(None)
     }
 }
 

@@ -116,7 +116,7 @@ kinds! {
 
     /// The days of single people: recorded variables over decisions, with the actions marked.
     Days = "days", [], ["width", "height", "font_size", "theme"], {
-        /// names of the recorded state, and "reward"; the reward and the first seven by default
+        /// names of the recorded state, and "reward"; the reward and the first seven by name by default
         variables: NameList;
         /// the people, numbered from 1 in the order of the test or trial, of the first seed of each arm
         people: Vec<u32> = vec![1], in Kind::Counts { most: 20, max: 10_000_000 };
@@ -324,7 +324,7 @@ impl Rules for Curve {
 
 impl Rules for Days {
     fn part(&self, _: MetricName) -> DataPart {
-        DataPart::Days
+        DataPart::Days(self.people.last().copied().unwrap_or(1))
     }
 
     /// Reports decisions that are not recorded.
@@ -334,6 +334,18 @@ impl Rules for Days {
         if !recorded.iter().any(is_recorded) {
             let fault = Fault::at(span, "kind \"days\" needs the decisions of the test or trial");
             faults.add(fault.help("write record_decisions = \"test\" in [evaluation]"));
+        }
+        let of_trial = rest.values(Parameter::Trial("people"));
+        let people = of_trial.or_else(|| rest.values(Parameter::Evaluation("test_episodes")));
+        let most = people.unwrap_or_default().iter().filter_map(|value| match value {
+            Value::Integer(whole) => Some(*whole),
+            _ => None,
+        });
+        if let (Some(person), Some(most)) = (self.people.last(), most.max())
+            && u64::from(*person) > most
+        {
+            let says = format!("there is no person {person}: the test or trial has {most}");
+            faults.add(Fault::at(span, says).help("people are numbered from 1"));
         }
     }
 }

@@ -1,7 +1,7 @@
 //! The days of single people: a panel per variable over their decisions, with the actions marked.
 
 use super::{Drawn, Sheet};
-use crate::analyse::declared::{ArmId, DaysFigure};
+use crate::analyse::declared::{ArmId, DaysFigure, PersonDays};
 use crate::job::{Measure, counted, distinct};
 use crate::report::data_table::{DataTable, TableEntry};
 use crate::report::escape::file_stem;
@@ -11,21 +11,21 @@ use crate::report::figure::{
 };
 use crate::report::names::Names;
 use crate::report::scene::{
-    Anchor, Fill, Mark, Point, Scene, SceneShape, Stroke, Weight, rectangle, width,
+    Anchor, Color, Fill, Mark, Point, Scene, SceneShape, Stroke, Weight, rectangle, width,
 };
 use crate::report::tables::arm;
 
-impl Drawn for Vec<DaysFigure> {
+impl Drawn for DaysFigure {
     fn figures(&self, sheet: &Sheet<'_>) -> Vec<(String, Scene)> {
-        let figure = |figure: &DaysFigure| {
+        let figure = |figure: &PersonDays| {
             let label = file_stem(&arm_label(&sheet.names.arm(&figure.name)));
-            let stem = match distinct(self.iter().map(|one| &one.name)).len() {
+            let stem = match self.arms().len() {
                 1 => format!("{}-{}", sheet.stem, figure.person),
                 _ => format!("{}-{label}-{}", sheet.stem, figure.person),
             };
             (stem, days_figure(figure, sheet))
         };
-        self.iter().filter(|one| !one.variables.is_empty()).map(figure).collect()
+        self.people.iter().filter(|one| !one.variables.is_empty()).map(figure).collect()
     }
 
     fn table(&self, title: &str, _: Measure, names: &Names) -> DataTable {
@@ -39,7 +39,7 @@ impl Drawn for Vec<DaysFigure> {
             ("value", "Value"),
         ];
         let mut table = DataTable::new(title, &columns);
-        for figure in self {
+        for figure in &self.people {
             for (name, numbers) in &figure.variables {
                 for ((step, action), number) in figure.actions.iter().zip(numbers) {
                     let shown = |number: f64| match number.is_finite() {
@@ -62,9 +62,8 @@ impl Drawn for Vec<DaysFigure> {
     }
 
     fn shows(&self, _: Measure, _: &Names) -> String {
-        let people = distinct(self.iter().map(|figure| figure.person)).len();
-        let word = if people == 1 { "person" } else { "people" };
-        format!("Recorded variables of {people} {word} over decisions, with the actions taken")
+        let count = distinct(self.people.iter().map(|figure| figure.person)).len();
+        format!("Recorded variables of {} over decisions, with the actions taken", people(count))
     }
 
     fn finds(&self, _: Measure, _: &Names) -> Option<String> {
@@ -72,12 +71,36 @@ impl Drawn for Vec<DaysFigure> {
     }
 
     fn lacks(&self) -> Option<String> {
-        self.is_empty().then(|| "no completed job has decisions of these people".to_owned())
+        let listed =
+            |numbers: &[u32]| numbers.iter().map(u32::to_string).collect::<Vec<_>>().join(", ");
+        let mut missing = Vec::new();
+        match (self.people.is_empty(), self.absent.is_empty()) {
+            (true, true) => missing.push("no completed job has recorded decisions".to_owned()),
+            (_, false) => missing.push(format!("no decisions of person {}", listed(&self.absent))),
+            _ => {}
+        }
+        if !self.unknown.is_empty() {
+            let names: Vec<String> = self.unknown.iter().map(|name| format!("`{name}`")).collect();
+            missing.push(format!("{} is not recorded", names.join(", ")));
+        }
+        if self.left_out > 0 {
+            let left_out = counted(self.left_out, "recorded variable");
+            missing.push(format!("{left_out}, which `variables` can name"));
+        }
+        if self.beyond > 0 {
+            missing.push(format!("{} of other arms, whom `where` can choose", people(self.beyond)));
+        }
+        (!missing.is_empty()).then(|| missing.join("; "))
     }
 
     fn arms(&self) -> Vec<&ArmId> {
-        distinct(self.iter().map(|figure| &figure.name))
+        distinct(self.people.iter().map(|figure| &figure.name))
     }
+}
+
+/// A number of people in words.
+fn people(count: usize) -> String {
+    if count == 1 { "1 person".to_owned() } else { format!("{count} people") }
 }
 
 const LEFT: f64 = 46.0;
@@ -90,7 +113,10 @@ const NAME: f64 = 14.0;
 const STRIP: f64 = 18.0;
 const BOTTOM: f64 = 40.0;
 
-fn days_figure(figure: &DaysFigure, sheet: &Sheet<'_>) -> Scene {
+/// The least width of a decision that has a tip.
+const LEAST_SLOT: f64 = 0.5;
+
+fn days_figure(figure: &PersonDays, sheet: &Sheet<'_>) -> Scene {
     let whole = sheet.style.width();
     let rows = figure.variables.len();
     let beside = TOP + STRIP + BOTTOM;
@@ -120,7 +146,7 @@ fn days_figure(figure: &DaysFigure, sheet: &Sheet<'_>) -> Scene {
         marks.push(
             text(
                 (LEFT, top + NAME - 4.0),
-                name.as_str(),
+                axis(name, numbers).title().as_str(),
                 (NOTE, Weight::Regular),
                 INK,
                 Anchor::Start,
@@ -134,14 +160,21 @@ fn days_figure(figure: &DaysFigure, sheet: &Sheet<'_>) -> Scene {
         );
         let points: Vec<(u32, f64)> =
             figure.actions.iter().map(|(step, _)| *step).zip(numbers.iter().copied()).collect();
-        let y = axis(numbers);
+        let y = axis(name, numbers);
         let place = |(step, number): (u32, f64)| -> Point {
             (at(step), top + NAME + (1.0 - y.share(number)) * (row - NAME - 4.0))
         };
+        let is_stepped = is_stepped(numbers);
         // A missing number parts the line.
         for part in points.split(|(_, number)| !number.is_finite()).filter(|part| !part.is_empty())
         {
-            let drawn: Vec<Point> = part.iter().map(|one| place(*one)).collect();
+            let mut drawn: Vec<Point> = Vec::new();
+            for one in part {
+                let next = place(*one);
+                // Categories and counts hold until the next decision.
+                drawn.extend(drawn.last().filter(|_| is_stepped).map(|last| (next.0, last.1)));
+                drawn.push(next);
+            }
             let shape = match drawn.len() {
                 1 => SceneShape::Circle {
                     centre: drawn[0],
@@ -157,10 +190,16 @@ fn days_figure(figure: &DaysFigure, sheet: &Sheet<'_>) -> Scene {
     marks.extend(strip(figure, bottom, &at));
     marks.extend(below(&x, bottom + STRIP, (across, whole)));
     if sheet.style.has_titles() {
-        let note = format!("A mark for each decision with an action; seed {}.", figure.seed);
+        let withheld = match figure.actions.iter().any(|(_, action)| action.is_nan()) {
+            true => "; short: none could be sent",
+            false => "",
+        };
+        let note =
+            format!("A mark for each decision with an action{withheld}. Seed {}.", figure.seed);
         let under = (whole / 2.0, height - 5.0);
         marks.push(fitting(under, note, (NOTE, whole - 8.0), FAINT).into());
     }
+    marks.extend(legend(figure, whole));
     let description = format!(
         "{} over {}, {label}",
         counted(rows, "variable"),
@@ -169,21 +208,54 @@ fn days_figure(figure: &DaysFigure, sheet: &Sheet<'_>) -> Scene {
     Scene { width: whole, height, description, marks, series: vec![facets(&name)] }
 }
 
-fn axis(numbers: &[f64]) -> Axis {
+/// The axis of a variable. Its title has the number that labels count from, if there is one.
+fn axis(name: &str, numbers: &[f64]) -> Axis {
     let known = || numbers.iter().copied().filter(|number| number.is_finite());
     let (low, high) = (known().fold(f64::MAX, f64::min), known().fold(f64::MIN, f64::max));
-    Axis::new(String::new(), round_range(low, high), AxisScale::Linear, NumberFormat::Plain)
+    Axis::new(name.to_owned(), round_range(low, high), AxisScale::Linear, NumberFormat::Plain)
+}
+
+/// Whether all numbers are whole and few are distinct, as of categories.
+fn is_stepped(numbers: &[f64]) -> bool {
+    const MOST: usize = 6;
+    let known = numbers.iter().copied().filter(|number| number.is_finite());
+    known.clone().all(|number| number.fract() == 0.0)
+        && distinct(known.map(f64::to_bits)).len() <= MOST
+}
+
+/// The colours of the actions, if there are several.
+fn legend(figure: &PersonDays, whole: f64) -> Vec<Mark> {
+    let taken = figure.actions.iter().map(|(_, action)| *action).filter(|action| *action > 0.0);
+    let mut actions: Vec<usize> = distinct(taken.map(|action| action as usize));
+    actions.sort_unstable();
+    if actions.len() < 2 {
+        return Vec::new();
+    }
+    let mut marks = Vec::new();
+    let mut right = whole - RIGHT;
+    for action in actions.into_iter().rev() {
+        let words = format!("action {action}");
+        let size = (NOTE, Weight::Regular);
+        marks.push(text((right, 11.0), words.as_str(), size, color_of(action), Anchor::End).into());
+        right -= width(&words, NOTE, Weight::Regular) + 6.0;
+    }
+    marks
+}
+
+/// The colour of an action above 0.
+fn color_of(action: usize) -> Color {
+    COLORS[(action - 1) % COLORS.len()]
 }
 
 /// The ends of a panel's axis, and areas that say the numbers.
 fn panel(
-    figure: &DaysFigure,
+    figure: &PersonDays,
     (name, numbers): (&str, &[f64]),
     (top, high): (f64, f64),
     whole: f64,
 ) -> Vec<Mark> {
     let mut marks = Vec::new();
-    for tick in axis(numbers).ticks(2) {
+    for tick in axis(name, numbers).ticks(3) {
         let level = top + (1.0 - tick.share) * high;
         let points = vec![(LEFT, level), (whole - RIGHT, level)];
         marks.push(SceneShape::Line { points, stroke: Stroke::solid(GRID, 0.6) }.into());
@@ -193,6 +265,10 @@ fn panel(
     }
     let count = figure.actions.len();
     let slot = (whole - LEFT - RIGHT) / count as f64;
+    // Nobody can point at less.
+    if slot < LEAST_SLOT {
+        return marks;
+    }
     for (index, ((step, action), number)) in figure.actions.iter().zip(numbers).enumerate() {
         let points = rectangle(LEFT + index as f64 * slot, top, slot, high);
         let fill = Fill { color: GRID, opacity: 0.0 };
@@ -207,8 +283,8 @@ fn panel(
     marks
 }
 
-/// A mark for each decision with an action, in the colour of the action, and a faint one where none could be chosen.
-fn strip(figure: &DaysFigure, top: f64, at: &dyn Fn(u32) -> f64) -> Vec<Mark> {
+/// A mark for each decision with an action, in the colour of the action, and a faint one where none could be sent.
+fn strip(figure: &PersonDays, top: f64, at: &dyn Fn(u32) -> f64) -> Vec<Mark> {
     let middle = top + STRIP / 2.0;
     let mut marks = vec![
         text(
@@ -223,13 +299,13 @@ fn strip(figure: &DaysFigure, top: f64, at: &dyn Fn(u32) -> f64) -> Vec<Mark> {
     for (step, action) in &figure.actions {
         let (half, color, wide) = match action {
             action if action.is_nan() => (1.5, FAINT, 0.6),
-            action if *action > 0.0 => (5.0, COLORS[(*action as usize - 1) % COLORS.len()], 1.3),
+            action if *action > 0.0 => (5.0, color_of(*action as usize), 1.3),
             _ => continue,
         };
         let points = vec![(at(*step), middle - half), (at(*step), middle + half)];
         let line = SceneShape::Line { points, stroke: Stroke::solid(color, wide) };
         let tip = match action.is_nan() {
-            true => format!("decision {step}: no action could be chosen"),
+            true => format!("decision {step}: no message could be sent"),
             false => format!("decision {step}: action {action}"),
         };
         marks.push(Mark::from(line).saying(tip).of(0));

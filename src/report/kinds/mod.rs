@@ -85,7 +85,7 @@ pub(super) fn drawn(content: &FindingContent) -> &dyn Drawn {
     match content {
         FindingContent::Contrast(figure) => figure,
         FindingContent::Curve(figure) => figure,
-        FindingContent::Days(figures) => figures,
+        FindingContent::Days(figure) => figure,
         FindingContent::LearningCurve(figure) => figure,
         FindingContent::HeatMap(figures) => figures,
         FindingContent::ActionChoice(panels) => panels,

@@ -37,7 +37,10 @@ pub fn figure_card(shown: &ShownFinding<'_>, legend: &Legend) -> Markup {
                 }
                 @if shown.lacks_figure {
                     p.note {
-                        "No figure: no comparison has completed jobs on both sides."
+                        @match shown.finding.content {
+                            FindingContent::Days(_) => "No figure: there are no decisions to draw.",
+                            _ => "No figure: no comparison has completed jobs on both sides.",
+                        }
                     }
                 }
             }
