@@ -160,7 +160,7 @@ fn a_world_whose_numbers_run_out_is_found_before_and_named_when_it_runs() {
         "world.toml",
         explodes.replace("\"dose\"", "{ name = \"dose\", low = 0, high = 5 }"),
     );
-    let left = "`dose` is 30, expected a number from 0 to 5 for person 1 at decision 0";
+    let left = "`dose` is 30, expected a number from 0 to 5, its bounds in [roles] for person 1";
     folder.jitai(["check", "--try", "sweep.toml"]).ended(2).says(left);
     let missing = MODEL.replace("default(action[-1], 0)", "if(step == 12, log(0), 0)");
     folder.write("world.toml", missing);
