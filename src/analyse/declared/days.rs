@@ -16,7 +16,7 @@ pub struct DaysFigure {
     pub unknown: Vec<String>,
     /// The number of recorded variables that are not drawn, because none is named.
     pub left_out: usize,
-    /// The number of people beyond [`MOST_DRAWN`], who are not drawn.
+    /// The number of people beyond the first 60 of all arms, who are not drawn.
     pub beyond: usize,
 }
 
@@ -39,7 +39,7 @@ pub struct PersonDays {
 const MOST_UNNAMED: usize = 8;
 
 /// The most people of all arms that are drawn.
-pub const MOST_DRAWN: usize = 60;
+const MOST_DRAWN: usize = 60;
 
 /// What a trial records beside the state, and is drawn if it is named.
 const CLOCKS: [&str; 2] = ["calendar_day", "policy"];
