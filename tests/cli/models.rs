@@ -111,6 +111,35 @@ fn the_days_of_people_are_drawn_from_recorded_decisions() {
 }
 
 #[test]
+fn upper_quartiles_are_the_same_whether_episodes_or_quartiles_are_stored() {
+    let quartile = "[[analysis]]\nname = \"upper\"\nkind = \"contrast\"\nmetric = \"upper_quartile_return\"\nby = \"agent\"\n\
+                    between = [\"bandit\", \"random\"]\n";
+    let of_episodes = MANIFEST.replace("record_decisions = \"test\"\n", "");
+    let table = |settings: &str| {
+        let text = of_episodes.replace("on = \"trial\"\n", &format!("on = \"trial\"\n{settings}"));
+        let folder = Folder::with(&format!("{text}{quartile}"));
+        folder.write("world.toml", MODEL);
+        folder.jitai(["run", "sweep.toml"]).succeeded();
+        folder.jitai(["report", "sweep.toml", "--out", "report"]).succeeded();
+        folder.read("report/tables/walks-upper.csv")
+    };
+    let both = "record_episodes = \"none\"\nrecord_quartiles = \"both\"\n";
+    assert_eq!(table(""), table(both));
+    // What nobody records, and what does nothing, are faults; some jobs with episodes are enough.
+    for (settings, code, says) in [
+        ("record_episodes = \"none\"\n", 2, "records the metric \"upper_quartile_return\""),
+        ("record_quartiles = \"both\"\n", 2, "does nothing with record_episodes = \"all\""),
+        ("record_episodes = [\"all\", \"none\"]\n", 0, "32 jobs"),
+    ] {
+        let text = of_episodes.replace("on = \"trial\"\n", &format!("on = \"trial\"\n{settings}"));
+        let folder = Folder::with(&format!("{text}{quartile}"));
+        folder.write("world.toml", MODEL);
+        let checked = folder.jitai(["check", "sweep.toml"]).ended(code);
+        let _ = if code == 0 { checked.prints(says) } else { checked.says(says) };
+    }
+}
+
+#[test]
 fn a_model_is_no_manifest_and_its_variables_may_have_names_of_columns() {
     let folder = folder(MODEL);
     let said = folder.jitai(["check", "world.toml"]).ended(2);

@@ -29,7 +29,7 @@ pub struct PersonDays {
     pub seed: u64,
     /// The number of the person, from 1.
     pub person: u32,
-    /// The decisions, each with its number and action; NaN for the action where none could be chosen.
+    /// The decisions, each with its number and action; NaN for the action where none could be sent.
     pub actions: Vec<(u32, f64)>,
     /// The variables, each with its number at every decision; NaN where it is unknown.
     pub variables: Vec<(String, Vec<f64>)>,

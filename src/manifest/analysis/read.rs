@@ -269,8 +269,9 @@ impl Checked<'_> {
             manifest.sections[SectionName::Evaluation].get("record_episodes").unwrap_or_default();
         let quartiles =
             manifest.sections[SectionName::Evaluation].get("record_quartiles").unwrap_or_default();
+        // Where some jobs store their episodes, the analysis can be of these.
         if analysis.analysis.metric == UPPER_QUARTILE_RETURN
-            && kept.contains(&Value::Choice(RecordedEpisodes::None.word()))
+            && kept == [Value::Choice(RecordedEpisodes::None.word())]
             && !quartiles.contains(&Value::Choice(RecordedQuartiles::Both.word()))
         {
             let message = format!(

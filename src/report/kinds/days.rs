@@ -283,7 +283,7 @@ fn panel(
     marks
 }
 
-/// A mark for each decision with an action, in the colour of the action, and a faint one where none could be sent.
+/// A mark for each decision with an action, in the colour of the action, and a short one where none could be sent.
 fn strip(figure: &PersonDays, top: f64, at: &dyn Fn(u32) -> f64) -> Vec<Mark> {
     let middle = top + STRIP / 2.0;
     let mut marks = vec![

@@ -38,7 +38,7 @@ pub fn figure_card(shown: &ShownFinding<'_>, legend: &Legend) -> Markup {
                 @if shown.lacks_figure {
                     p.note {
                         @match shown.finding.content {
-                            FindingContent::Days(_) => "No figure: there are no decisions to draw.",
+                            FindingContent::Days(_) => "No figure: nothing that it shows is recorded.",
                             _ => "No figure: no comparison has completed jobs on both sides.",
                         }
                     }
