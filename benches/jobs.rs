@@ -98,8 +98,8 @@ fn linear_thompson(probabilities: &str) {
     assert!(matches!(train::run(&job, &Uncontrolled), Outcome::Completed(_)));
 }
 
-/// A trial of Oralytics with invented people: 9800 decisions and 33 weekly updates with the data of everybody in V2, 10,080
-/// and 27 in V1, which a file declares.
+/// A trial of a model of Oralytics with invented people: 9800 decisions and 33 weekly updates with the data of everybody in V2,
+/// 10,080 and 27 in V1.
 #[divan::bench(sample_count = 40, sample_size = 1, args = ["updates", "rewards_v1"])]
 fn a_trial(bencher: Bencher<'_, '_>, name: &str) {
     let path = format!("experiments/oralytics/{name}.toml");

@@ -60,47 +60,49 @@ def write(name, rows):
 
 def v2(folder, base, name):
     features = {
-        "tod": "Time.of.Day",
-        "prev": "Prior.Day.Total.Brush.Time.norm",
-        "day": "Day.in.Study.norm",
-        "prop": "Proportion.Brushed.In.Past.7.Days",
+        "time_of_day": "Time.of.Day",
+        "prior_total": "Prior.Day.Total.Brush.Time.norm",
+        "day_n": "Day.in.Study.norm",
+        "share": "Proportion.Brushed.In.Past.7.Days",
         "weekend": "Day.Type",
-        "one": "Intercept",
+        "1": "Intercept",
     }
-    if base == "stat":
-        del features["day"]
     effects = {
-        size: pickle.loads(read(folder, f"sim_env_data/{stem}_{base}_user_effect_sizes.p"))
+        size: pickle.loads(read(folder, f"sim_env_data/{stem}_{base}_user_effect_sizes.p", DIGESTS))
         for size, stem in [("small", "less_small"), ("smaller", "smaller")]
     }
+    # Outcomes of the other people do not depend on the day.
+    is_daily = base == "non_stat"
     rows = []
     for number, person in enumerate(table(folder, f"{base}_user_models.csv")):
-        row = {"person": number, "model": person["Model Type"]}
+        row = {"person": number}
         for part, suffix in [("bernoulli", "Bern"), ("amount", "Y")]:
-            for short, long in features.items():
-                row[f"{part}_{short}"] = person[f"{long}.{suffix}"]
-        row["sigma"] = person["Sigma_u"]
+            for feature, column in features.items():
+                is_there = feature != "day_n" or is_daily
+                row[f"{part}_{feature}"] = person[f"{column}.{suffix}"] if is_there else 0
+        row["sigma"] = person["Sigma_u"] if person["Model Type"] == "sqrt_norm" else ""
         for size, of_people in effects.items():
             for part, numbers in zip(["bernoulli", "amount"], of_people[person["User"]]):
-                shown = [short for short in features if short != "prop"]
-                for short, value in zip(shown, numbers, strict=True):
-                    row[f"effect_{size}_{part}_{short}"] = repr(float(value))
+                shown = [feature for feature in features if feature != "share"]
+                known = [feature for feature in shown if feature != "day_n" or is_daily]
+                values = dict(zip(known, numbers, strict=True))
+                row |= {f"effect_{size}_{part}_{feature}": repr(float(values.get(feature, 0))) for feature in shown}
         rows.append(row)
     write(name, rows)
 
 
 def later(folder, bed, base, name, dates=None):
     features = {
-        "tod": "state_tod",
-        "b": "state_b_bar.norm",
-        "a": "state_a_bar.norm",
-        "app": "state_app_engage",
+        "time_of_day": "state_tod",
+        "brushing_now": "state_b_bar.norm",
+        "dosage": "state_a_bar.norm",
+        "app_before": "state_app_engage",
         "weekend": "state_day_type",
-        "one": "state_bias",
-        "day": "state_day_in_study",
+        "1": "state_bias",
+        "day_n": "state_day_in_study",
     }
-    if base == "stat":
-        del features["day"]
+    # Outcomes of the other people do not depend on the day.
+    is_daily = base == "non_stat"
     opens = {row["user_id"]: row["app_open_prob"] for row in table(folder, f"{bed}_app_open_prob.csv")}
     first = datetime.date(2023, 9, 22)
     rows = []
@@ -108,8 +110,9 @@ def later(folder, bed, base, name, dates=None):
         row = {"person": number}
         for prefix, kind in [("", "Base"), ("effect_", "Adv")]:
             for part, suffix in [("bernoulli", "Bern"), ("amount", "Poisson")]:
-                for short, long in features.items():
-                    row[f"{prefix}{part}_{short}"] = person[f"{long}.{kind}.{suffix}"]
+                for feature, column in features.items():
+                    is_there = feature != "day_n" or is_daily
+                    row[f"{prefix}{part}_{feature}"] = person[f"{column}.{kind}.{suffix}"] if is_there else 0
         row["app_open_probability"] = opens[person["User"]]
         if dates is not None:
             for key in ["start", "end"]:

@@ -97,9 +97,9 @@ def published(design):
                     "agent": "thompson",
                     "scenario": "time_of_day-brushing_n-prompts-weekend",
                     "metric": f"{metric}_return",
-                    "parameters.effect_after_shrinking": effect,
-                    "parameters.cost_of_good_brushing": 20 * good,
-                    "parameters.cost_of_frequent_prompts": 20 * frequent,
+                    "environment.parameters.effect_after_shrinking": effect,
+                    "environment.parameters.cost_of_good_brushing": 20 * good,
+                    "environment.parameters.cost_of_frequent_prompts": 20 * frequent,
                     "value": repr(DECISIONS * float(tile)),
                     "n": 100,
                 })

@@ -1,4 +1,4 @@
-"""Writes synthetic people for the family `oralytics`: their numbers are invented, from the distributions below.
+"""Writes synthetic people for the models of Oralytics: their numbers are invented, from the distributions below.
 
 Run it in this folder: python3 synthetic.py. It needs no package, and writes the same files everywhere.
 """
@@ -6,15 +6,15 @@ Run it in this folder: python3 synthetic.py. It needs no package, and writes the
 import random
 
 OUTCOME = {
-    "v2": ["tod", "prev", "day", "prop", "weekend", "one"],
-    "v3": ["tod", "b", "a", "app", "weekend", "one", "day"],
+    "v2": ["time_of_day", "prior_total", "day_n", "share", "weekend", "1"],
+    "v3": ["time_of_day", "brushing_now", "dosage", "app_before", "weekend", "1", "day_n"],
 }
 
 # Mean and standard deviation of the weights: of the logit of not brushing, of the logarithm of the mean seconds, and
 # of the mean root of the seconds.
-BERNOULLI = {"tod": (0.9, 1.0), "prop": (-0.9, 0.5), "one": (-0.8, 0.9)}
-LOG_MEAN = {"tod": (0.0, 0.15), "one": (4.7, 0.25)}
-ROOT = {"tod": (0.1, 0.6), "one": (10.3, 1.0)}
+BERNOULLI = {"time_of_day": (0.9, 1.0), "share": (-0.9, 0.5), "1": (-0.8, 0.9)}
+LOG_MEAN = {"time_of_day": (0.0, 0.15), "1": (4.7, 0.25)}
+ROOT = {"time_of_day": (0.1, 0.6), "1": (10.3, 1.0)}
 OTHERS = (0.0, 0.25)
 SMALL = (0.0, 0.08)
 
@@ -26,23 +26,28 @@ def draw(random, of):
     return round(random.gauss(*of), 4)
 
 
-def person(random, bed, features):
+def person(random, bed, is_daily):
     is_root = bed == "v2" and random.random() < 0.45
-    row = {"model": "sqrt_norm" if is_root else "zero_infl"}
-    for feature in features:
-        row[f"bernoulli_{feature}"] = draw(random, BERNOULLI.get(feature, OTHERS))
+    features = OUTCOME[bed]
+
+    def weights(prefix, law):
+        return {
+            f"{prefix}_{feature}": draw(random, law(feature)) if is_daily or feature != "day_n" else 0
+            for feature in features
+            if not (prefix.startswith("effect") and feature == "share")
+        }
+
+    row = weights("bernoulli", lambda feature: BERNOULLI.get(feature, OTHERS))
     amount, other = (ROOT, OTHERS) if is_root else (LOG_MEAN, SMALL)
-    for feature in features:
-        row[f"amount_{feature}"] = draw(random, amount.get(feature, other))
-    row["sigma"] = round(random.uniform(1.0, 3.0), 4) if is_root else ""
+    row |= weights("amount", lambda feature: amount.get(feature, other))
+    if bed == "v2":
+        row["sigma"] = round(random.uniform(1.0, 3.0), 4) if is_root else ""
     for size in ["small", "smaller"] if bed == "v2" else [""]:
-        prefix = f"effect_{size}_" if size else "effect_"
+        prefix = f"effect_{size}" if size else "effect"
         mean, spread = EFFECTS[size]
         for part, scale in [("bernoulli", 1.0), ("amount", 1.0 if is_root else 0.2)]:
-            for feature in features:
-                if feature != "prop":
-                    centre = mean if feature == "one" else 0.0
-                    row[f"{prefix}{part}_{feature}"] = draw(random, (centre * scale, spread * scale))
+            centres = {"1": mean * scale}
+            row |= weights(f"{prefix}_{part}", lambda feature: (centres.get(feature, 0.0), spread * scale))
     if bed != "v2":
         row["app_open_probability"] = round(random.uniform(0.3, 1.0), 4)
     return row
@@ -50,18 +55,17 @@ def person(random, bed, features):
 
 def write(name, seed, bed, people, is_daily):
     generator = random.Random(seed)
-    features = [feature for feature in OUTCOME[bed] if is_daily or feature != "day"]
-    write_rows(name, [{"person": number, **person(generator, bed, features)} for number in range(people)])
+    write_rows(name, [{"person": number, **person(generator, bed, is_daily)} for number in range(people)])
 
 
 def write_v1(name, seed, people):
     generator = random.Random(seed)
-    columns = {"time_of_day": "tod", "prior_total": "prev", "day_n": "day", "share": "prop", "weekend": "weekend", "1": "one"}
+    columns = OUTCOME["v2"]
     rows = []
     for number in range(people):
         row = {"person": number}
         for prefix, law, other in [("b_", BERNOULLI, OTHERS), ("p_", LOG_MEAN, SMALL)]:
-            row |= {prefix + name: draw(generator, law.get(short, other)) for name, short in columns.items()}
+            row |= {prefix + feature: draw(generator, law.get(feature, other)) for feature in columns}
         row |= {"e_b": draw(generator, (0.6, 0.2)), "e_p": draw(generator, (0.2, 0.1))}
         row["first_weekend"] = generator.choice([2, 4, 6, 8, 10])
         rows.append(row)

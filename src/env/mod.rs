@@ -4,9 +4,9 @@
 //! [`VectorEnvironment`] is the contract: many episodes, one per lane, stepped together as structures of
 //! arrays. Any lane can be reset while others continue, and the whole state can be saved. The module
 //! [`contract`] tests any implementation. A family declares keys and makes environments: `step_count`, the
-//! simulation of Karine et al. (2023) with the dynamics of StepCountJITAI (2024); [`oralytics`], a trial of
-//! oral health; [`declared`], models in files of users; and [`outside`], programs of users.
-//! `docs/environment.md`, `docs/oralytics.md`, `docs/models.md` and `docs/outside-environments.md` describe them. The module does not depend on agents or training.
+//! simulation of Karine et al. (2023) with the dynamics of StepCountJITAI (2024); [`declared`], models in
+//! files of users; and [`outside`], programs of users. `docs/environment.md`, `docs/models.md` and
+//! `docs/outside-environments.md` describe them. The module does not depend on agents or training.
 
 mod companion_words;
 pub mod contract;
@@ -15,9 +15,9 @@ mod families;
 mod family;
 mod history;
 mod observation;
-pub mod oralytics;
 pub mod outside;
 mod reported;
+mod retired;
 mod scenario;
 mod simulation;
 mod step_count;

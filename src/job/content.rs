@@ -448,7 +448,11 @@ fn read_environment(
     let part = || JobError::Part("environment.family".to_owned());
     let mut family = match environment.remove("family") {
         None => Family::first(),
-        Some(name) => name.as_str().and_then(Family::named).ok_or_else(part)?,
+        Some(name) => {
+            let name = name.as_str().ok_or_else(part)?;
+            let retired = || Family::retired(name).map(|(family, _)| family);
+            Family::named(name).or_else(retired).ok_or_else(part)?
+        }
     };
     if let Some(with_parameters) = family.with_parameters {
         // Keys that are not parameter names are rejected below.
@@ -513,6 +517,16 @@ mod tests {
             500 * 50_000 + 50_000,
         ];
         assert_eq!(jobs().iter().map(Job::work).collect::<Vec<_>>(), expected);
+    }
+
+    #[test]
+    fn a_stored_job_of_a_retired_family_is_read_and_not_run() {
+        let text = include_str!("../../tests/data/retired_oralytics_job.json").trim_end();
+        let job = Job::from_canonical(text).unwrap();
+        assert_eq!(job.canonical(), text);
+        assert_eq!(job.key().to_string(), "af472f17f9add115294762c1e692c359");
+        assert_eq!(job.environment.return_unit(), "seconds of brushing");
+        assert!(job.runnable().is_err());
     }
 
     #[test]

@@ -81,6 +81,7 @@ pub static STAYS: ContentForm = ContentForm {
     what: "a CSV file with the columns start_day and end_day",
     parse: |text| Ok(Arc::new(columns(text, &["start_day", "end_day"])?)),
     canonical: None,
+    shipped: &[],
     help: Some("one row per person; for Oralytics, experiments/oralytics/people.py makes v4.csv"),
 };
 
@@ -94,6 +95,7 @@ pub static ROWS: ContentForm = ContentForm {
         Ok(Arc::new(columns(text, if has_seeds { &wanted } else { &wanted[..2] })?))
     },
     canonical: None,
+    shipped: &[],
     help: Some("for the published trials of Oralytics, experiments/oralytics/people.py makes it"),
 };
 

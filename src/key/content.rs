@@ -19,6 +19,8 @@ pub struct ContentForm {
     /// The part of a text by which it is known, as a text of the same form; `None` for the whole text. A form with
     /// such a part also takes `run:KEY`, a completed job of a store, whose policy has this form.
     pub canonical: Option<Canonical>,
+    /// Texts that come with the program, by the names that stand for them in the place of a file's.
+    pub shipped: &'static [(&'static str, &'static str)],
     /// What to do where the file is missing.
     pub help: Option<&'static str>,
 }
@@ -53,7 +55,14 @@ impl ContentForm {
     /// The admitted values, in words.
     pub fn expectation(&self) -> String {
         let run = if self.canonical.is_some() { ", \"run:\" and the key of a job" } else { "" };
-        format!("\"none\"{run}, or the name of {}", self.what)
+        let shipped =
+            self.shipped.iter().map(|(name, _)| format!(", \"{name}\"")).collect::<String>();
+        format!("\"none\"{run}{shipped}, or the name of {}", self.what)
+    }
+
+    /// The text that comes with the program under this name.
+    pub fn shipped(&self, written: &str) -> Option<&'static str> {
+        self.shipped.iter().find(|(name, _)| *name == written).map(|(_, text)| *text)
     }
 
     /// The key of the job that a value names instead of a file.
@@ -233,6 +242,7 @@ mod tests {
             Err(error) => Err(error.to_string().into()),
         },
         canonical: None,
+        shipped: &[],
         help: None,
     };
 

@@ -32,6 +32,14 @@ fn is_run(key: &Key, name: &str) -> bool {
     matches!(key.kind, Kind::Content(form) if form.run(name).is_some())
 }
 
+/// The text that comes with the program under a name, which is a value of a key.
+fn shipped(key: &Key, name: &str) -> Option<&'static str> {
+    match key.kind {
+        Kind::Content(form) => form.shipped(name),
+        _ => None,
+    }
+}
+
 /// The values of a key in a section, or in each of its tables.
 fn values_mut<'m>(
     manifest: &'m mut DocumentMut,
@@ -65,7 +73,8 @@ pub fn companions(text: &str) -> Vec<String> {
     for (section, key) in file_keys() {
         let values = values_mut(&mut manifest, section, key.name);
         let named = values.filter_map(|value| named(value.as_str()?));
-        names.extend(named.filter(|name| !is_run(key, name)).map(str::to_owned));
+        let files = named.filter(|name| !is_run(key, name) && shipped(key, name).is_none());
+        names.extend(files.map(str::to_owned));
     }
     names
 }
@@ -83,10 +92,11 @@ pub fn self_contained(of: &Manifest) -> Result<String, String> {
             let Some(name) = value.as_str().and_then(named) else { continue };
             let path = of.folder().join(name);
             let unreadable = |error: std::io::Error| format!("{}: {error}", path.display());
-            let text = match of.named_runs.iter().find(|(run, _)| is_run(key, name) && run == name)
-            {
-                Some((_, text)) => text.clone(),
-                None => fs::read_to_string(&path).map_err(unreadable)?,
+            let run = of.named_runs.iter().find(|(run, _)| is_run(key, name) && run == name);
+            let text = match (run, shipped(key, name)) {
+                (Some((_, text)), _) => text.clone(),
+                (None, Some(text)) => text.to_owned(),
+                (None, None) => fs::read_to_string(&path).map_err(unreadable)?,
             };
             // A line break says that this is a text.
             *value = format!("{}\n", text.trim_start_matches('\u{feff}').trim_end()).into();

@@ -69,11 +69,10 @@ fn large_sigma(manifest: &Manifest) -> Option<String> {
 /// A hint for trials without an effect that are too few to judge others.
 fn few_references(manifest: &Manifest, analysis: &Analysis) -> Option<String> {
     let AnalysisKind::DidItLearn(kind) = &analysis.kind else { return None };
-    let removing = match &kind.without {
-        Some(conditions) => conditions.iter().map(|condition| condition.parameter).collect(),
-        None => vec![Parameter::Environment("no_effect_at")],
+    let is_swept = |index| {
+        let grid = Grid::of(manifest, index);
+        kind.without.iter().any(|condition| grid.is_swept(condition.parameter))
     };
-    let is_swept = |index| removing.iter().any(|one| Grid::of(manifest, index).is_swept(*one));
     // Otherwise another manifest has the other side.
     let has_both = (0..manifest.agents.len()).any(is_swept);
     let (seeds, least) = (manifest.seeds().count(), DidItLearn::FEWEST);

@@ -2,6 +2,7 @@
 
 use toml::de::DeTable;
 
+use crate::key::free_key;
 use crate::manifest::draft::Draft;
 use crate::manifest::value::sweep::Reader;
 
@@ -18,11 +19,21 @@ pub(super) fn names() -> [&'static str; PRESETS.len()] {
     PRESETS.map(|(name, _)| name)
 }
 
-/// The content of the preset `name`; an empty draft if there is no such preset.
-pub(super) fn draft(name: &str) -> Draft {
-    let text = PRESETS.iter().find(|(preset, _)| *preset == name).map_or("", |(_, text)| text);
-    let (root, _) = DeTable::parse_recoverable(text);
-    Reader::new(text).draft(root.get_ref())
+fn text(name: &str) -> &'static str {
+    PRESETS.iter().find(|(preset, _)| *preset == name).map_or("", |(_, text)| text)
+}
+
+/// The content of the preset `name`, whose environment has these keys of parameters beside its own; an empty draft if there
+/// is no such preset.
+pub(super) fn draft(name: &str, beside: Vec<&'static str>) -> Draft {
+    let (root, _) = DeTable::parse_recoverable(text(name));
+    Reader { beside, ..Reader::new(text(name)) }.draft(root.get_ref())
+}
+
+/// The keys of the parameters that the preset `name` sets, whose names an author chooses.
+pub(super) fn parameters(name: &str) -> Vec<&'static str> {
+    let family = draft(name, Vec::new()).family();
+    family.keys.iter().map(|key| key.name).filter(|name| free_key(name).is_some()).collect()
 }
 
 #[cfg(test)]
@@ -47,7 +58,7 @@ mod tests {
     #[test]
     fn the_agents_of_the_simulators_preset_are_those_of_the_papers() {
         let settings = |name| {
-            let agents = draft(name).agents.into_iter();
+            let agents = draft(name, Vec::new()).agents.into_iter();
             agents.map(|agent| format!("{:?}", given(&agent.settings))).collect::<Vec<_>>()
         };
         fn given(settings: &Settings) -> Vec<(usize, &[Value])> {
@@ -61,7 +72,7 @@ mod tests {
 
     #[test]
     fn the_paper_preset_spells_out_the_defaults() {
-        for agent in draft("paper").agents {
+        for agent in draft("paper", Vec::new()).agents {
             let section = agent.settings.section;
             for (index, key) in section.keys().iter().enumerate() {
                 let (key, default, before) = (key.name, key.default(), key.before());

@@ -7,7 +7,7 @@ use toml::de::{DeTable, DeValue};
 
 use crate::agent::Algorithm;
 use crate::env::{Family, Scenario, ScenarioError};
-use crate::key::{DIRECTION, Kind, SectionName, Value, hidden};
+use crate::key::{DIRECTION, Kind, SectionName, Value, free_key, hidden};
 use crate::manifest::draft::{AgentDraft, Draft, Settings};
 use crate::manifest::limits::MOST_JOBS;
 use crate::manifest::preset;
@@ -66,6 +66,8 @@ impl Reader<'_> {
     /// The content of the document, merged over the preset that it extends.
     pub fn draft(&mut self, root: &DeTable) -> Draft {
         let environment = root.get("environment").and_then(|node| table_in(node));
+        let extended = root.get("extends").and_then(|node| node.get_ref().as_str());
+        self.beside.extend(extended.into_iter().flat_map(preset::parameters));
         let (family, free) =
             environment.map(|table| self.family(table)).unwrap_or((Family::first(), Free::new()));
         self.family = family;
@@ -223,7 +225,9 @@ impl Reader<'_> {
             Some(node) => (self.extends(node), node.span()),
             None => return Draft::new(self.family),
         };
-        let inherited = preset::draft(name).moved_to(span.clone().into());
+        let own = self.family.keys.iter().map(|key| key.name);
+        let own = own.filter(|name| free_key(name).is_some()).collect();
+        let inherited = preset::draft(name, own).moved_to(span.clone().into());
         if inherited.family() != self.family {
             let (preset, own) = (inherited.family().name, self.family.name);
             let message = format!(

@@ -60,6 +60,13 @@ impl ReportedExperiment {
             ));
         }
         notes.extend(self.failed_estimates().map(|said| format!("{}: {said}", self.name)));
+        if self.reproduction.as_ref().is_some_and(|one| one.comparisons.is_empty()) {
+            notes.push(format!(
+                "no published number belongs to an arm of {}; compare the columns of the file with the names and values of the \
+                 manifest, such as environment.parameters.effect",
+                self.name
+            ));
+        }
         notes.extend(self.mixed_programs.iter().map(|said| format!("{}: {said}", self.name)));
         let is_drawn = self.race.as_ref().is_some_and(|race| !race.figures.is_empty());
         if self.findings.is_empty() && !is_drawn {

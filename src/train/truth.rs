@@ -113,17 +113,16 @@ mod tests {
     use crate::agent::{
         Agent, DecisionRule, External, LinearThompson, Rewards, RuleParameters, StudyPlan,
     };
-    use crate::env::oralytics::{Oralytics, OralyticsModel, PEOPLE};
     use crate::env::{
-        Action, Environment, EpisodeStatus, Reported, Scenario, Simulated, StateNoise, StepCount,
-        StepNoise, VectorEnvironment,
+        Action, Environment, EpisodeStatus, Family, Reported, Scenario, Simulated, StateNoise,
+        StepCount, StepNoise, VectorEnvironment,
     };
     use crate::estimate::Correction;
     use crate::job::{
         Estimator, EvaluatedOn, Evaluation, Pooling, REWARD, ROWS, RecordedEpisodes, STEP,
         StandardErrors, Trial, UpdateData,
     };
-    use crate::key::{Content, Keyed, Value};
+    use crate::key::{Content, Keyed, Kind, Value};
     use crate::rng::{Purpose, Stream};
     use crate::train::excursions::Excursions;
     use crate::train::once_more::play;
@@ -388,15 +387,25 @@ mod tests {
 
     /// Weeks with invented people, who are prompted at random.
     fn brushing(effect_factor: f64, people_file: &str) -> Job {
-        let file = concat!(env!("CARGO_MANIFEST_DIR"), "/experiments/oralytics/synthetic_v2.csv");
-        let people = Content::read(&PEOPLE, &std::fs::read_to_string(file).unwrap()).unwrap();
-        let parameters = Oralytics { effect_factor, days: 7, ..Oralytics::of_people(people) };
+        let declared = Family::named("declared").unwrap();
+        let family = declared.with_parameters.unwrap()(&["parameters.effect_factor"]).unwrap();
+        let content = |index: usize, text: &str| match family.keys[index].kind {
+            Kind::Content(form) => Value::Content(Content::read(form, text).unwrap()),
+            other => panic!("{other:?}"),
+        };
+        let values = [
+            content(0, include_str!("../../experiments/oralytics/v2.toml")),
+            content(1, include_str!("../../experiments/oralytics/synthetic_v2.csv")),
+            Value::Content(Content::default()),
+            Value::Integer(7),
+            Value::Real(effect_factor),
+        ];
+        let environment = (family.read)(family, &values, &[]).unwrap();
         let people_file = match people_file {
             "" => Content::default(),
             text => Content::read(&ROWS, text).unwrap(),
         };
         let trial = Trial { decisions_per_day: 2, people_file, ..trial(2, 7) };
-        let environment = Environment::of(OralyticsModel { parameters });
         Job { scenario: Scenario::all(), ..job(environment, rule(DecisionRule::Random), trial) }
     }
 

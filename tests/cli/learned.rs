@@ -90,7 +90,7 @@ fn what_cannot_be_compared_says_what_to_do() {
         .says("kind \"did_it_learn\" needs the posteriors at the updates of a trial")
         .says("write record_posteriors = true in [evaluation]");
     faults("without = { environment.rho_1 = 0 }\n", "")
-        .says("kind \"did_it_learn\" needs trials without an effect");
+        .says("missing key `without` in an [[analysis]] of kind \"did_it_learn\"");
     let few = faults("seeds = 40", "seeds = 39").succeeded();
     few.says("judges a trial by 38 without the effect").says("write seeds = 40 or more");
     assert!(!faults("seeds = 40", "seeds = 40").succeeded().stderr.contains("without the effect"));

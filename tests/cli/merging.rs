@@ -449,13 +449,16 @@ fn shapes() -> Vec<String> {
     let trial = "trial = { people = 8, days = 10 }\n";
     let oralytics = "scenarios = [[\"time_of_day\", \"brushing\", \"dosage\", \"app\"]]\n";
     let outside = "scenarios = [\"all\"]\n";
-    let of_oralytics = "[environment]\nfamily = \"oralytics\"\npeople = \"people.csv\"\ndays = 5\n";
+    let of_oralytics = "[environment]\nfamily = \"declared\"\nmodel = \"oralytics_v2\"\npeople = \"people.csv\"\ndays = 5\n";
     let of_outside = "[environment]\nfamily = \"external\"\ncommand = [\"python3\", \"own.py\"]\n\
         version = \"1\"\n";
     let mut all = Vec::new();
-    for (family, scenarios, environment) in
-        [("step", step_count, ""), ("oral", oralytics, of_oralytics), ("own", outside, of_outside)]
-    {
+    let twice = "trial = { people = 8, days = 5, decisions_per_day = 2 }\n";
+    for (family, scenarios, environment, trial) in [
+        ("step", step_count, "", trial),
+        ("oral", oralytics, of_oralytics, twice),
+        ("own", outside, of_outside, trial),
+    ] {
         for record in ["none", "test", "all"] {
             let name = head(&format!("{family}-test-{record}"));
             let evaluation =

@@ -38,7 +38,8 @@ decisions_per_day = 2
 update = { every_days = 2 }
 pooling = ["full", "none"]
 [environment]
-family = "oralytics"
+family = "declared"
+model = "oralytics_v2"
 people = "people.csv"
 days = 8
 [evaluation]

@@ -20,7 +20,8 @@ update = { every_days = 2 }
 pooling = ["full", "none"]
 
 [environment]
-family = "oralytics"
+family = "declared"
+model = "oralytics_v2"
 people = "people.csv"
 days = 8
 
@@ -319,9 +320,13 @@ fn what_does_not_suit_a_trial_is_refused_with_a_sentence() {
         (
             "people = \"people.csv\"",
             "people = \"none\"",
-            "the parameters of people come from a CSV file",
+            "`people` names no file, and the model has columns of people: `bernoulli_time_of_day` and 32 more",
         ),
-        ("people = \"people.csv\"\n", "", "missing key `people` in [environment]"),
+        (
+            "people = \"people.csv\"\n",
+            "",
+            "`people` names no file, and the model has columns of people",
+        ),
         (
             "noise_sd = 60",
             "noise_sd = 60\ndraw = [\"step\", \"episode\"]",

@@ -15,7 +15,7 @@ fn trial(agent: &str) -> String {
         "format = 1\nname = \"pooled\"\nseeds = 1\nscenarios = [[\"time_of_day\", \"brushing\", \"app\"]]\n\
          [trial]\npeople = 16\ndays = 14\ndecisions_per_day = 2\nmissing_outcomes = 0.1\n\
          entry = {{ every_days = 7, people = 8 }}\nupdate = {{ every_days = 7, first_day = 7 }}\n\
-         [environment]\nfamily = \"oralytics\"\npeople = \"synthetic_v2.csv\"\ndays = 14\n\
+         [environment]\nfamily = \"declared\"\nmodel = \"oralytics_v2\"\npeople = \"synthetic_v2.csv\"\ndays = 14\n\
          [evaluation]\non = \"trial\"\n\
          [[agent]]\nname = \"thompson\"\nalgorithm = \"linear_thompson\"\nprior_sd = 60\nnoise_sd = 60\n{agent}\n\
          [[estimate]]\nname = \"effect\"\noutcome = \"gross_reward\"\ncontrol = [\"average_brushing\"]\nmoderators = [\"app_before\"]\n\
@@ -52,10 +52,10 @@ fn assert_close(found: &[f64], expected: &[f64]) {
 #[test]
 fn standard_errors_of_thompson_sampling_are_those_of_lifejacket() {
     let expected = [
-        5.431_895_904_544_904,
-        0.135_138_227_860_085_75,
-        16.609_692_605_945_24,
-        20.389_377_442_776_077,
+        9.062_049_362_690_408,
+        0.215_239_260_680_641_98,
+        40.011_628_864_908_936,
+        55.314_521_732_072_72,
     ];
     assert_close(&errors(&trial("pi_min = 0.1")), &expected);
 }
@@ -63,10 +63,10 @@ fn standard_errors_of_thompson_sampling_are_those_of_lifejacket() {
 #[test]
 fn standard_errors_of_the_centred_bandit_are_those_of_lifejacket() {
     let expected = [
-        4.920_302_031_298_743,
-        0.068_372_133_773_585_88,
-        13.770_893_380_986_307,
-        10.952_944_618_988_104,
+        6.085_565_496_187_4,
+        0.101_267_288_549_011_01,
+        17.477_738_934_633_34,
+        21.209_177_730_195_99,
     ];
     assert_close(&errors(&trial(LOGISTIC)), &expected);
 }

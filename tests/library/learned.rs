@@ -13,16 +13,20 @@ use jitai::train::{Uncontrolled, run};
 const MANIFEST: &str = "format = 1
 name = \"without\"
 extends = \"oralytics_v4\"
-seeds = 800
+seeds = 3200
 [trial]
 people = 8
 days = 21
 update = { every_days = 7, first_day = 7, data = \"all\" }
 [environment]
-family = \"oralytics\"
+family = \"declared\"
 people = \"synthetic_v4.csv\"
 days = 21
-no_effect_at = [1, -0.7, -0.1, 0]
+[environment.parameters]
+no_effect = 1
+no_effect_time_of_day = 1
+no_effect_brushing = -0.7
+no_effect_dosage = -0.1
 [evaluation]
 record_episodes = \"none\"
 record_posteriors = true
@@ -52,15 +56,15 @@ fn statistic(results: &Results) -> f64 {
 #[test]
 fn trials_without_an_effect_seldom_seem_to_have_learned() {
     let all: Vec<f64> = results(MANIFEST).iter().map(statistic).collect();
-    let (tested, draws) = all.split_at(400);
+    let (tested, draws) = all.split_at(1600);
     let rejected = tested.iter().filter(|one| monte_carlo_p(**one, draws).unwrap() <= 0.05).count();
-    // 3 to 7 % of 400.
-    assert!((12..=28).contains(&rejected), "{rejected} of 400");
+    // 3 to 7 %.
+    assert!((48..=112).contains(&rejected), "{rejected} of 1600");
 }
 
 #[test]
 fn posteriors_are_those_of_all_updates_and_end_at_the_last_weights() {
-    let text = MANIFEST.replace("seeds = 800", "seeds = 1").replace("\"none\"", "\"all\"");
+    let text = MANIFEST.replace("seeds = 3200", "seeds = 1").replace("\"none\"", "\"all\"");
     let results = &results(&text)[0];
     let steps: Vec<(u32, u32)> =
         results.posteriors.iter().map(|one| (one.update, one.step)).collect();

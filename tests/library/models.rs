@@ -32,6 +32,7 @@ fn world(texts: [&str; 3], parameters: &[(&str, f64)]) -> Environment {
             _ => unreachable!("the keys of the family are files"),
         })
         .collect();
+    values.push(Value::Integer(0));
     // Keys of parameters stand in alphabetical order.
     let mut sorted = parameters.to_vec();
     sorted.sort_by_key(|(name, _)| *name);

@@ -1,4 +1,4 @@
-//! Compares the test bed V2 of Oralytics with a trial of its official code, `tests/data/oralytics`.
+//! Compares the model of the test bed V2 of Oralytics with a trial of its official code, `tests/data/oralytics`.
 
 use std::fs;
 use std::path::Path;
@@ -6,12 +6,17 @@ use std::path::Path;
 use jitai::agent::{
     Actor, BanditAllocation, LinearThompson, LinearThompsonStudy, Rewards, StudyPlan,
 };
-use jitai::env::oralytics::{Brushing, Oralytics, OralyticsModel, PEOPLE, Rounding, TestBed};
-use jitai::env::{Action, EpisodeStatus, Scenario, Simulated, VectorEnvironment, contract};
-use jitai::job::{Trial, UpdateData};
+use jitai::env::declared::DeclaredModel;
+use jitai::env::{
+    Action, Environment, EpisodeStatus, LaneSet, LaneStreams, Observations, Scenario, Simulated,
+    VectorEnvironment, contract,
+};
+use jitai::job::{ROWS, Trial, UpdateData};
 use jitai::key::{Content, Keyed};
 use jitai::rng::{Purpose, Stream};
 use jitai::train::Study;
+use jitai::{manifest, plan};
+use nalgebra::{DMatrix, DVector};
 
 /// A decision of the official trial.
 #[derive(Clone, Debug)]
@@ -42,56 +47,99 @@ fn golden() -> Vec<Decision> {
     text.lines().skip(1).map(decision).collect()
 }
 
-fn people(name: &str) -> Content {
-    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("experiments/oralytics");
-    Content::read(&PEOPLE, &fs::read_to_string(folder.join(name)).unwrap()).unwrap()
+/// A text of `experiments/oralytics`.
+fn text(name: &str) -> String {
+    fs::read_to_string(Path::new("experiments/oralytics").join(name)).unwrap()
 }
 
-/// V2 with the readings of the official code, and invented people.
-fn official() -> Oralytics {
-    Oralytics {
-        habituation_factor: 0.0,
-        rounding: Rounding::Down,
-        stale_state: true,
-        ..Oralytics::of_people(people("synthetic_v2.csv"))
-    }
+/// A world of this model, these people, rows that it replays, and values of its parameters.
+fn world(model: &str, people: &str, replay: &str, parameters: &str) -> Environment {
+    let manifest = format!(
+        "format = 1\nname = \"t\"\nscenarios = \"all\"\nseeds = 1\n[environment]\nfamily = \"declared\"\n\
+         model = '''\n{model}'''\npeople = '''\n{people}'''\n{replay}{parameters}\n\
+         [[agent]]\nname = \"random\"\nalgorithm = \"rule\"\nrule = \"random\"\n"
+    );
+    let manifest = manifest::parse("t.toml", manifest.as_bytes()).unwrap();
+    plan::jobs(&manifest).next().unwrap().job.environment
 }
 
-fn simulation(parameters: Oralytics, lanes: usize) -> Brushing {
-    OralyticsModel { parameters }.simulation(&Scenario::all(), 1, lanes)
-}
-
-/// The histories of the app that fit what the algorithm saw of a person: whether it was opened on each day, and the
-/// largest error.
-fn histories(of_person: &[&Decision]) -> Vec<(Vec<bool>, f64)> {
-    // The file does not say on which days the app was opened: every history that fits is followed.
-    let mut lane = simulation(official(), 1);
-    lane.begin(0, 0);
-    let mut fitting = vec![(lane, vec![true], 0.0_f64)];
-    for (index, decision) in of_person.iter().enumerate() {
-        for (lane, _, error) in &mut fitting {
-            let [_, brushing, dosage, app, ..] = lane.seen(0);
-            let errors = [brushing, dosage, app].into_iter().zip(decision.seen);
-            *error = errors.map(|(one, other)| (one - other).abs()).fold(*error, f64::max);
+/// V2 with the readings of the official code, whose people brush as long as the official ones, and open the app on these days.
+fn official(decisions: &[Vec<&Decision>]) -> Environment {
+    let model = text("v2.toml");
+    let drawn = |name: &str| model.lines().find(|line| line.starts_with(name)).unwrap();
+    let forced = model
+        .replace(drawn("opened "), "opened = \"was_opened + 0 * opens_app\"")
+        .replace(drawn("q "), "q = \"seconds + 0 * brushes * (square + count)\"")
+        .replace("[linear]", "[replay]\ncolumns = [\"seconds\", \"was_opened\"]\n[linear]");
+    let synthetic = text("synthetic_v2.csv");
+    let (header, weights) = synthetic.split_once("\n0,").unwrap();
+    let weights = weights.lines().next().unwrap();
+    let (mut people, mut rows) = (header.to_owned(), "person,seconds,was_opened\n".to_owned());
+    for (person, of_person) in decisions.iter().enumerate() {
+        people += &format!("\n{person},{weights}");
+        let opened = history(of_person);
+        for (own, decision) in of_person.iter().enumerate() {
+            let was_opened = u8::from(opened[own / 2]);
+            rows += &format!("{person},{},{was_opened}\n", decision.seconds);
         }
-        fitting.retain(|(_, _, error)| *error < 1e-9);
-        let mut next: Vec<(Brushing, Vec<bool>, f64)> = Vec::new();
-        for (lane, opened, error) in fitting {
-            let begins_day = index % 2 == 1 && index < 139;
-            for opens in if begins_day { &[true, false][..] } else { &[true] } {
-                let (mut lane, mut opened) = (lane.clone(), opened.clone());
-                let reward = lane.force(0, decision.action, decision.seconds, *opens);
-                assert_eq!(reward, decision.reward);
-                opened.extend(begins_day.then_some(*opens));
+    }
+    let replay = format!("replay = '''\n{rows}'''\n");
+    world(
+        &forced,
+        &(people + "\n"),
+        &replay,
+        "parameters = { habituation_factor = 0, stale_state = 1 }",
+    )
+}
+
+/// The normalised averages of brushing and prompts before a decision, by the text of docs/oralytics.md.
+fn averages(of_person: &[&Decision], own: usize) -> [f64; 2] {
+    let count = if own.is_multiple_of(2) || own == 1 { own } else { own - 1 };
+    let before = &of_person[..count];
+    let factor = 13.0_f64 / 14.0;
+    let average = |value: &dyn Fn(&Decision) -> f64| match count {
+        0 => 0.0,
+        1..14 => before.iter().map(|one| value(one)).sum::<f64>() / count as f64,
+        _ => {
+            let last = before.iter().rev().take(14).enumerate();
+            let sum: f64 = last.map(|(age, one)| factor.powi(age as i32) * value(one)).sum();
+            sum * (1.0 - factor) / (1.0 - factor.powi(14))
+        }
+    };
+    let brushing = average(&|one| one.seconds);
+    let prompts = average(&|one| f64::from(u8::from(one.action)));
+    [(brushing - 90.5) / 89.5, 2.0 * (prompts - 0.5)]
+}
+
+/// A history of the app that fits what the algorithm saw of a person: whether it was opened on each day.
+fn history(of_person: &[&Decision]) -> Vec<bool> {
+    // The file does not say on which days the app was opened: every history that fits is followed.
+    let mut fitting = vec![(vec![], 0.0)];
+    for (day, decisions) in of_person.chunks(2).enumerate() {
+        let mut next: Vec<(Vec<bool>, f64)> = Vec::new();
+        for (opened, reported) in &fitting {
+            for opens in if day == 0 { &[true][..] } else { &[true, false] } {
+                let morning = averages(of_person, 2 * day)[0];
+                let reported = if *opens { morning } else { *reported };
+                let app = *opens && opened.last() == Some(&true);
+                let fits = decisions.iter().enumerate().all(|(slot, decision)| {
+                    let [now, dosage] = averages(of_person, 2 * day + slot);
+                    let shown =
+                        [if *opens { now } else { reported }, dosage, f64::from(u8::from(app))];
+                    shown.iter().zip(decision.seen).all(|(one, other)| (one - other).abs() < 1e-9)
+                });
                 // Histories that lead to the same state have the same future.
-                if next.iter().all(|(known, ..)| format!("{known:?}") != format!("{lane:?}")) {
-                    next.push((lane, opened, error));
+                let is_new = next
+                    .iter()
+                    .all(|(known, value)| known.last() != Some(opens) || *value != reported);
+                if fits && is_new {
+                    next.push(([&opened[..], &[*opens]].concat(), reported));
                 }
             }
         }
         fitting = next;
     }
-    fitting.into_iter().map(|(_, opened, error)| (opened, error)).collect()
+    fitting.swap_remove(0).0
 }
 
 fn of_people(decisions: &[Decision]) -> Vec<Vec<&Decision>> {
@@ -99,16 +147,43 @@ fn of_people(decisions: &[Decision]) -> Vec<Vec<&Decision>> {
     (0..70).map(of_person).collect()
 }
 
+/// What the algorithm sees, in the order of its features.
+fn scenario() -> Scenario {
+    "time_of_day-brushing-dosage-app".parse().unwrap()
+}
+
 #[test]
 fn states_and_rewards_follow_from_the_actions_and_outcomes_of_the_official_trial() {
     let decisions = golden();
     assert_eq!(decisions.len(), 9800);
-    for of_person in of_people(&decisions) {
-        assert_eq!(of_person.len(), 140);
-        let errors = histories(&of_person).into_iter().map(|(_, error)| error);
-        let least = errors.fold(f64::INFINITY, f64::min);
-        assert!(least < 1e-12, "{least:e}");
+    let of_people = of_people(&decisions);
+    let mut lanes = official(&of_people).training(&scenario(), 1, 70);
+    lanes.assign(&(0..70).collect::<Vec<_>>());
+    let mut streams = LaneStreams::Shared(Stream::new(0, Purpose::TestEnvironment));
+    lanes.reset(LaneSet::All, &mut streams);
+    let mut observations = Observations::new(4, 0);
+    let (mut rewards, mut seen) = (vec![0.0; 70], Vec::new());
+    for own in 0..140 {
+        lanes.observe(&mut observations);
+        let decisions: Vec<&Decision> = of_people.iter().map(|one| one[own]).collect();
+        for (lane, decision) in decisions.iter().enumerate() {
+            seen.clear();
+            lanes.exact_features(lane, &observations, &mut seen);
+            let errors =
+                seen[1..].iter().zip(decision.seen).map(|(one, other)| (one - other).abs());
+            let largest = errors.fold(0.0, f64::max);
+            assert!(largest < 1e-12, "person {lane}, decision {own}: {largest:e}");
+        }
+        let actions: Vec<Action> = decisions.iter().map(|one| action(one)).collect();
+        lanes.step(&actions, &mut rewards, &mut streams);
+        let expected: Vec<f64> = decisions.iter().map(|one| one.reward).collect();
+        assert_eq!(rewards, expected);
     }
+    assert!(!lanes.any_running());
+}
+
+fn action(decision: &Decision) -> Action {
+    Action::from_index(usize::from(decision.action)).unwrap()
 }
 
 /// The algorithm of V2. Features begin with the intercept.
@@ -130,7 +205,9 @@ fn algorithm() -> LinearThompson {
 /// The calendar of V2, with the readings of the official code.
 fn calendar() -> Trial {
     let required = [70, 70].map(jitai::key::Value::Integer);
+    let rows: String = (0..70).map(|person| format!("{person},{person}\n")).collect();
     Trial {
+        people_file: Content::read(&ROWS, &format!("person,row\n{rows}")).unwrap(),
         decisions_per_day: 2,
         entry_every_days: 14,
         entry_people: 5,
@@ -148,10 +225,7 @@ fn calendar() -> Trial {
 fn replayed(calendar: &Trial) -> (Vec<f64>, Vec<f64>) {
     let decisions = golden();
     let of_people = of_people(&decisions);
-    let opened: Vec<Vec<bool>> = of_people.iter().map(|one| histories(one)[0].0.clone()).collect();
-    let scenario: Scenario = "time_of_day-brushing-dosage-app".parse().unwrap();
-    let lanes = OralyticsModel { parameters: official() }.simulation(&scenario, 1, 70);
-    let mut lanes: Simulated = Box::new(lanes);
+    let mut lanes: Simulated = official(&of_people).training(&scenario(), 1, 70);
     let mut agent = LinearThompsonStudy::new(
         &algorithm(),
         &lanes,
@@ -159,6 +233,7 @@ fn replayed(calendar: &Trial) -> (Vec<f64>, Vec<f64>) {
         0,
     );
     let mut study = Study::new(calendar, 0);
+    study.assign(&mut lanes);
     let mut streams = study.streams(0);
     let mut words = Stream::new(0, Purpose::TestActions);
     let (mut actions, mut probabilities) = (vec![Action::default(); 70], vec![0.0; 140]);
@@ -167,11 +242,6 @@ fn replayed(calendar: &Trial) -> (Vec<f64>, Vec<f64>) {
     let mut time = 0;
     while !study.is_over() {
         study.begin_step(&mut lanes, &mut agent, &mut streams).unwrap();
-        let entry = |person: usize| 14 + 28 * (person / 5);
-        let brushing: &mut Brushing = lanes.downcast_mut().unwrap();
-        for person in (0..70).filter(|person| time == entry(*person)) {
-            brushing.begin(person, 0);
-        }
         if time % 14 == 0 && time > 0 {
             // The first week has the prior.
             let theirs = &posteriors[time / 14 - 1];
@@ -183,19 +253,15 @@ fn replayed(calendar: &Trial) -> (Vec<f64>, Vec<f64>) {
         }
         agent.act(&lanes, &mut words, &mut actions, Some(&mut probabilities));
         let mut rewards = vec![0.0; 70];
-        let statuses = lanes.statuses().iter();
-        let running: Vec<bool> = statuses.map(|one| *one == EpisodeStatus::Running).collect();
-        let brushing: &mut Brushing = lanes.downcast_mut().unwrap();
-        for person in (0..70).filter(|person| running[*person]) {
-            let own = time - entry(person);
-            let decision = of_people[person][own];
+        let is_running = |person: &usize| lanes.statuses()[*person] == EpisodeStatus::Running;
+        for person in (0..70).filter(is_running) {
+            let decision = of_people[person][lanes.time(person) as usize];
             let second = &mut probabilities[2 * person..2 * person + 2];
             of_probabilities.push((second[1] - decision.probability).abs());
             second.copy_from_slice(&[1.0 - decision.probability, decision.probability]);
-            actions[person] = Action::from_index(usize::from(decision.action)).unwrap();
-            let opens = opened[person].get(own.div_ceil(2)).copied().unwrap_or(false);
-            rewards[person] = brushing.force(person, decision.action, decision.seconds, opens);
+            actions[person] = action(decision);
         }
+        lanes.step(&actions, &mut rewards, &mut streams);
         agent.replay(&actions, &probabilities);
         study.end_step(&[0; 70]);
         let rewards = Rewards { values: &rewards, reached: study.reached() };
@@ -236,24 +302,162 @@ fn in_official_order(means: &[f64]) -> Vec<f64> {
 
 #[test]
 fn the_test_beds_keep_the_contract_of_environments() {
-    let v2 = official();
-    let test_bed = |file: &str, test_bed, stationary| Oralytics {
-        people: people(file),
-        test_bed,
-        stationary,
-        ..official()
-    };
-    for parameters in [
-        v2,
-        test_bed("synthetic_v2_daily.csv", TestBed::V2, false),
-        test_bed("synthetic_v3.csv", TestBed::V3, true),
-        test_bed("synthetic_v4.csv", TestBed::V4, false),
+    for (model, people, parameters) in [
+        ("v1.toml", "synthetic_v1.csv", ""),
+        ("v2.toml", "synthetic_v2.csv", "parameters = { habituation_factor = 0, stale_state = 1 }"),
+        ("v2.toml", "synthetic_v2_daily.csv", "parameters = { smaller = 1, rounded_down = 0 }"),
+        ("v4.toml", "synthetic_v3.csv", "parameters = { habituation_factor = 0.5, daily = 0 }"),
+        ("v4.toml", "synthetic_v4.csv", "parameters = { no_effect = 1, normalised_cost = 1 }"),
     ] {
-        let parameters = Oralytics { days: 20, ..parameters };
-        let scenario: Scenario = "app-brushing".parse().unwrap();
-        let model = OralyticsModel { parameters };
-        for (scenario, history) in [(&Scenario::all(), 1), (&scenario, 3)] {
-            contract::check(|lanes| model.simulation(scenario, history, lanes), 200).unwrap();
+        let days = format!("days = 20\n{parameters}");
+        let environment = world(&text(model), &text(people), "", &days);
+        let declared: &DeclaredModel = environment.model().unwrap();
+        let other: Scenario = match model {
+            "v1.toml" => "prompts-brushing_n".parse().unwrap(),
+            _ => "app-brushing".parse().unwrap(),
+        };
+        for (scenario, history) in [(&Scenario::all(), 1), (&other, 3)] {
+            contract::check(|lanes| declared.simulation(scenario, history, lanes), 200).unwrap();
         }
     }
 }
+
+/// The recorded states of these people at every decision with these actions, \[decisions, people, state\], and what each
+/// decision cost, \[decisions, people\].
+fn rolled(
+    environment: &Environment,
+    people: usize,
+    prompts: impl Fn(u32) -> bool,
+) -> (Vec<Vec<Vec<f64>>>, Vec<Vec<f64>>) {
+    let mut lanes = environment.training(&Scenario::all(), 1, people);
+    lanes.assign(&(0..people as u32).collect::<Vec<_>>());
+    let mut streams = LaneStreams::Shared(Stream::new(1, Purpose::TestEnvironment));
+    lanes.reset(LaneSet::All, &mut streams);
+    let (mut states, mut costs) = (Vec::new(), Vec::new());
+    let mut rewards = vec![0.0; people];
+    while lanes.any_running() {
+        let mut before = vec![Vec::new(); people];
+        before.iter_mut().enumerate().for_each(|(lane, state)| lanes.record_state(lane, state));
+        let prompted = usize::from(prompts(lanes.time(0)));
+        let actions = vec![Action::from_index(prompted).unwrap(); people];
+        lanes.step(&actions, &mut rewards, &mut streams);
+        let outcomes = VectorEnvironment::outcomes(&lanes, &rewards).to_vec();
+        costs.push(outcomes.iter().zip(&rewards).map(|(all, paid)| all - paid).collect());
+        for (lane, state) in before.iter_mut().enumerate() {
+            lanes.complete(lane, rewards[lane], state, &mut 0.0);
+        }
+        states.push(before);
+    }
+    (states, costs)
+}
+
+#[test]
+fn people_habituate_to_many_prompts_and_recover() {
+    for (model, people) in [("v2.toml", "synthetic_v2.csv"), ("v4.toml", "synthetic_v3.csv")] {
+        for (factor, expected) in [
+            (1.0, [1.0, 1.0, 1.0, 1.0, 1.0]),
+            (0.5, [1.0, 0.5, 0.25, 0.5, 1.0]),
+            // A person who has stopped responding responds fully again, however often that has happened.
+            (0.0, [1.0, 0.0, 0.0, 1.0, 1.0]),
+        ] {
+            let parameters = format!("days = 35\nparameters = {{ habituation_factor = {factor} }}");
+            let environment = world(&text(model), &text(people), "", &parameters);
+            // Two weeks with a prompt at every decision, and three without.
+            let (states, _) = rolled(&environment, 3, |time| time < 28);
+            for (index, state) in states.iter().flat_map(|all| &all[..]).enumerate() {
+                // Weeks end after the decisions 14, 28, and so on.
+                let week = ((index / 3).max(1) - 1) / 14;
+                assert_eq!(state[2], expected[week], "{model}, {factor}, decision {}", index / 3);
+            }
+        }
+    }
+}
+
+#[test]
+fn a_prompt_costs_where_brushing_is_good_or_prompts_are_frequent() {
+    for (model, people, scale) in [
+        ("v2.toml", "synthetic_v2.csv", ""),
+        ("v4.toml", "synthetic_v3.csv", ""),
+        ("v4.toml", "synthetic_v3.csv", "normalised_cost = 1, "),
+    ] {
+        let costs = "cost_of_good_brushing = 7, cost_of_frequent_prompts = 30";
+        let parameters = format!("parameters = {{ {scale}{costs} }}");
+        let environment = world(&text(model), &text(people), "", &parameters);
+        // More and more prompts.
+        let (states, costs) = rolled(&environment, 12, |time| time % 7 < time / 14);
+        let mut seen = [0, 0];
+        for (time, (states, costs)) in states.iter().zip(costs).enumerate() {
+            let is_prompted = time % 7 < time / 14;
+            for (state, cost) in states.iter().zip(costs) {
+                let [mut brushing, mut prompts] = [state[0], state[1]];
+                assert_eq!(state[5], cost);
+                if !scale.is_empty() {
+                    // Seconds are never that many.
+                    (brushing, prompts) = ((brushing - 90.5) / 89.5, 2.0 * (prompts - 0.5));
+                }
+                let is_good = brushing > 111.0 && prompts > 0.5;
+                let due = [is_good, prompts > 0.8].map(|is_due| is_due && is_prompted);
+                let expected =
+                    7.0 * f64::from(u8::from(due[0])) + 30.0 * f64::from(u8::from(due[1]));
+                assert_eq!(cost, expected, "{model}, decision {time}");
+                due.iter().zip(&mut seen).for_each(|(due, seen)| *seen += usize::from(*due));
+            }
+        }
+        assert!(seen[1] > 0 && (seen[0] > 0) == scale.is_empty(), "{model}: {seen:?}");
+    }
+}
+
+#[test]
+fn an_effect_is_removed_in_one_state_and_changed_as_little_as_possible_elsewhere() {
+    // Time of day, brushing, dosage, app, weekend, day, 1.
+    let state = DVector::from_row_slice(&[1.0, -0.7, -0.1, 0.0, 2.0 / 7.0, 0.0, 1.0]);
+    let levels: [&[f64]; 7] =
+        [&[0.0, 1.0], &THREE, &THREE, &[0.0, 1.0], &[0.0, 1.0], &THREE, &[1.0]];
+    let mut moments = vec![Vec::new()];
+    for levels in levels {
+        let longer =
+            |x: &Vec<f64>| levels.iter().map(|one| [&x[..], &[*one]].concat()).collect::<Vec<_>>();
+        moments = moments.iter().flat_map(longer).collect();
+    }
+    let mut second = DMatrix::<f64>::zeros(7, 7);
+    for x in &moments {
+        let x = DVector::from_row_slice(x);
+        second += &x * x.transpose() / moments.len() as f64;
+    }
+    let direction = second.cholesky().unwrap().solve(&state);
+    let model = text("v4.toml");
+    let recorded = model.lines().find(|line| line.starts_with("state ")).unwrap();
+    let shown = "state = [\"time_of_day\", \"brushing_now\", \"dosage\", \"app_before\", \"weekend\", \"day_n\", \"zero\", \
+                 \"amount\", \"logit\", \"log_mean\"]";
+    let model = model.replace(recorded, shown);
+    let at = "no_effect = 1, no_effect_time_of_day = 1, no_effect_brushing = -0.7, no_effect_dosage = -0.1, no_effect_app = 0";
+    let people = text("synthetic_v4.csv");
+    let environment = world(&model, &people, "", &format!("parameters = {{ {at} }}"));
+    let rows: Vec<Vec<&str>> =
+        people.lines().skip(1).map(|line| line.split(',').collect()).collect();
+    let weight = |person: usize, name: String| -> f64 {
+        let index = rows[0].iter().position(|column| *column == name).unwrap();
+        rows[1 + person][index].parse().unwrap()
+    };
+    let names = ["time_of_day", "brushing_now", "dosage", "app_before", "weekend", "day_n", "1"];
+    let (states, _) = rolled(&environment, 20, |_| true);
+    let mut changed = [0, 0];
+    for (person, found) in states.iter().flat_map(|all| all.iter().enumerate()) {
+        let mut x = DVector::from_element(7, 1.0);
+        x.rows_mut(0, 6).copy_from_slice(&found[..6]);
+        for (index, part) in ["bernoulli", "amount"].into_iter().enumerate() {
+            let old = names.map(|name| weight(person, format!("effect_{part}_{name}")));
+            let old = DVector::from_row_slice(&old);
+            // e = e_old - M^-1 s (s.e_old) / (s.M^-1 s) is 0 at s, and closest to e_old in the mean of ((e - e_old).x)^2.
+            let new = &old - &direction * (state.dot(&old) / state.dot(&direction));
+            assert!(new.dot(&state).abs() < 1e-12);
+            let gain = [new.dot(&x).min(0.0), new.dot(&x).max(0.0)][index];
+            let [before, after] = [found[6 + index], found[8 + index]];
+            assert!((after - before - gain).abs() < 1e-9, "{after} - {before}, expected {gain}");
+            changed[index] += usize::from(gain != 0.0);
+        }
+    }
+    assert!(changed.iter().all(|count| *count > 500), "{changed:?}");
+}
+
+const THREE: [f64; 3] = [-0.75, 0.0, 0.75];

@@ -298,7 +298,7 @@ fn pooled_trial(agent: &str) -> String {
          scenarios = [[\"time_of_day\", \"brushing\", \"app\"]]\n\
          [trial]\npeople = 16\ndays = 14\ndecisions_per_day = 2\nmissing_outcomes = 0.1\n\
          entry = {{ every_days = 7, people = 8 }}\nupdate = {{ every_days = 7, first_day = 7 }}\n\
-         [environment]\nfamily = \"oralytics\"\npeople = \"synthetic_v2.csv\"\ndays = 14\n\
+         [environment]\nfamily = \"declared\"\nmodel = \"oralytics_v2\"\npeople = \"synthetic_v2.csv\"\ndays = 14\n\
          [evaluation]\non = \"trial\"\n\
          [[agent]]\nname = \"thompson\"\nalgorithm = \"linear_thompson\"\nprior_sd = 60\nnoise_sd = 60\n{agent}\n\
          [[estimate]]\nname = \"effect\"\ncontrol = [\"average_brushing\"]\nmoderators = [\"app_before\"]\n\

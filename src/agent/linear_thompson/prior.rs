@@ -16,6 +16,7 @@ pub static PRIOR: ContentForm = ContentForm {
     what: "a policy.json with a posterior, as `jitai export --policy` writes it",
     parse: |text| Ok(Arc::new(Prior::read(text)?)),
     canonical: Some(|text| Ok(Prior::read(text)?.text())),
+    shipped: &[],
     help: Some("`jitai export --policy` writes it; `run:KEY` names a job of the store instead"),
 };
 

@@ -4,13 +4,10 @@ use std::collections::HashSet;
 
 use super::arm::{ArmId, arms, decided_by};
 use crate::analyse::{BeyondChance, Undefined, beyond_chance, quantile};
-use crate::job::{Condition, Scalar};
-use crate::key::{Parameter, Value};
+use crate::job::Condition;
+use crate::key::Parameter;
 use crate::manifest::kind::DidItLearn;
 use crate::record::JobRecord;
-
-/// The key that removes the effect of messages in a state.
-const NO_EFFECT_AT: &str = "environment.no_effect_at";
 
 /// What trials learned about some states.
 #[derive(Clone, Debug, PartialEq)]
@@ -75,10 +72,8 @@ impl LearnedPanel {
 
 /// What the jobs learned about the states.
 pub fn figure(kind: &DidItLearn, jobs: &[&JobRecord]) -> LearnedFigure {
-    let mut aside: Vec<String> = match &kind.without {
-        Some(conditions) => conditions.iter().map(Condition::name).collect(),
-        None => vec![NO_EFFECT_AT.to_owned()],
-    };
+    let mut aside: Vec<String> = kind.without.iter().map(Condition::name).collect();
+    aside.extend(kind.without_at().map(Parameter::to_string));
     // What follows from these keys, such as a zipped key, removes the effect, too.
     let implied: Vec<String> = aside.iter().flat_map(|name| decided_by(name, jobs)).collect();
     aside.extend(implied);
@@ -113,14 +108,13 @@ fn sides<'j>(
     state: &[f64],
     jobs: &[&'j JobRecord],
 ) -> (Vec<&'j JobRecord>, Vec<&'j JobRecord>) {
-    let removed = |state: &[f64]| Scalar::from(&Value::Reals(state.to_vec()));
-    let (none, here) = (removed(&[]), removed(state));
-    let is_on = |without: bool, job: &&JobRecord| match &kind.without {
-        Some(conditions) => conditions.iter().all(|one| one.is_met_by(job)) == without,
-        None => match job.setting(NO_EFFECT_AT) {
-            Some(found) => *found == if without { here.clone() } else { none.clone() },
-            None => !without,
-        },
+    let is_here = |job: &JobRecord| {
+        let mut at = kind.without_at().zip(state);
+        at.all(|(parameter, number)| job.number(&parameter.to_string()) == Some(*number))
+    };
+    let is_on = |without: bool, job: &&JobRecord| {
+        let lacks = kind.without.iter().all(|one| one.is_met_by(job));
+        lacks == without && (!without || is_here(job))
     };
     let side = |without| {
         let mut seen = HashSet::new();

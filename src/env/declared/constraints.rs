@@ -4,7 +4,7 @@ use std::collections::HashSet;
 use std::sync::Arc;
 
 use crate::env::declared::description::WorldDescription;
-use crate::env::declared::model::{Definition, ModelFile, ModelParameter, Referent};
+use crate::env::declared::model::{Definition, ModelFile, ModelParameter, NeededColumn, Referent};
 use crate::env::declared::numbers::range_in_words;
 use crate::env::declared::program::impossible_draws;
 use crate::env::declared::rows::{ColumnFault, Numbers};
@@ -93,6 +93,11 @@ const COLUMNS: Constraint = Constraint {
         let model = model(assignment)?;
         let people = content(assignment, PEOPLE)?;
         let table: Option<Arc<Numbers>> = people.parsed();
+        let of_model = content(assignment, MODEL)?;
+        let lacking = columns_of_a_shipped_model(&of_model, &model, table.as_deref());
+        if lacking.is_some() {
+            return lacking;
+        }
         let mut faults = FaultList::default();
         let known = model.names();
         for needed in &model.columns {
@@ -146,10 +151,38 @@ const COLUMNS: Constraint = Constraint {
         if faults.is_empty() {
             return None;
         }
-        let content = content(assignment, MODEL)?;
-        Some(Violation::InFile { parameter: MODEL, content, faults })
+        Some(Violation::InFile { parameter: MODEL, content: of_model, faults })
     },
 };
+
+/// One violation for all columns that a model lacks which comes with the program, because its text is not the user's;
+/// `None` if it lacks none.
+fn columns_of_a_shipped_model(
+    content: &Content,
+    model: &ModelFile,
+    people: Option<&Numbers>,
+) -> Option<Violation> {
+    let is_shipped = || SHIPPED.iter().any(|(_, text)| content.text() == Some(*text));
+    let is_missing = |needed: &&NeededColumn| {
+        people.is_none_or(|people| matches!(needed.find(people), Err(ColumnFault::Missing)))
+    };
+    let mut lacking = model.columns.iter().filter(is_missing);
+    let first = &lacking.next().filter(|_| is_shipped())?.name;
+    let more = match lacking.count() {
+        0 => String::new(),
+        more => format!(" and {more} more"),
+    };
+    let says = match people {
+        None => {
+            format!("`people` names no file, and the model has columns of people: `{first}`{more}")
+        }
+        Some(_) => format!("`people`: the file lacks columns of the model: `{first}`{more}"),
+    };
+    impossible(
+        says,
+        "experiments/oralytics has invented people, synthetic_*.csv; docs/oralytics.md says how to make the published ones",
+    )
+}
 
 /// Rows that are replayed are of the people, and have the model's columns.
 const ROWS: Constraint = Constraint {

@@ -6,7 +6,7 @@ use std::sync::{Arc, OnceLock};
 
 use crate::env::declared::constraints;
 use crate::env::declared::description::WorldDescription;
-use crate::env::declared::model::ModelFile;
+use crate::env::declared::model::{MOST_DAYS, ModelFile, SHIPPED};
 use crate::env::declared::program::compile;
 use crate::env::declared::read;
 use crate::env::declared::rows::{Numbers, PEOPLE, REPLAY};
@@ -29,18 +29,21 @@ pub(super) static MODEL: ContentForm = ContentForm {
         Err(faults) => Err(ContentFault::Listed(faults)),
     },
     canonical: None,
+    shipped: &SHIPPED,
     help: Some("docs/models.md begins with a model of ten lines; experiments/models/ has more"),
 };
 
 keys! {
     /// A world that a file declares; `docs/models.md` describes the file.
     pub struct DeclaredParameters {
-        /// the model: the name of a TOML file
+        /// the model: the name of a TOML file, or "oralytics_v1", "oralytics_v2" or "oralytics_v4"
         model: Content, in Kind::Content(&MODEL);
         /// the people of the model: the name of a CSV file with one row per person, or "none"
         people: Content = Content::default(), in Kind::Content(&PEOPLE);
         /// rows that the model replays: the name of a CSV file with rows by person, or "none"
         replay: Content = Content::default(), in Kind::Content(&REPLAY);
+        /// days of each person; 0 for the number that the model gives
+        days: u32 = 0, before 0, in Kind::Integer { min: 0, max: MOST_DAYS as u64 };
     }
 }
 
@@ -115,8 +118,14 @@ impl DeclaredModel {
         DeclaredParameters::from_values(own).expect("the values have been read")
     }
 
+    /// The model, with the days that are set.
     fn file(&self) -> Option<Arc<ModelFile>> {
-        self.parameters().model.parsed()
+        let DeclaredParameters { model, days, .. } = self.parameters();
+        let mut model: Arc<ModelFile> = model.parsed()?;
+        if days > 0 && days != model.days {
+            Arc::make_mut(&mut model).days = days;
+        }
+        Some(model)
     }
 
     /// The parameters that are set, with their values.

@@ -5,6 +5,16 @@ use crate::env::declared::expression::Expression;
 use crate::env::declared::rows::{ColumnFault, Numbers};
 use crate::text::Span;
 
+/// Maximum number of days.
+pub(super) const MOST_DAYS: i64 = 10_000;
+
+/// The models that manifests can name without a file: the test beds of Oralytics, `docs/oralytics.md`.
+pub(super) static SHIPPED: [(&str, &str); 3] = [
+    ("oralytics_v1", include_str!("../../../experiments/oralytics/v1.toml")),
+    ("oralytics_v2", include_str!("../../../experiments/oralytics/v2.toml")),
+    ("oralytics_v4", include_str!("../../../experiments/oralytics/v4.toml")),
+];
+
 /// A model.
 #[derive(Clone, Debug, Default)]
 pub struct ModelFile {

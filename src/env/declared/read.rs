@@ -8,7 +8,7 @@ use crate::env::declared::draft::{CoefficientBlock, DraftFeature, DraftRoles, Mo
 use crate::env::declared::expression::{Expression, OPERATORS};
 use crate::env::declared::grammar;
 use crate::env::declared::model::{
-    Clock, Definition, ModelFile, ModelParameter, Moment, NamedExpression, PeopleDraw,
+    Clock, Definition, MOST_DAYS, ModelFile, ModelParameter, Moment, NamedExpression, PeopleDraw,
     ProbabilityTable, Quantity, ReplayOrder, TextPosition,
 };
 use crate::env::declared::{missing, resolve};
@@ -19,10 +19,9 @@ type TomlNode<'t> = Spanned<DeValue<'t>>;
 
 /// The format of model files.
 const FORMAT: i64 = 1;
-/// Maximum numbers of variables, parameters and days.
+/// Maximum numbers of variables and parameters, and of decisions per day.
 const MOST_VARIABLES: usize = 1000;
 const MOST_PARAMETERS: usize = 100;
-const MOST_DAYS: i64 = 10_000;
 const MOST_DECISIONS_PER_DAY: i64 = 1440;
 
 pub(super) const KEYS: [&str; 14] = [

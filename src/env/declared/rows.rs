@@ -11,6 +11,7 @@ pub static PEOPLE: ContentForm = ContentForm {
     what: "a CSV file with one row per person",
     parse: |text| Ok(Arc::new(Numbers::people(text)?)),
     canonical: None,
+    shipped: &[],
     help: Some(
         "the columns are the names that the model uses and does not declare; docs/models.md has an example",
     ),
@@ -21,6 +22,7 @@ pub static REPLAY: ContentForm = ContentForm {
     what: "a CSV file of rows by person",
     parse: |text| Ok(Arc::new(Numbers::replay(text)?)),
     canonical: None,
+    shipped: &[],
     help: Some("its columns are `person` and those of the model's [replay]"),
 };
 

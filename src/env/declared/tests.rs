@@ -28,7 +28,9 @@ fn environment(model: &str, people: &str, replay: &str) -> Environment {
     };
     let values = [content(&MODEL, model), content(&PEOPLE, people), content(&REPLAY, replay)];
     let family = Family::named("declared").unwrap();
-    (family.read)(family, &values.map(Value::Content), &[]).unwrap()
+    let values: Vec<Value> =
+        values.map(Value::Content).into_iter().chain([Value::Integer(0)]).collect();
+    (family.read)(family, &values, &[]).unwrap()
 }
 
 fn world(model: &str, people: &str, replay: &str, lanes: usize) -> World {

@@ -56,7 +56,20 @@ impl Field for Parameter {
 
     fn read(table: &mut TableReader<'_, '_>, key: &str, _: Option<Kind>) -> Option<Parameter> {
         let node = table.node(key)?;
-        let named = node.get_ref().as_str().and_then(|name| named(table.reader.family, name));
+        let numeric = Parameter::of_numbers(table.reader, key, node)?;
+        table.need(node.span().into(), Need::Numbers(numeric));
+        Some(numeric)
+    }
+
+    fn written(value: &Parameter, key: &'static str) -> Vec<(&'static str, String)> {
+        vec![(key, quoted(value))]
+    }
+}
+
+impl Parameter {
+    /// The parameter with numeric values that a node names.
+    pub(super) fn of_numbers(reader: &mut Reader<'_>, key: &str, node: &Node) -> Option<Parameter> {
+        let named = node.get_ref().as_str().and_then(|name| named(reader.family, name));
         let numeric = named.filter(|parameter| {
             matches!(
                 kind_of(*parameter),
@@ -68,15 +81,10 @@ impl Field for Parameter {
                 )
             )
         });
-        match numeric {
-            Some(axis) => table.need(node.span().into(), Need::Numbers(axis)),
-            None => table.reader.unknown_parameter(key, node, &[ERROR_AXIS]),
+        if numeric.is_none() {
+            reader.unknown_parameter(key, node, &[ERROR_AXIS]);
         }
         numeric
-    }
-
-    fn written(value: &Parameter, key: &'static str) -> Vec<(&'static str, String)> {
-        vec![(key, quoted(value))]
     }
 }
 

@@ -112,6 +112,30 @@ impl Field for NameList {
     }
 }
 
+/// Parameters with numeric values.
+#[derive(Clone, Debug, PartialEq)]
+pub struct ParameterList(pub Vec<Parameter>);
+
+impl Field for ParameterList {
+    type Value = ParameterList;
+
+    fn schema(_: Option<Kind>) -> Json {
+        json!({ "type": "array", "minItems": 1, "uniqueItems": true, "items": { "$ref": "#/$defs/parameter" } })
+    }
+
+    fn read(table: &mut TableReader<'_, '_>, key: &str, _: Option<Kind>) -> Option<Self> {
+        let node = table.node(key)?;
+        let items = table.reader.items(key, node);
+        let all = items.into_iter().map(|item| Parameter::of_numbers(table.reader, key, item));
+        all.collect::<Option<Vec<_>>>().map(ParameterList)
+    }
+
+    fn written(value: &ParameterList, key: &'static str) -> Vec<(&'static str, String)> {
+        let names: Vec<String> = value.0.iter().map(quoted).collect();
+        vec![(key, format!("[{}]", names.join(", ")))]
+    }
+}
+
 /// States of which each is a list of the values of the features that an agent sees.
 #[derive(Clone, Debug, PartialEq)]
 pub struct States(pub Vec<Vec<f64>>);

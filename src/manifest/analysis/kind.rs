@@ -4,11 +4,11 @@ use serde_json::json;
 
 use crate::env::{Family, Scenario};
 use crate::job::metric::{MEAN_RETURN, metrics_of};
-use crate::job::{Condition, DataPart, MetricName, MetricPlace};
+use crate::job::{Condition, DataPart, MetricName, MetricPlace, Scalar};
 use crate::key::{FixedKind, Kind, Parameter, Value, choices};
 use crate::manifest::analysis::axis::CurveAxis;
 use crate::manifest::analysis::figure_keys::FigureKeys;
-use crate::manifest::analysis::forms::{Bins, FamilyName, Find, NameList, States};
+use crate::manifest::analysis::forms::{Bins, FamilyName, Find, NameList, ParameterList, States};
 use crate::manifest::analysis::participants;
 use crate::manifest::analysis::sides::Sides;
 use crate::manifest::table::{Fields, TableKey, TableReader, fields, name_key, names};
@@ -152,8 +152,11 @@ kinds! {
         states: States;
         /// the message: the number of an action above 0
         action: u32 = 1, in Kind::Integer { min: 1, max: 255 };
-        /// the trials without the effect; by default those whose environment.no_effect_at is the state
-        without: Option<Vec<Condition>>;
+        /// the trials without the effect
+        without: Vec<Condition>, missing CONDITIONS;
+        /// parameters whose values are the state for which a trial without the effect serves, in the order of the
+        /// features; by default it serves for every state
+        without_at: Option<ParameterList>;
     }
 
     /// The rate at which the most likely context is wrong.
@@ -411,6 +414,12 @@ impl Rules for OperatingCharacteristics {
 impl DidItLearn {
     /// The fewest other trials without the effect that can give a p-value of 0.05: 2 / (1 + 39).
     pub const FEWEST: usize = 39;
+
+    /// The parameters whose values are the state for which a trial without the effect serves; none if it serves for
+    /// every state.
+    pub fn without_at(&self) -> impl Iterator<Item = &Parameter> {
+        self.without_at.iter().flat_map(|list| &list.0)
+    }
 }
 
 impl Rules for DidItLearn {
@@ -427,12 +436,7 @@ impl Rules for DidItLearn {
             let says = "kind \"did_it_learn\" needs the posteriors at the updates of a trial";
             fault(says.to_owned(), "write record_posteriors = true in [evaluation]");
         }
-        let removed = rest.values(Parameter::Environment("no_effect_at"));
-        if self.without.is_none() && removed.is_none() {
-            let says = "kind \"did_it_learn\" needs trials without an effect";
-            let help = "declare them, and name them: without = { environment.rho_1 = 0 }";
-            return fault(says.to_owned(), help);
-        }
+        let at = self.without_at.as_ref().map_or(&[][..], |list| &list.0);
         for state in &self.states.0 {
             let shown = Value::Reals(state.clone());
             let is_seen = |scenario: &Scenario| {
@@ -441,9 +445,23 @@ impl Rules for DidItLearn {
             if !rest.scenarios().iter().all(is_seen) {
                 let says = format!("the state {shown} does not have a value for each feature");
                 fault(says, "a state has the values of the features of the scenario, in order");
-            } else if self.without.is_none() && !removed.is_some_and(|all| all.contains(&shown)) {
-                let says = format!("no trial has environment.no_effect_at = {shown}");
-                fault(says, "list the state there, too: no_effect_at = [[], [1, -0.7, -0.1, 0]]");
+            } else if !at.is_empty() && at.len() != state.len() {
+                let says = format!(
+                    "`without_at` has {} parameters, and the state {shown} {} numbers",
+                    at.len(),
+                    state.len()
+                );
+                fault(says, "name one parameter per feature of the scenario, in their order");
+            }
+            for (parameter, number) in at.iter().zip(state) {
+                let values = rest.values(*parameter).unwrap_or_default();
+                if !values.iter().any(|value| Scalar::from(value).number() == Some(*number)) {
+                    let says = format!("no trial has {parameter} = {number}");
+                    fault(
+                        says,
+                        "a state needs trials in which the parameters of `without_at` have its numbers",
+                    );
+                }
             }
         }
     }

@@ -50,6 +50,12 @@ impl Reader<'_> {
     /// The family that the table `environment` names, with the parameters whose names the author chooses. Faults are reported.
     pub fn family<'n>(&mut self, environment: &'n DeTable<'n>) -> (&'static Family, Free<'n>) {
         let Some(node) = environment.get(FAMILY) else { return (Family::first(), Free::new()) };
+        if let Some((family, instead)) = node.get_ref().as_str().and_then(Family::retired) {
+            let says = format!("this release no longer simulates the family `{}`", family.name);
+            self.faults.add(Fault::at(node.span().into(), says).help(instead));
+            // Its other keys are not reported as well.
+            return (family, Free::new());
+        }
         let names: Vec<&str> = Family::all().iter().map(|family| family.name).collect();
         let named = self.word("environment.family", &names, node).and_then(Family::named);
         // A misspelt family is the one that the other keys are of, so that they are not reported as well.
@@ -61,7 +67,8 @@ impl Reader<'_> {
         let Some(with_parameters) = family.with_parameters else { return (family, Free::new()) };
         let free = environment.get(PARAMETERS).and_then(|node| self.free_parameters(node));
         let free = free.unwrap_or_default();
-        let names: Vec<&str> = free.iter().map(|(name, _)| *name).collect();
+        let names: Vec<&str> =
+            free.iter().map(|(name, _)| *name).chain(self.beside.iter().copied()).collect();
         (with_parameters(&names).unwrap_or(family), free)
     }
 }

@@ -92,13 +92,15 @@ impl Reader<'_> {
         if Content::is_word_for_none(written) {
             return Some(Value::Content(Content::default()));
         }
-        let (text, of) = match (written.contains('\n'), form.run(written)) {
-            (true, _) => (Ok(written.clone().into_owned()), String::new()),
-            (false, Some(key)) => (self.run(written, key), format!("`{written}`, ")),
-            (false, None) => (self.file(written), format!("`{written}`, ")),
+        let of = || format!("`{written}`, ");
+        let (text, of) = match (form.shipped(written), form.run(written)) {
+            _ if written.contains('\n') => (Ok(written.clone().into_owned()), String::new()),
+            (Some(text), _) => (Ok(text.to_owned()), of()),
+            (_, Some(key)) => (self.run(written, key), of()),
+            _ => (self.file(written), of()),
         };
         let is_missing = text.is_err();
-        let is_file = !written.contains('\n');
+        let is_file = !written.contains('\n') && form.shipped(written).is_none();
         let content = match text {
             Ok(text) => match Content::read(form, &text) {
                 Ok(content) => Ok(content),

@@ -30,6 +30,9 @@ pub(in crate::manifest) struct Reader<'t> {
     pub misplaced: Vec<(&'static str, Span)>,
     /// The family of the environment.
     pub family: &'static Family,
+    /// Keys of parameters that the environment has beside those in its table: those of the other of a manifest and its
+    /// preset.
+    pub beside: Vec<&'static str>,
     /// The folder that relative file names start from.
     pub folder: PathBuf,
     /// Answers values that name jobs.
@@ -78,6 +81,7 @@ impl<'t> Reader<'t> {
             zipped: HashSet::new(),
             misplaced: Vec::new(),
             family: Family::first(),
+            beside: Vec::new(),
             folder: PathBuf::new(),
             runs: Runs::default(),
             named_runs: Vec::new(),
