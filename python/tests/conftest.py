@@ -11,7 +11,7 @@ import pytest
 from hypothesis import HealthCheck, settings
 
 ROOT = Path(__file__).resolve().parent.parent.parent
-#: Invented people of the family `oralytics`.
+#: The models of Oralytics, with invented people.
 PEOPLE = ROOT / "experiments" / "oralytics"
 PROGRAM = Path(sys.executable).parent / "jitai"
 

@@ -99,32 +99,35 @@ def populations(draw) -> dict:
 
 
 TEST_BEDS = [
-    {"people": str(FOLDER / "synthetic_v2.csv")},
-    {"people": str(FOLDER / "synthetic_v2_daily.csv"), "stationary": False},
-    {"people": str(FOLDER / "synthetic_v3.csv"), "test_bed": "v3"},
-    {"people": str(FOLDER / "synthetic_v4.csv"), "test_bed": "v4", "stationary": False},
+    {"model": "oralytics_v2", "people": str(FOLDER / "synthetic_v2.csv")},
+    {"model": str(FOLDER / "v2.toml"), "people": str(FOLDER / "synthetic_v2_daily.csv")},
+    {"model": "oralytics_v4", "people": str(FOLDER / "synthetic_v3.csv")},
+    {"model": "oralytics_v4", "people": str(FOLDER / "synthetic_v4.csv")},
 ]
-SEEN = ["time_of_day", "brushing", "dosage", "app", "weekend", "day"]
+SEEN = ["time_of_day", "brushing", "dosage", "app", "weekend", "day_n"]
 ORALYTICS = {
     "days": st.integers(1, 20),
-    "effect_size": st.sampled_from(["small", "smaller"]),
-    "habituation_factor": PROBABILITY,
-    "cost_of_good_brushing": st.floats(0, 200),
-    "cost_of_frequent_prompts": st.floats(0, 200),
-    "cost_scale": st.sampled_from(["raw", "normalised"]),
-    "rounding": st.sampled_from(["nearest", "down"]),
-    "stale_state": st.booleans(),
-    "effect_factor": st.floats(0, 2),
+    "parameters": st.fixed_dictionaries(
+        {},
+        optional={
+            "daily": st.integers(0, 1),
+            "habituation_factor": PROBABILITY,
+            "cost_of_good_brushing": st.floats(0, 200),
+            "cost_of_frequent_prompts": st.floats(0, 200),
+            "stale_state": st.integers(0, 1),
+            "effect_factor": st.floats(0, 2),
+        },
+    ),
     "scenario": st.lists(st.sampled_from(SEEN), min_size=1, unique=True),
 }
 
 
 @st.composite
 def oralytics(draw) -> dict:
-    """Keywords of an environment of the family ``oralytics``."""
-    names = draw(st.sets(st.sampled_from(sorted(ORALYTICS)), max_size=6))
+    """Keywords of an environment of a test bed of Oralytics."""
+    names = draw(st.sets(st.sampled_from(sorted(ORALYTICS)), max_size=3))
     keys = {name: draw(ORALYTICS[name]) for name in sorted(names)}
-    return {"family": "oralytics", "days": 7, **draw(st.sampled_from(TEST_BEDS)), **keys}
+    return {"family": "declared", "days": 7, **draw(st.sampled_from(TEST_BEDS)), **keys}
 
 
 def of_any_family() -> st.SearchStrategy[dict]:

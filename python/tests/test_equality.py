@@ -126,7 +126,12 @@ def test_the_single_environment_is_what_simulate_prints(keywords, seed, action):
             ["context", "habituation", "disengagement"],
         ),
         (
-            {"family": "oralytics", "people": "synthetic_v2.csv", "habituation_factor": 0.5},
+            {
+                "family": "declared",
+                "model": "oralytics_v2",
+                "people": "synthetic_v2.csv",
+                "parameters": {"habituation_factor": 0.5},
+            },
             ["average_brushing", "average_prompts", "responsiveness", "app_today", "person"],
         ),
     ],

@@ -320,10 +320,11 @@ job.test(lambda seen: [0] * len(seen))
 
 OF_PEOPLE = f"""\
 [environment]
-family = "oralytics"
+family = "declared"
+model = "oralytics_v2"
 people = '{PEOPLE}/synthetic_v2.csv'
 days = 20
-habituation_factor = 0.5
+parameters = {{ habituation_factor = 0.5 }}
 [evaluation]
 test_episodes"""
 BRUSHING = (

@@ -133,7 +133,7 @@ def jobs_of_store(store):
 def test_states_that_nobody_saved_are_refused(state, seeds):
     from jitai._jitai import Declaration, Lane, Lanes
 
-    for keys in ({"sigma": 0.6, "message_budget": 3}, {"family": "oralytics", **TEST_BEDS[0]}):
+    for keys in ({"sigma": 0.6, "message_budget": 3}, {"family": "declared", **TEST_BEDS[0]}):
         declaration = Declaration.of_keys(None, None, keys)
         lane = Lane(declaration, True)
         with pytest.raises(RuntimeError, match="saved state"):

@@ -37,13 +37,13 @@ KEYWORDS = [
     NOISY | {"scenario": "F-E-R-M-S"},
     {"sigma": 0.6, "population": {"epsilon_d": {"uniform": [0.2, 0.6]}, "rho_1": {"uniform": [30, 60]}}},
 ]
-ORALYTICS = {"family": "oralytics", "people": PEOPLE / "synthetic_v2.csv", "days": 10}
+ORALYTICS = {"family": "declared", "model": "oralytics_v2", "people": PEOPLE / "synthetic_v2.csv", "days": 10}
 KEYWORDS += [
     ORALYTICS,
-    ORALYTICS | {"scenario": ["brushing", "app"], "habituation_factor": 0.5, "stale_state": True},
-    ORALYTICS | {"people": str(PEOPLE / "synthetic_v2_daily.csv"), "stationary": False},
-    ORALYTICS | {"people": str(PEOPLE / "synthetic_v3.csv"), "test_bed": "v3"},
-    ORALYTICS | {"people": str(PEOPLE / "synthetic_v4.csv"), "test_bed": "v4", "stationary": False, "scenario": "all"},
+    ORALYTICS | {"scenario": ["brushing", "app"], "parameters": {"habituation_factor": 0.5, "stale_state": 1}},
+    ORALYTICS | {"people": str(PEOPLE / "synthetic_v2_daily.csv"), "model": PEOPLE / "v2.toml"},
+    ORALYTICS | {"people": str(PEOPLE / "synthetic_v3.csv"), "model": str(PEOPLE / "v4.toml")},
+    ORALYTICS | {"people": str(PEOPLE / "synthetic_v4.csv"), "model": "oralytics_v4", "scenario": "all"},
 ]
 
 
@@ -287,10 +287,11 @@ def test_a_seed_is_chosen_where_none_is_given():
         ({"sigma": 0.6, "family": "step_cuont"}, "did you mean `step_count`?"),
         ({"sigma": 0.6, "trial": {"people": 3}}, "unknown key `trial` in [environment]"),
         ({"family": "external", "command": ["python"]}, "the environment is a program"),
-        ({"family": "oralytics"}, "missing key `people` in [environment]"),
-        ({"family": "oralytics", "people": "none"}, "come from a CSV file"),
-        ({"family": "oralytics", "people": "none.csv"}, "`people`: `none.csv` cannot be read"),
-        ({**ORALYTICS, "test_bed": "v3"}, "`people` does not suit the environment"),
+        ({"family": "oralytics"}, "no longer simulates the family `oralytics`"),
+        ({"family": "declared"}, "missing key `model` in [environment]"),
+        ({**ORALYTICS, "people": "none"}, "`people` names no file"),
+        ({**ORALYTICS, "people": "none.csv"}, "`people`: `none.csv` cannot be read"),
+        ({**ORALYTICS, "model": "oralytics_v4"}, "the file lacks columns of the model: `bernoulli_brushing_now`"),
         ({**ORALYTICS, "scenario": ["brushing", "mood"]}, "`mood` is not a feature"),
         ({**ORALYTICS, "scenario": []}, "a scenario needs at least one feature"),
         ({**ORALYTICS, "sigma": 0.6}, "unknown key `sigma` in [environment]"),
@@ -333,17 +334,19 @@ def test_every_family_has_an_id():
     env = gymnasium.make("jitai/Oralytics-v0", people=ORALYTICS["people"])
     assert env.spec.max_episode_steps == 140
     declaration = env.unwrapped.declaration
-    assert (declaration.family, declaration.scenario) == ("oralytics", "all")
+    assert (declaration.family, declaration.scenario) == ("declared", "all")
     assert declaration.actions == ["nothing", "a prompt"]
-    assert jitai.make(**ORALYTICS).spec.id == "jitai/Oralytics-v0"
+    other = gymnasium.make("jitai/Oralytics-v0", model="oralytics_v4", people=PEOPLE / "synthetic_v4.csv")
+    assert other.unwrapped.declaration.keys["model"] != declaration.keys["model"]
+    assert jitai.make(**ORALYTICS).spec.id == "jitai/Declared-v0"
     envs = gymnasium.make_vec("jitai/Oralytics-v0", num_envs=3, **ORALYTICS)
     assert envs.spec.max_episode_steps == 20
-    with pytest.raises(ValueError, match="missing key `people`"):
+    with pytest.raises(ValueError, match="`people` names no file"):
         gymnasium.make("jitai/Oralytics-v0")
     manifest = PEOPLE / "updates.toml"
-    declaration = gymnasium.make("jitai/Oralytics-v0", manifest=manifest).unwrapped.declaration
+    declaration = gymnasium.make("jitai/Declared-v0", manifest=manifest).unwrapped.declaration
     assert declaration.scenario == "time_of_day-brushing-dosage-app"
-    with pytest.raises(ValueError, match="the manifest declares oralytics, found 'step_count'"):
+    with pytest.raises(ValueError, match="the manifest declares declared, found 'step_count'"):
         jitai.make(manifest=manifest, family="step_count")
     with pytest.raises(ValueError, match="140 steps; set a key of the environment"):
         gymnasium.make_vec("jitai/Oralytics-v0", people=ORALYTICS["people"], max_episode_steps=3)
@@ -373,9 +376,9 @@ def test_info_has_the_recorded_state_of_the_family():
     _, info = env.reset(seed=1)
     assert list(info) == [
         "step", "average_brushing", "average_prompts", "responsiveness", "app_today", "app_before",
-        "person", "seconds_of_brushing",
+        "seconds_of_brushing",
     ]  # fmt: skip
-    types = [int, float, float, float, bool, bool, int, float]
+    types = [int, float, float, float, float, float, float]
     assert [type(value) for value in info.values()] == types
     assert env.render().startswith("step  0: average_brushing 0.00, average_prompts 0.00")
     _, reward, _, _, info = env.step(1)
@@ -392,7 +395,7 @@ def test_a_pickle_has_the_people_of_the_file(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     path = tmp_path / "people.csv"
     path.write_text(ORALYTICS["people"].read_text())
-    env = jitai.make(family="oralytics", people="people.csv")
+    env = jitai.make(family="declared", model="oralytics_v2", people="people.csv")
     saved = pickle.dumps(env)
     declaration = env.unwrapped.declaration
     path.unlink()

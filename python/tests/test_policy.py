@@ -235,7 +235,7 @@ PLACES = {
     ),
     "two": (
         '["time_of_day", "app"]',
-        'family = "oralytics"\ndays = 8\npeople = "people.csv"',
+        'family = "declared"\nmodel = "oralytics_v2"\ndays = 8\npeople = "people.csv"',
         OF_TWO,
         lambda row: [row.step % 2, json.loads(row.state)["app_before"]],
     ),

@@ -189,16 +189,16 @@ def test_people_of_a_dataset_have_costs_of_their_own(tmp_path):
     assert (dataset["rewards"] == paid.to_numpy().astype(np.float32)).all()
 
 
-@pytest.mark.parametrize("scale", ["raw", "normalised"])
-def test_prompts_of_oralytics_cost_what_the_net_return_says(tmp_path, scale):
-    people = str(PEOPLE / "synthetic_v2.csv")
-    environment = {"family": "oralytics", "people": people, "cost_scale": scale}
-    environment |= {"cost_of_good_brushing": 30.0, "cost_of_frequent_prompts": 7.0}
+@pytest.mark.parametrize("normalised", [0, 1])
+def test_prompts_of_oralytics_cost_what_the_net_return_says(tmp_path, normalised):
+    people = str(PEOPLE / "synthetic_v4.csv")
+    costs = {"normalised_cost": normalised, "cost_of_good_brushing": 30.0, "cost_of_frequent_prompts": 7.0}
+    environment = {"family": "declared", "model": "oralytics_v4", "people": people, "parameters": costs}
     with costly(tmp_path, ["dosage"], environment=environment) as results:
         dataset, decisions = results.dataset(""), results.decisions()
         net = results.query("SELECT value FROM metric WHERE name = 'mean_net_return'").value[0]
     assert dataset["rewards"].sum(dtype=float) / 20 == pytest.approx(net)
-    assert decisions.reward.sum() / 20 > net or scale == "normalised"
+    assert decisions.reward.sum() / 20 > net or normalised
 
 
 def test_a_dataset_says_what_is_missing(store, plain):

@@ -23,7 +23,7 @@ KEYWORDS = [
     {"sigma": 0.6},
     {"sigma": 0.4, "scenario": "L-T-A", "availability": 0.5, "time_one_hot": True},
     {"sigma": 0.4, "extends": "step_count_jitai"},
-    {"family": "oralytics", "people": str(PEOPLE / "synthetic_v2.csv"), "days": 10},
+    {"family": "declared", "model": "oralytics_v2", "people": str(PEOPLE / "synthetic_v2.csv"), "days": 10},
 ]
 
 

@@ -44,7 +44,7 @@ def test_the_keywords_are_the_keys_of_the_families():
     for keywords in (
         {"sigma": 0.6},
         {"family": "declared", "model": model},
-        {"family": "oralytics", "people": PEOPLE / "synthetic_v2.csv"},
+        {"family": "declared", "model": "oralytics_v2", "people": PEOPLE / "synthetic_v2.csv"},
     ):
         known |= set(jitai.make(**keywords).unwrapped.declaration.keys)
     assert set(Keywords.__annotations__) == known | OTHERS

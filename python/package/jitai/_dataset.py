@@ -17,10 +17,12 @@ _DECISIONS = """
     WHERE job_key = ? AND phase = ? ORDER BY episode, step
 """
 
-_COSTS = """
-    SELECT name, CASE value WHEN 'raw' THEN 0 WHEN 'normalised' THEN 1 ELSE CAST(value AS REAL) END FROM parameter
-    WHERE job_key = ? AND name IN ('environment.message_cost', 'environment.cost_scale',
-        'environment.cost_of_good_brushing', 'environment.cost_of_frequent_prompts')
+_COST = """
+    SELECT CAST(value AS REAL) FROM parameter WHERE job_key = ? AND name = 'environment.message_cost'
+"""
+
+_RETURNS = """
+    SELECT value FROM metric WHERE job_key = ? AND name IN ('mean_return', 'mean_net_return')
 """
 
 _COSTS_OF_PEOPLE = """
@@ -63,21 +65,20 @@ def _costs(
     reader: StoreReader, job: str, phase: str, episodes: npt.NDArray[Any], states: list[str]
 ) -> npt.NDArray[np.float64]:
     """The cost of a message at each decision, which the recorded reward does not count."""
-    names, values = (Column(*column).values for column in reader.columns(_COSTS, [(None, job)]))
-    declared = {name.removeprefix("environment."): value for name, value in zip(names, values, strict=True)}
-    if "cost_of_good_brushing" in declared:
-        # Step 3 of docs/oralytics.md.
+    [cost] = (Column(*column).values for column in reader.columns(_COST, [(None, job)]))
+    if len(cost) == 0:
+        [returns] = (Column(*column).values for column in reader.columns(_RETURNS, [(None, job)]))
+        if len(set(returns)) < 2:
+            return np.zeros(len(episodes))
+        # The cost of each decision stands in its state, if anywhere.
         rows = json.loads(f"[{','.join(states)}]")
-        if any(row.get("reported") == 0 for row in rows) and declared["cost_of_good_brushing"]:
-            raise ValueError("rewards less costs are not known: the costs follow from states that were not reported")
-        brushing = np.array([row["average_brushing"] for row in rows])
-        prompts = np.array([row["average_prompts"] for row in rows])
-        if declared["cost_scale"] == 1:
-            brushing, prompts = (brushing - 90.5) / 89.5, 2 * (prompts - 0.5)
-        good = (brushing > 111) & (prompts > 0.5)
-        often = prompts > 0.8
-        return np.asarray(declared["cost_of_good_brushing"] * good + declared["cost_of_frequent_prompts"] * often)
-    costs = np.full(len(episodes), declared.get("message_cost", 0.0))
+        if any("cost" not in row or row.get("reported") == 0 for row in rows):
+            raise ValueError(
+                "rewards less costs are not known: the recorded state has no `cost`, or was not reported; "
+                "a model names the variable in its `state`"
+            )
+        return np.array([row["cost"] for row in rows])
+    costs = np.full(len(episodes), cost[0])
     columns = reader.columns(_COSTS_OF_PEOPLE, [(None, job), (None, phase)])
     of_people = [Column(*column).values for column in columns]
     if len(of_people[0]):
@@ -107,7 +108,9 @@ def _observations(states: list[str], names: Sequence[str] | None) -> npt.NDArray
     known = list(rows[0])
     if not known:
         raise ValueError("observations: the environment declares no `state`, so that its decisions record none")
-    chosen = known if names is None else [names] if isinstance(names, str) else list(names)
+    # What a decision cost is known after it.
+    known_before = [name for name in known if name != "cost"]
+    chosen = known_before if names is None else [names] if isinstance(names, str) else list(names)
     unknown = [name for name in chosen if name not in known]
     if unknown:
         raise ValueError(f"observations: the recorded state has {', '.join(known)}; found {unknown[0]}")

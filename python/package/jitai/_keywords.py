@@ -56,23 +56,11 @@ class Keywords(TypedDict, total=False):
     time_one_hot: bool
     unpaid_last_step: bool
     # Keys of declared.
+    days: int
     model: str | os.PathLike[str]
     parameters: Mapping[str, float]
     people: str | os.PathLike[str]
     replay: str | os.PathLike[str]
-    # Keys of oralytics.
-    cost_of_frequent_prompts: float
-    cost_of_good_brushing: float
-    cost_scale: Literal["raw", "normalised"]
-    days: int
-    effect_factor: float
-    effect_size: Literal["small", "smaller"]
-    habituation_factor: float
-    no_effect_at: Sequence[float]
-    rounding: Literal["nearest", "down"]
-    stale_state: bool
-    stationary: bool
-    test_bed: Literal["v2", "v3", "v4"]
 
 
 class VectorKeywords(Keywords, total=False):

@@ -20,10 +20,11 @@ if TYPE_CHECKING:
 IDS = {
     "step_count": "jitai/StepCount-v0",
     "declared": "jitai/Declared-v0",
-    "oralytics": "jitai/Oralytics-v0",
 }
 #: The id of the family of manifests that name none.
 ENVIRONMENT_ID = IDS["step_count"]
+#: The ids of models that come with jitai, and their keywords.
+MODELS = {"jitai/Oralytics-v0": {"family": "declared", "model": "oralytics_v2"}}
 #: The noise of the context feature where an environment is made by its id alone, as Stable-Baselines3 makes
 #: the environment of ``PPO("MlpPolicy", id)``: the value with which StepCountJITAI's code makes its own.
 SIGMA = 0.4
@@ -31,7 +32,8 @@ SIGMA = 0.4
 
 def register() -> None:
     """Registers the environments with Gymnasium, once."""
-    for family, name in IDS.items():
+    families = {name: {} if name == ENVIRONMENT_ID else {"family": family} for family, name in IDS.items()}
+    for name, keywords in (families | MODELS).items():
         if name not in gymnasium.registry:
             gymnasium.register(
                 id=name,
@@ -40,7 +42,7 @@ def register() -> None:
                 # The environment itself rejects calls in the wrong order, and its tests replace the checker.
                 order_enforce=False,
                 disable_env_checker=True,
-                kwargs={} if name == ENVIRONMENT_ID else {"family": family},
+                kwargs=keywords,
             )
 
 
