@@ -4,7 +4,9 @@ use std::collections::HashSet;
 use std::sync::Arc;
 
 use crate::env::declared::description::WorldDescription;
-use crate::env::declared::model::{Definition, ModelFile, ModelParameter, NeededColumn, Referent};
+use crate::env::declared::model::{
+    Definition, ModelFile, ModelParameter, NeededColumn, Referent, SHIPPED,
+};
 use crate::env::declared::numbers::range_in_words;
 use crate::env::declared::program::impossible_draws;
 use crate::env::declared::rows::{ColumnFault, Numbers};
