@@ -283,8 +283,8 @@ mod tests {
         assert_eq!(
             required.collect::<Vec<_>>(),
             [
-                "sigma", "rule", "command", "version", "people", "days", "model", "people",
-                "command", "version"
+                "sigma", "rule", "command", "version", "people", "days", "model", "command",
+                "version"
             ]
         );
     }

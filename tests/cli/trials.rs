@@ -320,7 +320,7 @@ fn what_does_not_suit_a_trial_is_refused_with_a_sentence() {
         (
             "people = \"people.csv\"",
             "people = \"none\"",
-            "`people` names no file, and the model has columns of people: `bernoulli_time_of_day` and 32 more",
+            "`people` names no file, and the model has columns of people: `sigma` and 32 more",
         ),
         (
             "people = \"people.csv\"\n",

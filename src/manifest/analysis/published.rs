@@ -346,7 +346,8 @@ mod tests {
 
     #[test]
     fn rows_state_words_and_flags_as_well_as_numbers() {
-        let text = "value,n,stationary,effect_size,pooling\n1,3,true,small,none\n2,3,false,,full\n";
+        let text =
+            "value,n,time_one_hot,step_noise,pooling\n1,3,true,gamma,none\n2,3,false,,full\n";
         let published = Published::parse(Path::new("p.csv"), text).unwrap();
         let stated = |row: usize| -> Vec<String> {
             let values = published.rows[row].parameters.iter();
@@ -354,11 +355,11 @@ mod tests {
         };
         assert_eq!(
             stated(0),
-            ["environment.stationary=1", "environment.effect_size=small", "trial.pooling=none"]
+            ["environment.time_one_hot=1", "environment.step_noise=gamma", "trial.pooling=none"]
         );
-        assert_eq!(stated(1), ["environment.stationary=0", "trial.pooling=full"]);
+        assert_eq!(stated(1), ["environment.time_one_hot=0", "trial.pooling=full"]);
         let stated = published.stated();
-        assert_eq!(stated[0], "environment.effect_size", "{stated:?}");
+        assert_eq!(stated[0], "environment.step_noise", "{stated:?}");
     }
 
     #[test]
@@ -400,11 +401,8 @@ mod tests {
             ("agent,scenario,value,n\na - b,P - L,1,3\n", "write ` - ` once"),
             ("value,n,metric\n1,3,speed\n", "there is no metric \"speed\""),
             ("value,n,margin\n1,3,0\n", "`margin`: expected a number above 0, found 0"),
-            ("value,n,stationary\n1,3,yes\n", "expected true or false, found \"yes\""),
-            (
-                "value,n,effect_size\n1,3,tiny\n",
-                "expected \"small\" or \"smaller\", found \"tiny\"",
-            ),
+            ("value,n,time_one_hot\n1,3,yes\n", "expected true or false, found \"yes\""),
+            ("value,n,step_noise\n1,3,tiny\n", "expected \"none\" or \"gamma\", found \"tiny\""),
             ("value,n,sigma\n1,3,low\n", "expected a number, found \"low\""),
         ] {
             let faults = Published::parse(Path::new("p.csv"), text).unwrap_err().to_string();
