@@ -227,8 +227,9 @@ impl TrainedPolicy {
     }
 }
 
-/// A pickled job: its key and its content, which has files by their digests, as the store has them.
-type Saved = ([u8; 16], String);
+/// A pickled job: its key, its content, which has files by their digests, as the store has them, and the description of its
+/// environment.
+type Saved = ([u8; 16], String, Option<String>);
 
 /// The columns of [`state_of`], names of `info`.
 const STATE: [&str; 6] =
@@ -345,7 +346,7 @@ impl TrainedPolicy {
         };
         let job = &policy.stored.job;
         let weights = policy.stored.safetensors.as_deref().map(bytes);
-        let saved = (policy.stored.job_key.0, job.canonical());
+        let saved = (policy.stored.job_key.0, job.canonical(), job.environment.description());
         let state = (saved, weights, acting.seed, bytes(&position), memory);
         Ok((slf.get_type().getattr("restored")?, state))
     }
@@ -359,8 +360,11 @@ impl TrainedPolicy {
         position: &[u8],
         memory: Vec<f32>,
     ) -> PyResult<Self> {
-        let (key, text) = saved;
-        let job = Job::from_canonical(&text).map_err(no_policy)?;
+        let (key, text, description) = saved;
+        let mut job = Job::from_canonical(&text).map_err(no_policy)?;
+        // What a job alone does not say of a program or a model.
+        let described = description.and_then(|text| job.environment.described(&text));
+        job.environment = described.unwrap_or(job.environment);
         let stored = StoredWeights { job_key: JobKey(key), job, safetensors: weights };
         let policy = TrainedPolicy::of_stored(stored)?;
         {

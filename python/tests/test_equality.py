@@ -132,7 +132,7 @@ def test_the_single_environment_is_what_simulate_prints(keywords, seed, action):
                 "people": "synthetic_v2.csv",
                 "parameters": {"habituation_factor": 0.5},
             },
-            ["average_brushing", "average_prompts", "responsiveness", "app_today", "person"],
+            ["average_brushing", "average_prompts", "responsiveness", "app_today", "app_before"],
         ),
     ],
 )
@@ -140,7 +140,10 @@ def test_the_single_environment_is_the_test_of_a_job(keywords, state, tmp_path, 
     """Seeds of a job with one test episode, and the actions that its rule chose."""
     monkeypatch.chdir(PEOPLE)
     scenario = "P-H-D" if "sigma" in keywords else "all"
-    keys = "".join(f"environment.{name} = {json.dumps(value)}\n" for name, value in keywords.items())
+    parameters = keywords.get("parameters", {})
+    given = {name: value for name, value in keywords.items() if name != "parameters"}
+    given |= {f"parameters.{name}": value for name, value in parameters.items()}
+    keys = "".join(f"environment.{name} = {json.dumps(value)}\n" for name, value in given.items())
     manifest = tmp_path / "rules.toml"
     manifest.write_text(
         f'format = 1\nname = "rules"\nscenarios = ["{scenario}"]\nseeds = 5\n{keys}'

@@ -324,7 +324,7 @@ family = "declared"
 model = "oralytics_v2"
 people = '{PEOPLE}/synthetic_v2.csv'
 days = 20
-parameters = {{ habituation_factor = 0.5 }}
+parameters.habituation_factor = 0.5
 [evaluation]
 test_episodes"""
 BRUSHING = (

@@ -122,7 +122,15 @@ struct RetiredWorld {
 }
 
 /// The features of the scenario "all".
-const FEATURES: usize = 6;
+const FEATURES: [&str; 6] = ["time_of_day", "brushing", "dosage", "app", "weekend", "day"];
+
+/// The features of a scenario.
+fn features(scenario: &Scenario) -> Vec<String> {
+    match scenario.names() {
+        Some(names) => names.map(str::to_owned).collect(),
+        None => FEATURES.map(str::to_owned).into(),
+    }
+}
 
 impl RetiredWorld {
     /// A job of a store knows the digest of its people alone, and is therefore not run.
@@ -150,15 +158,19 @@ impl Model for RetiredWorld {
     }
 
     fn interface(&self, scenario: &Scenario) -> Interface {
-        Interface::unknown(scenario, 2, FEATURES)
+        let mut interface = Interface::unknown(scenario, 2, FEATURES.len());
+        let named = interface.observations.features.iter_mut().zip(features(scenario));
+        named.for_each(|(feature, name)| feature.name = name);
+        interface
     }
 
     fn actions(&self) -> Vec<String> {
         ["nothing", "a prompt"].map(str::to_owned).into()
     }
 
-    fn meanings(&self, _: &Scenario) -> Vec<Meaning> {
-        Vec::new()
+    fn meanings(&self, scenario: &Scenario) -> Vec<Meaning> {
+        let meaning = |meaning| Meaning { meaning, unit: String::new(), scale: 1.0 };
+        features(scenario).into_iter().map(meaning).collect()
     }
 
     fn longest_episode(&self) -> u32 {

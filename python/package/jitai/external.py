@@ -126,6 +126,11 @@ class Job:
         keywords = {name: self.message[name] for name in ("family", "scenario") if name in self.message}
         # A key of a file takes the text of the file in place of its name.
         keywords |= {**self.message["environment"], **self.message.get("files", {})}
+        # Parameters of a model are one keyword.
+        parameters = {name: value for name, value in keywords.items() if name.startswith("parameters.")}
+        if parameters:
+            keywords = {name: value for name, value in keywords.items() if name not in parameters}
+            keywords["parameters"] = {name.removeprefix("parameters."): value for name, value in parameters.items()}
         population = self.message["population"]
         if population and population.get("phases", "all") == "all":
             keywords["population"] = population
