@@ -103,7 +103,6 @@ pub(crate) fn of_lane<'py>(
             let added = match column {
                 StateColumn::Flags(flags) => info.set_item(name, flags[0]),
                 StateColumn::Bytes(numbers) => info.set_item(name, numbers[0]),
-                StateColumn::Counts(numbers) => info.set_item(name, numbers[0]),
                 StateColumn::Reals(numbers) => info.set_item(name, numbers[0]),
             };
             if let Err(error) = added {
@@ -151,7 +150,6 @@ pub(crate) fn of_lanes<'py>(
             let added = match column {
                 StateColumn::Flags(flags) => columns.add(name, |lane| flags[lane]),
                 StateColumn::Bytes(numbers) => columns.add(name, |lane| i64::from(numbers[lane])),
-                StateColumn::Counts(numbers) => columns.add(name, |lane| i64::from(numbers[lane])),
                 StateColumn::Reals(numbers) => columns.add(name, |lane| numbers[lane]),
             };
             if let Err(error) = added {

@@ -104,7 +104,7 @@ TEST_BEDS = [
     {"model": "oralytics_v4", "people": str(FOLDER / "synthetic_v3.csv")},
     {"model": "oralytics_v4", "people": str(FOLDER / "synthetic_v4.csv")},
 ]
-SEEN = ["time_of_day", "brushing", "dosage", "app", "weekend", "day_n"]
+SEEN = ["time_of_day", "brushing", "dosage", "app", "weekend", "day_in_study"]
 ORALYTICS = {
     "days": st.integers(1, 20),
     "parameters": st.fixed_dictionaries(

@@ -1,13 +1,12 @@
 //! Families of earlier releases. Their jobs in stores stay readable, and are no longer simulated.
 
 use std::any::Any;
-use std::sync::Arc;
 
 use crate::env::family::{Environment, Family, Meaning, Model};
 use crate::env::scenario::Scenario;
 use crate::env::simulation::Simulated;
 use crate::env::vector::Interface;
-use crate::key::{ContentForm, Keyed, Kind, Value, choices, keys};
+use crate::key::{Content, ContentForm, Keyed, Kind, Value, choices, keys};
 
 /// The family `oralytics`, whose test beds are models: experiments/oralytics/v2.toml and v4.toml.
 pub(super) static ORALYTICS: Family = Family {
@@ -31,10 +30,10 @@ pub(super) static ORALYTICS: Family = Family {
     },
 };
 
-/// The form of the people of a stored job, of whom only the digest is known.
+/// The form of the people of a stored job: no text is of this form, so that the job cannot be run.
 static PEOPLE: ContentForm = ContentForm {
     what: "a CSV file of people",
-    parse: |_| Ok(Arc::new(())),
+    parse: |_| Err("this release no longer simulates the family oralytics".to_owned().into()),
     canonical: None,
     shipped: &[],
     help: None,
@@ -46,7 +45,7 @@ keys! {
         /// test bed
         test_bed: TestBed = TestBed::V2;
         /// people
-        people: crate::key::Content, in Kind::Content(&PEOPLE);
+        people: Content, in Kind::Content(&PEOPLE);
         /// whether outcomes do not depend on the day
         stationary: bool = true;
         /// effects of a prompt in "v2"
@@ -133,7 +132,7 @@ fn features(scenario: &Scenario) -> Vec<String> {
 }
 
 impl RetiredWorld {
-    /// A job of a store knows the digest of its people alone, and is therefore not run.
+    /// What a job would run, if the texts of its files could be known.
     fn simulated(&self) -> Simulated {
         panic!("the family {} is no longer simulated", ORALYTICS.name)
     }

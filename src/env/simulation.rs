@@ -17,8 +17,6 @@ pub enum StateColumn<'a> {
     Flags(&'a [bool]),
     /// Small whole numbers.
     Bytes(&'a [u8]),
-    /// Whole numbers.
-    Counts(&'a [u32]),
     /// Any numbers.
     Reals(&'a [f64]),
 }
@@ -29,7 +27,6 @@ impl StateColumn<'_> {
         match self {
             StateColumn::Flags(flags) => f64::from(u8::from(flags[lane])),
             StateColumn::Bytes(numbers) => f64::from(numbers[lane]),
-            StateColumn::Counts(numbers) => f64::from(numbers[lane]),
             StateColumn::Reals(numbers) => numbers[lane],
         }
     }

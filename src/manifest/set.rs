@@ -462,8 +462,12 @@ fn near(manifest: &Manifest, key: &str) -> Option<String> {
 /// The place of a parameter of the environment's program, if it has the parameter.
 fn environment_parameter(manifest: &Manifest, key: &str) -> Option<Place<'static>> {
     let free = free_key(key.strip_prefix("environment.").unwrap_or(key))?;
-    let has = manifest.family().keys.iter().any(|known| known.name == free.name);
-    has.then_some(Place::Section("environment", free.name))
+    let family = manifest.family();
+    let has = family.keys.iter().any(|known| known.name == free.name);
+    // A model has parameters that the manifest does not set, and reports names that it does not have.
+    let is_of_model = family.with_parameters.is_some() && !family.is_external();
+    (has || is_of_model && key.starts_with("environment."))
+        .then_some(Place::Section("environment", free.name))
 }
 
 /// The agents that have a key and whose names meet a condition.

@@ -232,3 +232,49 @@ fn people_of_a_model_are_simulated_with_every_variable() {
         .ended(2)
         .says("no parameter `efect`");
 }
+
+#[test]
+fn parameters_of_a_preset_stand_beside_those_of_a_manifest_and_all_can_be_set() {
+    let folder = Folder::with(
+        "format = 1\nname = \"t\"\nextends = \"oralytics_v2\"\nseeds = 1\n[environment]\nfamily = \"declared\"\n\
+         people = \"people.csv\"\nparameters = { habituation_factor = [0, 0.5] }\n",
+    );
+    folder.write("people.csv", include_str!("../../experiments/oralytics/synthetic_v2.csv"));
+    let plan = ["plan", "sweep.toml", "--resolved"];
+    let resolved = folder.jitai(plan).succeeded();
+    resolved.prints("habituation_factor = [0, 0.5]").prints("stale_state = 1");
+    let set = |setting: &'static str| {
+        let arguments = plan.into_iter().chain(["--set", setting]);
+        folder.jitai(arguments)
+    };
+    // A parameter of the manifest, of the preset, and of the model alone.
+    set("environment.parameters.habituation_factor=1").succeeded().prints("habituation_factor = 1");
+    set("environment.parameters.stale_state=0").succeeded().prints("stale_state = 0");
+    set("environment.parameters.smaller=1").succeeded().prints("smaller = 1");
+    set("environment.parameters.smalle=1").ended(2).says("did you mean `smaller`?");
+}
+
+#[test]
+fn a_state_without_an_effect_needs_a_trial_in_this_state() {
+    let folder = Folder::with(
+        "format = 1\nname = \"t\"\nextends = \"oralytics_v4\"\nseeds = 40\n\
+         zip = [[\"environment.parameters.no_effect\", \"environment.parameters.no_effect_brushing\", \
+         \"environment.parameters.no_effect_app\"]]\n\
+         scenarios = [[\"brushing\", \"app\"]]\n[environment]\nfamily = \"declared\"\npeople = \"people.csv\"\n\
+         [environment.parameters]\nno_effect = [0, 1, 1]\nno_effect_brushing = [0, 0.1, -0.7]\n\
+         no_effect_app = [0, 1, 0]\n[evaluation]\nrecord_posteriors = true\n\
+         [[agent]]\nname = \"thompson\"\nbaseline_means = [0, 0, 0]\nbaseline_sds = [30, 30, 30]\neffect_means = [0, 0, 0]\neffect_sds = [30, 30, 30]\n\
+         [[analysis]]\nname = \"learned\"\nkind = \"did_it_learn\"\nstates = [[0.1, 1], [-0.7, 0]]\n\
+         without = { environment.parameters.no_effect = 1 }\n\
+         without_at = [\"environment.parameters.no_effect_brushing\", \"environment.parameters.no_effect_app\"]\n",
+    );
+    folder.write("people.csv", include_str!("../../experiments/oralytics/synthetic_v4.csv"));
+    folder.jitai(["check", "sweep.toml"]).succeeded();
+    let text = folder.read("sweep.toml");
+    // Each number occurs, in another trial.
+    folder.write("sweep.toml", text.replace("[-0.7, 0]]", "[-0.7, 1]]"));
+    let says = "no trial has the state [-0.7, 1.0] in the parameters of `without_at`";
+    folder.jitai(["check", "sweep.toml"]).ended(2).says(says);
+    folder.write("sweep.toml", text.replace("[-0.7, 0]]", "[-0.7]]"));
+    folder.jitai(["check", "sweep.toml"]).ended(2).says("does not have a value for each feature");
+}

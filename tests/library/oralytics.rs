@@ -1,5 +1,6 @@
 //! Compares the model of the test bed V2 of Oralytics with a trial of its official code, `tests/data/oralytics`.
 
+use std::collections::HashMap;
 use std::fs;
 use std::path::Path;
 
@@ -351,6 +352,127 @@ fn rolled(
     (states, costs)
 }
 
+/// The rows of a file of people, as numbers by the name of the column; none for an empty field.
+fn rows_of(people: &str) -> Vec<HashMap<&str, f64>> {
+    let mut lines = people.lines().skip_while(|line| line.starts_with('#'));
+    let names: Vec<&str> = lines.next().unwrap().split(',').collect();
+    lines
+        .map(|line| {
+            let fields = names.iter().copied().zip(line.split(','));
+            fields.filter_map(|(name, field)| Some((name, field.parse().ok()?))).collect()
+        })
+        .collect()
+}
+
+/// A model that records these variables.
+fn recording(model: &str, variables: &[&str]) -> String {
+    let model = text(model);
+    let state = model.lines().find(|line| line.starts_with("state ")).unwrap();
+    model.replace(state, &format!("state = {variables:?}"))
+}
+
+#[test]
+fn the_outcome_of_v2_follows_from_the_weights_of_people() {
+    const SHOWN: [&str; 13] = [
+        "time_of_day",
+        "prior_total",
+        "day_n",
+        "share",
+        "weekend",
+        "opened",
+        "zero",
+        "amount",
+        "on_zero",
+        "mean_amount",
+        "brushes",
+        "count",
+        "root",
+    ];
+    let model = recording("v2.toml", &[&SHOWN[..], &["q"]].concat());
+    let people = text("synthetic_v2_daily.csv");
+    let rows = rows_of(&people);
+    let is_prompted = |time: usize| time.is_multiple_of(3);
+    for (smaller, rounded_down) in [(0, 0), (0, 1), (1, 0), (1, 1)] {
+        let parameters = format!(
+            "parameters = {{ smaller = {smaller}, rounded_down = {rounded_down}, effect_factor = 0.5 }}"
+        );
+        let environment = world(&model, &people, "", &parameters);
+        let (states, _) = rolled(&environment, rows.len(), |time| is_prompted(time as usize));
+        // Sums of deviations from the expected value, and of variances: opened, brushes, count, root.
+        let mut sums = [[0.0; 2]; 4];
+        for (person, row) in rows.iter().enumerate() {
+            let seconds: Vec<f64> = states.iter().map(|all| all[person][13]).collect();
+            for (time, state) in states.iter().enumerate() {
+                let found = &state[person];
+                let two = if time.is_multiple_of(2) { 1 } else { 2 };
+                let total =
+                    if time < 2 { 0.0 } else { seconds[time - two] + seconds[time - two - 1] };
+                let last = || seconds[time - 14..time].iter().filter(|one| **one > 0.0).count();
+                let x = [
+                    (time % 2) as f64,
+                    (total - 154.0) / 163.0,
+                    ((time / 2) as f64 - 34.5) / 34.5,
+                    if time < 14 { 0.0 } else { last() as f64 / 14.0 },
+                    f64::from(u8::from(time % 14 >= 10)),
+                ];
+                let dot = |prefix: &str| {
+                    let weight =
+                        |name: &str| row.get(&*format!("{prefix}_{name}")).copied().unwrap_or(0.0);
+                    SHOWN.iter().zip(x).map(|(name, x)| weight(name) * x).sum::<f64>() + weight("1")
+                };
+                let size = ["small", "smaller"][smaller];
+                let dose = 0.5 * f64::from(u8::from(is_prompted(time)));
+                let [zero, amount] = ["bernoulli", "amount"].map(dot);
+                let effect = |part: &str| dose * dot(&format!("effect_{size}_{part}"));
+                let mean = amount + effect("amount").max(0.0);
+                let expected =
+                    [&x[..], &[found[5], zero, amount, effect("bernoulli"), mean]].concat();
+                for (index, (found, expected)) in found.iter().zip(expected).enumerate() {
+                    let name = SHOWN[index];
+                    assert!(
+                        (found - expected).abs() < 1e-9,
+                        "{name} at {time}: {found}, expected {expected}"
+                    );
+                }
+                let [brushes, count, root] = [found[10], found[11], found[12]];
+                let sigma = row.get("sigma").copied();
+                let whole = match (sigma, rounded_down) {
+                    (None, _) => count,
+                    (Some(_), 0) => (root * root).round(),
+                    (Some(_), _) => (root * root).floor(),
+                };
+                assert_eq!(found[13], brushes * whole.min(180.0));
+                let chance = 1.0 / (1.0 + (zero - effect("bernoulli").max(0.0)).exp());
+                let rate = if sigma.is_some() { 1.0 } else { mean.min(10.0).exp() };
+                let mut add = |index: usize, deviation: f64, variance: f64| {
+                    sums[index][0] += deviation;
+                    sums[index][1] += variance;
+                };
+                add(0, found[5] - 0.7, 0.21);
+                add(1, brushes - chance, chance * (1.0 - chance));
+                add(2, (count - rate) / rate.sqrt(), 1.0);
+                if let Some(sigma) = sigma {
+                    add(3, (root - mean) / sigma, 1.0);
+                }
+            }
+        }
+        for [deviation, variance] in sums {
+            assert!(variance > 500.0 && deviation.abs() < 4.0 * variance.sqrt(), "{sums:?}");
+        }
+    }
+}
+
+#[test]
+fn a_standard_deviation_below_zero_is_not_another_model() {
+    let people = text("synthetic_v2.csv");
+    let of_first = rows_of(&people)[0]["sigma"].to_string();
+    let people = people.replacen(&format!(",{of_first},"), &format!(",-{of_first},"), 1);
+    let environment = world(&text("v2.toml"), &people, "", "");
+    rolled(&environment, 1, |_| false);
+    let failure = environment.failure().unwrap();
+    assert!(failure.contains("`root`"), "{failure}");
+}
+
 #[test]
 fn people_habituate_to_many_prompts_and_recover() {
     for (model, people) in [("v2.toml", "synthetic_v2.csv"), ("v4.toml", "synthetic_v3.csv")] {
@@ -425,20 +547,24 @@ fn an_effect_is_removed_in_one_state_and_changed_as_little_as_possible_elsewhere
         second += &x * x.transpose() / moments.len() as f64;
     }
     let direction = second.cholesky().unwrap().solve(&state);
-    let model = text("v4.toml");
-    let recorded = model.lines().find(|line| line.starts_with("state ")).unwrap();
-    let shown = "state = [\"time_of_day\", \"brushing_now\", \"dosage\", \"app_before\", \"weekend\", \"day_n\", \"zero\", \
-                 \"amount\", \"logit\", \"log_mean\"]";
-    let model = model.replace(recorded, shown);
+    let shown = [
+        "time_of_day",
+        "brushing_now",
+        "dosage",
+        "app_before",
+        "weekend",
+        "day_n",
+        "zero",
+        "amount",
+        "logit",
+        "log_mean",
+    ];
+    let model = recording("v4.toml", &shown);
     let at = "no_effect = 1, no_effect_time_of_day = 1, no_effect_brushing = -0.7, no_effect_dosage = -0.1, no_effect_app = 0";
     let people = text("synthetic_v4.csv");
     let environment = world(&model, &people, "", &format!("parameters = {{ {at} }}"));
-    let rows: Vec<Vec<&str>> =
-        people.lines().skip(1).map(|line| line.split(',').collect()).collect();
-    let weight = |person: usize, name: String| -> f64 {
-        let index = rows[0].iter().position(|column| *column == name).unwrap();
-        rows[1 + person][index].parse().unwrap()
-    };
+    let rows = rows_of(&people);
+    let weight = |person: usize, name: String| rows[person][&*name];
     let names = ["time_of_day", "brushing_now", "dosage", "app_before", "weekend", "day_n", "1"];
     let (states, _) = rolled(&environment, 20, |_| true);
     let mut changed = [0, 0];

@@ -17,8 +17,9 @@ _DECISIONS = """
     WHERE job_key = ? AND phase = ? ORDER BY episode, step
 """
 
-_COST = """
-    SELECT CAST(value AS REAL) FROM parameter WHERE job_key = ? AND name = 'environment.message_cost'
+_DECLARED = """
+    SELECT name, value FROM parameter WHERE job_key = ? AND name IN ('environment.family', 'environment.message_cost',
+        'environment.cost_scale', 'environment.cost_of_good_brushing', 'environment.cost_of_frequent_prompts')
 """
 
 _RETURNS = """
@@ -49,42 +50,59 @@ def of_decisions(
         raise ValueError(
             f"job {job}: an earlier version recorded the decisions of the training, without the endings of episodes"
         )
-    costs = _costs(reader, job, phase, episode.values, state.values)
+    costs = _costs(reader, job, phase, episode.values, state.values, action.values > 0)
     # A training may end within an episode.
     ends = np.append(np.diff(episode.values) != 0, True)
     return {
         "observations": _observations(state.values, observations),
         "actions": action.values,
-        "rewards": (reward.values - costs * (action.values > 0)).astype(np.float32),
+        "rewards": (reward.values - costs).astype(np.float32),
         "terminals": terminated.values.astype(np.float32),
         "timeouts": (ends & (terminated.values == 0)).astype(np.float32),
     }
 
 
 def _costs(
-    reader: StoreReader, job: str, phase: str, episodes: npt.NDArray[Any], states: list[str]
+    reader: StoreReader,
+    job: str,
+    phase: str,
+    episodes: npt.NDArray[Any],
+    states: list[str],
+    is_message: npt.NDArray[Any],
 ) -> npt.NDArray[np.float64]:
-    """The cost of a message at each decision, which the recorded reward does not count."""
-    [cost] = (Column(*column).values for column in reader.columns(_COST, [(None, job)]))
-    if len(cost) == 0:
-        [returns] = (Column(*column).values for column in reader.columns(_RETURNS, [(None, job)]))
-        if len(set(returns)) < 2:
-            return np.zeros(len(episodes))
-        # The cost of each decision stands in its state, if anywhere.
+    """The cost of each decision, which the recorded reward does not count."""
+    names, values = (Column(*column).values for column in reader.columns(_DECLARED, [(None, job)]))
+    declared = {name.removeprefix("environment."): value for name, value in zip(names, values, strict=True)}
+    if declared.get("family") == "oralytics":
+        return _of_retired_oralytics(declared, states, is_message)
+    if declared.get("family") == "declared":
         rows = json.loads(f"[{','.join(states)}]")
-        if any("cost" not in row or row.get("reported") == 0 for row in rows):
-            raise ValueError(
-                "rewards less costs are not known: the recorded state has no `cost`, or was not reported; "
-                "a model names the variable in its `state`"
-            )
-        return np.array([row["cost"] for row in rows])
-    costs = np.full(len(episodes), cost[0])
+        if "cost" in rows[0]:
+            return np.array([row["cost"] for row in rows], float)
+        [returns] = (Column(*column).values for column in reader.columns(_RETURNS, [(None, job)]))
+        if len(set(returns)) > 1:
+            raise ValueError("rewards less costs are not known: name a variable `cost` in the `state` of the model")
+        return np.zeros(len(episodes))
+    costs = np.full(len(episodes), float(declared.get("message_cost", 0.0)))
     columns = reader.columns(_COSTS_OF_PEOPLE, [(None, job), (None, phase)])
     of_people = [Column(*column).values for column in columns]
     if len(of_people[0]):
         by_episode = dict(zip(*of_people, strict=True))
         costs = np.array([by_episode[episode] for episode in episodes])
-    return costs
+    return np.asarray(costs * is_message)
+
+
+def _of_retired_oralytics(declared: dict[str, Any], states: list[str], is_message: npt.NDArray[Any]) -> npt.NDArray[np.float64]:
+    """The costs of prompts in jobs of the family that models have replaced."""
+    good, frequent = (float(declared[f"cost_of_{name}"]) for name in ("good_brushing", "frequent_prompts"))
+    rows = json.loads(f"[{','.join(states)}]")
+    if good and any(row.get("reported") == 0 for row in rows):
+        raise ValueError("rewards less costs are not known: the costs follow from states that were not reported")
+    brushing = np.array([row["average_brushing"] for row in rows])
+    prompts = np.array([row["average_prompts"] for row in rows])
+    if declared["cost_scale"] == "normalised":
+        brushing, prompts = (brushing - 90.5) / 89.5, 2 * (prompts - 0.5)
+    return np.asarray(is_message * (good * ((brushing > 111) & (prompts > 0.5)) + frequent * (prompts > 0.8)))
 
 
 def _job(reader: StoreReader, key: str) -> str:
@@ -109,8 +127,8 @@ def _observations(states: list[str], names: Sequence[str] | None) -> npt.NDArray
     if not known:
         raise ValueError("observations: the environment declares no `state`, so that its decisions record none")
     # What a decision cost is known after it.
-    known_before = [name for name in known if name != "cost"]
-    chosen = known_before if names is None else [names] if isinstance(names, str) else list(names)
+    before = [name for name in known if name != "cost"] or known
+    chosen = before if names is None else [names] if isinstance(names, str) else list(names)
     unknown = [name for name in chosen if name not in known]
     if unknown:
         raise ValueError(f"observations: the recorded state has {', '.join(known)}; found {unknown[0]}")

@@ -23,8 +23,8 @@ IDS = {
 }
 #: The id of the family of manifests that name none.
 ENVIRONMENT_ID = IDS["step_count"]
-#: The ids of models that come with jitai, and their keywords.
-MODELS = {"jitai/Oralytics-v0": {"family": "declared", "model": "oralytics_v2"}}
+#: The ids of models that come with jitai. Each is the model where no manifest or preset names another.
+MODELS = {"jitai/Oralytics-v0": {"family": "declared", "usual_model": "oralytics_v2"}}
 #: The noise of the context feature where an environment is made by its id alone, as Stable-Baselines3 makes
 #: the environment of ``PPO("MlpPolicy", id)``: the value with which StepCountJITAI's code makes its own.
 SIGMA = 0.4
@@ -68,11 +68,15 @@ def vector(max_episode_steps: int | None = None, **keywords: Any) -> VectorEnv:
 
 
 def _declared(keywords: Mapping[str, Any]) -> dict[str, Any]:
-    """The keywords; with a sigma if none of them declares an environment."""
+    """The keywords; with the model of the id, or with a sigma, if none of them declares an environment."""
+    keywords = dict(keywords)
+    usual = keywords.pop("usual_model", None)
+    if usual is not None and not any(keywords.get(name) for name in ("model", "manifest", "extends")):
+        keywords["model"] = usual
     without_effect = ("family", "render_mode", "num_envs", "autoreset_mode", "state_in_info")
     is_bare = all(name in without_effect for name in keywords)
     is_bare &= _id(keywords) == ENVIRONMENT_ID
-    return {"sigma": SIGMA, **keywords} if is_bare else dict(keywords)
+    return {"sigma": SIGMA, **keywords} if is_bare else keywords
 
 
 def _id(keywords: Mapping[str, Any]) -> str:

@@ -4,7 +4,7 @@ use serde_json::json;
 
 use crate::env::{Family, Scenario};
 use crate::job::metric::{MEAN_RETURN, metrics_of};
-use crate::job::{Condition, DataPart, MetricName, MetricPlace, Scalar};
+use crate::job::{Condition, DataPart, MetricName, MetricPlace};
 use crate::key::{FixedKind, Kind, Parameter, Value, choices};
 use crate::manifest::analysis::axis::CurveAxis;
 use crate::manifest::analysis::figure_keys::FigureKeys;
@@ -296,6 +296,10 @@ pub(in crate::manifest) trait Declares {
     /// The values of a key of a section that agents share; `None` if the section lacks the key.
     fn values(&self, parameter: Parameter) -> Option<&[Value]>;
 
+    /// Whether cells of the grid have these numbers of these parameters, which need not be of one cell unless a zip
+    /// has them all.
+    fn has_together(&self, parameters: &[Parameter], numbers: &[f64]) -> bool;
+
     /// The scenarios; empty if some are faulty.
     fn scenarios(&self) -> Vec<Scenario>;
 
@@ -452,16 +456,13 @@ impl Rules for DidItLearn {
                     state.len()
                 );
                 fault(says, "name one parameter per feature of the scenario, in their order");
-            }
-            for (parameter, number) in at.iter().zip(state) {
-                let values = rest.values(*parameter).unwrap_or_default();
-                if !values.iter().any(|value| Scalar::from(value).number() == Some(*number)) {
-                    let says = format!("no trial has {parameter} = {number}");
-                    fault(
-                        says,
-                        "a state needs trials in which the parameters of `without_at` have its numbers",
-                    );
-                }
+            } else if !at.is_empty() && !rest.has_together(at, state) {
+                let says =
+                    format!("no trial has the state {shown} in the parameters of `without_at`");
+                fault(
+                    says,
+                    "write its values in [environment.parameters], zipped with what removes the effect",
+                );
             }
         }
     }

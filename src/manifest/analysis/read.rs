@@ -7,7 +7,7 @@ use toml::de::DeTable;
 use crate::env::Scenario;
 use crate::job::metric::UPPER_QUARTILE_RETURN;
 use crate::job::metric::{MEAN_RETURN, metrics_with};
-use crate::job::{Condition, MetricName, MetricPlace, RecordedEpisodes, RecordedQuartiles};
+use crate::job::{Condition, MetricName, MetricPlace, RecordedEpisodes, RecordedQuartiles, Scalar};
 use crate::key::{Distribution, Parameter, SectionName, Value};
 use crate::manifest::analysis::declared::{Analysis, AnalysisDraft};
 use crate::manifest::analysis::figure_keys::FigureKeys;
@@ -15,7 +15,7 @@ use crate::manifest::analysis::jobs;
 use crate::manifest::analysis::kind::{
     AnalysisKind, Declares, KINDS, KindDeclaration, LearningCurve, SHARED,
 };
-use crate::manifest::declared::{DeclaredAgent, Manifest};
+use crate::manifest::declared::{DeclaredAgent, Manifest, Zip};
 use crate::manifest::draft::Draft;
 use crate::manifest::limits::MOST_COMPARISONS;
 use crate::manifest::presence::absent;
@@ -213,6 +213,26 @@ struct Checked<'m> {
 impl Declares for Checked<'_> {
     fn values(&self, parameter: Parameter) -> Option<&[Value]> {
         self.manifest.sections[parameter.section()?].get(parameter.key())
+    }
+
+    fn has_together(&self, parameters: &[Parameter], numbers: &[f64]) -> bool {
+        let numbers_of = |parameter: &Parameter| -> Vec<Option<f64>> {
+            let values = self.values(*parameter).unwrap_or_default();
+            values.iter().map(|value| Scalar::from(value).number()).collect()
+        };
+        let all: Vec<Vec<Option<f64>>> = parameters.iter().map(numbers_of).collect();
+        let mut pairs = all.iter().zip(numbers);
+        let is_zipped = |zip: &Zip| parameters.iter().all(|one| zip.parameters.contains(one));
+        match self.manifest.zips.iter().any(is_zipped) {
+            false => pairs.all(|(values, number)| values.contains(&Some(*number))),
+            true => {
+                let has = |index: usize| {
+                    let mut pairs = all.iter().zip(numbers);
+                    pairs.all(|(values, number)| values.get(index) == Some(&Some(*number)))
+                };
+                (0..all[0].len()).any(has)
+            }
+        }
     }
 
     fn scenarios(&self) -> Vec<Scenario> {
