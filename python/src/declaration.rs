@@ -86,9 +86,11 @@ impl Declaration {
             return Err(outside_program());
         }
         let scenario = match scenario {
-            Some(scenario) => toml_of("scenario", scenario, 0)?,
-            None if family.has_letters => Toml::String(family.example_scenarios[0].to_owned()),
-            None => Toml::String(Scenario::all().to_string()),
+            Some(scenario) => Some(toml_of("scenario", scenario, 0)?),
+            None if family.has_letters => Some(Toml::String(family.example_scenarios[0].to_owned())),
+            // The preset of a model declares the features that its agent needs.
+            None if extends.is_some() => None,
+            None => Some(Toml::String(Scenario::all().to_string())),
         };
         let manifest = manifest_of(family, scenario, extends, keys)?;
         let mut jobs = experiment::jobs(&manifest);
@@ -250,7 +252,7 @@ pub(crate) fn refused(error: impl std::fmt::Display) -> PyErr {
 /// The manifest that declares a single environment.
 fn manifest_of(
     family: &Family,
-    scenario: Toml,
+    scenario: Option<Toml>,
     extends: Option<&str>,
     keys: &Bound<'_, PyDict>,
 ) -> PyResult<Manifest> {
@@ -261,9 +263,11 @@ fn manifest_of(
         ("format".to_owned(), Toml::Integer(1)),
         ("name".to_owned(), text("environment")),
         ("seeds".to_owned(), Toml::Integer(1)),
-        ("scenarios".to_owned(), Toml::Array(vec![scenario])),
         ("agent".to_owned(), Toml::Array(vec![Toml::Table(agent)])),
     ]);
+    if let Some(scenario) = scenario {
+        manifest.insert("scenarios".to_owned(), Toml::Array(vec![scenario]));
+    }
     if let Some(preset) = extends {
         manifest.insert("extends".to_owned(), text(preset));
     }

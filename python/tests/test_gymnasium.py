@@ -348,6 +348,7 @@ def test_every_family_has_an_id():
     assert declaration.scenario == "time_of_day-brushing-dosage-app"
     later = gymnasium.make("jitai/Oralytics-v0", extends="oralytics_v4", people=PEOPLE / "synthetic_v4.csv")
     assert later.unwrapped.declaration.keys["model"] == other.unwrapped.declaration.keys["model"]
+    assert later.unwrapped.declaration.scenario == "time_of_day-brushing-dosage-app"
     with pytest.raises(ValueError, match="the manifest declares declared, found 'step_count'"):
         jitai.make(manifest=manifest, family="step_count")
     with pytest.raises(ValueError, match="140 steps; set a key of the environment"):
