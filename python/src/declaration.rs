@@ -87,7 +87,9 @@ impl Declaration {
         }
         let scenario = match scenario {
             Some(scenario) => Some(toml_of("scenario", scenario, 0)?),
-            None if family.has_letters => Some(Toml::String(family.example_scenarios[0].to_owned())),
+            None if family.has_letters => {
+                Some(Toml::String(family.example_scenarios[0].to_owned()))
+            }
             // The preset of a model declares the features that its agent needs.
             None if extends.is_some() => None,
             None => Some(Toml::String(Scenario::all().to_string())),

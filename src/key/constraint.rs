@@ -33,6 +33,13 @@ pub enum Violation {
         /// The remedy.
         help: String,
     },
+    /// The scenario demands something impossible.
+    ImpossibleScenario {
+        /// The fault.
+        says: String,
+        /// The remedy.
+        help: String,
+    },
     /// These faults of a file that a key names.
     InFile {
         /// The key.

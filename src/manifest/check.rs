@@ -357,6 +357,10 @@ fn report(
     let fault = match violation {
         Violation::Contradiction(says) => fault(format!("{of}{says}")),
         Violation::Impossible { says, help } => fault(format!("{of}{says}")).help(help),
+        Violation::ImpossibleScenario { says, help } => {
+            let span = draft.span_of(agent, Parameter::SCENARIO).unwrap_or(name.span);
+            Fault::at(span, format!("{of}{says}")).help(help)
+        }
         Violation::InFile { parameter, content, faults: found } => {
             let name = parameter.key();
             let says = faults.add_of_file(content.file(), content.text(), found);

@@ -249,10 +249,10 @@ const FEATURES: Constraint = Constraint {
         let fault = description.shown(&scenario).err()?;
         let names: Vec<&str> =
             description.features.iter().map(|feature| feature.name.as_str()).collect();
-        impossible(
-            format!("{fault} of the model"),
-            format!("its features are {}", names.join(", ")),
-        )
+        Some(Violation::ImpossibleScenario {
+            says: format!("{fault} of the model"),
+            help: format!("its features are {}", names.join(", ")),
+        })
     },
 };
 

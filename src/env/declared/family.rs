@@ -30,7 +30,10 @@ pub(super) static MODEL: ContentForm = ContentForm {
     },
     canonical: None,
     shipped: &SHIPPED,
-    help: Some("docs/models.md begins with a model of ten lines; experiments/models/ has more"),
+    help: Some(
+        "`oralytics_v1`, `oralytics_v2` and `oralytics_v4` (V3 too, with people of V3) come with jitai; docs/models.md \
+         begins with a model of ten lines",
+    ),
 };
 
 keys! {
