@@ -16,6 +16,7 @@ mod features;
 mod learner;
 mod logistic;
 mod normal;
+mod partial;
 mod policy;
 mod posterior;
 mod prior;
@@ -34,6 +35,7 @@ use crate::key::{Content, Keyed, Kind, choices, keys};
 pub use bandit::BanditPolicy;
 pub use features::BanditFeatures;
 pub use learner::LinearThompsonLearner;
+pub use partial::PersonSd;
 pub use policy::LinearThompsonPolicy;
 pub use posterior::Made;
 pub use slopes::{BanditSums, NoSlopes, SmoothPolicy};
@@ -128,6 +130,9 @@ keys! {
         /// posterior of an earlier job, which is the prior of this one and replaces the keys prior_*, baseline_* and
         /// effect_*
         prior_from: Content = Content::default(), before Content::default(), in Kind::Content(&prior::PRIOR);
+        /// with pooling = "partial", the standard deviation of a person's coefficients around the common ones: a number,
+        /// a list of one per feature or per coefficient, or "estimated", by the marginal likelihood at every update
+        person_sd: PersonSd = PersonSd::Estimated, before PersonSd::Estimated, in PersonSd::KIND;
     }
 }
 

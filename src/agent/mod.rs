@@ -88,9 +88,9 @@ pub use ppo::{
     advantages as generalised_advantages,
 };
 pub use registry::{
-    Agent, Algorithm, AlgorithmParameters, RegistrationError, Start, StartError, StudyPlan, Task,
-    Trained, Work, dueling_dqn_learner, linear_thompson_learner, ppo_learner, register_algorithm,
-    reinforce_learner, trained_linear_thompson,
+    Agent, Algorithm, AlgorithmParameters, RegistrationError, Sharing, Start, StartError,
+    StudyPlan, Task, Trained, Work, dueling_dqn_learner, linear_thompson_learner, ppo_learner,
+    register_algorithm, reinforce_learner, trained_linear_thompson,
 };
 pub use reinforce::{Reinforce, ReinforceEngine, ReinforceLearner, Trajectories};
 pub use replay::{Batch, Replay, TerminalTarget, Transition};

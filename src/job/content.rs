@@ -76,6 +76,11 @@ pub enum NoWeights {
         "in its trial, each person has an agent (`pooling = \"none\"`); a trial with `pooling = \"full\"` has one policy"
     )]
     NotPooled,
+    /// The job is a trial in which each group of people has an agent.
+    #[error(
+        "in its trial, each group of people has an agent; a trial with `pooling = \"full\"` has one policy"
+    )]
+    Grouped,
     /// The job records metrics alone.
     #[error(
         "it stores metrics alone (`record_episodes = \"none\"`); a job with `record_episodes = \"all\"` stores its weights"
@@ -100,8 +105,10 @@ impl Job {
         if !self.agent.algorithm().has_weights() {
             return Some(NoWeights::Algorithm(self.algorithm()));
         }
-        if self.trial.as_ref().is_some_and(|trial| trial.pooling == Pooling::None) {
-            return Some(NoWeights::NotPooled);
+        match self.trial.as_ref().map(|trial| trial.pooling) {
+            None | Some(Pooling::Full | Pooling::Partial) => {}
+            Some(Pooling::None) => return Some(NoWeights::NotPooled),
+            Some(Pooling::Groups(_)) => return Some(NoWeights::Grouped),
         }
         let is_recorded = self.evaluation.record_episodes == RecordedEpisodes::All;
         (!is_recorded).then_some(NoWeights::NotRecorded)

@@ -5,7 +5,7 @@
 
 use std::sync::Arc;
 
-use crate::key::{Content, ContentForm, Kind, choices, keys, read_csv};
+use crate::key::{Content, ContentForm, KeyType, Kind, Value, choices, keys, read_csv};
 
 keys! {
     /// A trial: people who enter by a calendar, and an agent that learns from them at calendar times.
@@ -26,9 +26,10 @@ keys! {
         entry_first_day: u32 = 0, in Kind::Integer { min: 0, max: MOST_DAYS };
         /// which row of the people's file each person is: the name of a CSV file; drawn without one
         people_file: Content = Content::default(), in Kind::Content(&ROWS);
-        /// whose data an agent learns from: "full", one agent for everybody, or "none", an agent per person, whose
-        /// calendar begins on the person's first day
-        pooling: Pooling = Pooling::Full;
+        /// whose data an agent learns from: "full", one agent for everybody; "partial", one agent for everybody, in which
+        /// people have coefficients of their own, for linear_thompson; "none", an agent per person, whose calendar begins
+        /// on the person's first day; or a number, an agent per group of that many people, in the order of their entry
+        pooling: Pooling = Pooling::Full, in Pooling::KIND;
         /// days from one update of the agent to the next; 0: no updates
         update_every_days: u32 = 1, in Kind::Integer { min: 0, max: MOST_DAYS };
         /// day of the first update; 0 for update_every_days
@@ -37,7 +38,8 @@ keys! {
         update_data: UpdateData = UpdateData::All;
         /// days by which the data of an update lag behind
         update_lag_days: u32 = 0, in Kind::Integer { min: 0, max: MOST_DAYS };
-        /// people who must have entered before the day of the first update; read with pooling = "full"
+        /// people who must have entered before the day of the first update; read with pooling = "full" and
+        /// "partial"
         update_first_with_people: u32 = 1, in Kind::Integer { min: 1, max: MOST_PEOPLE };
         /// first and last day of an outage without updates, or its only day; empty for none
         outage: Vec<u32> = Vec::new(), in Kind::Counts { most: 2, max: MOST_DAYS as u32 };
@@ -56,13 +58,53 @@ const MOST_PEOPLE: u64 = 10_000;
 /// The last day of calendars.
 const MOST_DAYS: u64 = 100_000;
 
-choices! {
-    /// Whose data an agent learns from.
-    pub enum Pooling {
-        /// Everybody's.
-        Full = "full",
-        /// Those of one person.
-        None = "none",
+/// Whose data an agent learns from.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Pooling {
+    /// Everybody's.
+    Full,
+    /// Everybody's, for coefficients that people have in common and for those of each person.
+    Partial,
+    /// Those of one person.
+    None,
+    /// Those of a group of this many people, at least 2.
+    Groups(u32),
+}
+
+impl Pooling {
+    /// The values of the key.
+    const KIND: Kind = Kind::AnyOf(&[
+        Kind::Choice(&["full", "partial", "none"]),
+        Kind::Integer { min: 2, max: MOST_PEOPLE },
+    ]);
+
+    /// Whether there is one agent, which learns from everybody by the calendar of the trial.
+    pub fn is_of_everybody(self) -> bool {
+        match self {
+            Pooling::Full | Pooling::Partial => true,
+            Pooling::None | Pooling::Groups(_) => false,
+        }
+    }
+}
+
+impl KeyType for Pooling {
+    fn to_value(&self) -> Value {
+        match self {
+            Pooling::Full => Value::Choice("full"),
+            Pooling::Partial => Value::Choice("partial"),
+            Pooling::None => Value::Choice("none"),
+            Pooling::Groups(people) => Value::Integer((*people).into()),
+        }
+    }
+
+    fn from_value(value: &Value) -> Option<Self> {
+        match value {
+            Value::Choice("full") => Some(Pooling::Full),
+            Value::Choice("partial") => Some(Pooling::Partial),
+            Value::Choice("none") => Some(Pooling::None),
+            Value::Integer(people) => u32::try_from(*people).ok().map(Pooling::Groups),
+            _ => None,
+        }
     }
 }
 
@@ -192,17 +234,20 @@ impl Trial {
     /// Why an agent never learns in the trial; `None` if it does, or is meant not to.
     pub fn never_learns(&self, calendar: &Calendar) -> Option<&'static str> {
         let stays = &calendar.stays;
-        let is_due = |day: u32| match self.pooling {
-            Pooling::Full => {
-                let entered = stays.iter().filter(|stay| stay.start < day).count() as u32;
-                calendar.is_updated(day, entered) && !calendar.is_outage(day)
+        let is_of_everybody = self.pooling.is_of_everybody();
+        let is_due = |day: u32| {
+            if !is_of_everybody {
+                return calendar.is_updated(day, u32::MAX);
             }
-            Pooling::None => calendar.is_updated(day, u32::MAX),
+            let entered = stays.iter().filter(|stay| stay.start < day).count() as u32;
+            calendar.is_updated(day, entered) && !calendar.is_outage(day)
         };
         let first = stays.iter().map(|stay| stay.start).min().unwrap_or(0);
         let (start, days) = match self.pooling {
-            Pooling::Full => (first, calendar.days()),
+            Pooling::Full | Pooling::Partial => (first, calendar.days()),
             Pooling::None => (0, self.days),
+            // The calendar of a group begins with its first person.
+            Pooling::Groups(_) => (0, calendar.days() - first),
         };
         let has_data = |day: &u32| day.saturating_sub(self.update_lag_days) > start;
         if self.update_every_days == 0 {
@@ -299,8 +344,22 @@ impl Calendar {
         self.stays.iter().map(|stay| stay.end).max().unwrap_or(0)
     }
 
-    /// Whether an agent is updated before the first decision of a day of its own calendar: the trial's with full
-    /// pooling, or the person's without. `entered` is the number of people who entered before the day.
+    /// The people of every agent, \[agents\]\[people of the agent\].
+    pub fn agents(&self) -> Vec<Vec<usize>> {
+        let mut people: Vec<usize> = (0..self.stays.len()).collect();
+        let size = match self.trial.pooling {
+            Pooling::Full | Pooling::Partial => people.len(),
+            Pooling::None => 1,
+            Pooling::Groups(size) => {
+                people.sort_by_key(|person| self.stays[*person].start);
+                size as usize
+            }
+        };
+        people.chunks(size.max(1)).map(<[usize]>::to_vec).collect()
+    }
+
+    /// Whether an agent is updated before the first decision of a day of its own calendar: the trial's if it
+    /// is of everybody, or that of its person or group. `entered` is the number of people who entered before the day.
     pub fn is_updated(&self, day: u32, entered: u32) -> bool {
         let Trial { update_every_days: every, update_first_day, .. } = self.trial;
         let first = if update_first_day == 0 { every } else { update_first_day };

@@ -195,6 +195,8 @@ pub enum Kind {
     Rows(&'static [Column]),
     /// The text of a file of this form, or none.
     Content(&'static ContentForm),
+    /// Any of these kinds, whose values differ in their types; texts and numbers have at most one of them.
+    AnyOf(&'static [Kind]),
 }
 
 impl Kind {
@@ -267,6 +269,7 @@ impl Kind {
             }),
             // The text was parsed when it was read.
             (Kind::Content(_), Value::Content(_)) => true,
+            (Kind::AnyOf(kinds), value) => kinds.iter().any(|kind| kind.admits(value)),
             _ => false,
         }
     }
@@ -279,6 +282,7 @@ impl Kind {
             Kind::Flag => Some(Value::Flag(false)),
             Kind::Choice(words) => words.first().copied().map(Value::Choice),
             Kind::Widths { .. } => Some(Value::Wholes(vec![1])),
+            Kind::AnyOf(kinds) => kinds.iter().find_map(|kind| kind.smallest()),
             _ => None,
         }
     }
@@ -319,6 +323,20 @@ impl Kind {
             Kind::Distribution(of) => Distribution::expectation(of),
             Kind::Rows(_) => "\"none\", a list of tables, or the name of a CSV file".to_owned(),
             Kind::Content(form) => form.expectation(),
+            Kind::AnyOf(kinds) => {
+                kinds.iter().map(|kind| kind.expectation()).collect::<Vec<_>>().join(", or ")
+            }
+        }
+    }
+
+    /// The kind of a sweep's range, or of its draws: the only kind of numbers among those of [`Kind::AnyOf`].
+    pub fn of_numbers(self) -> Kind {
+        let is_number = |kind: &&Kind| {
+            matches!(kind, Kind::Real { .. } | Kind::PositiveReal { .. } | Kind::Integer { .. })
+        };
+        match self {
+            Kind::AnyOf(kinds) => kinds.iter().find(is_number).copied().unwrap_or(self),
+            kind => kind,
         }
     }
 
@@ -364,6 +382,10 @@ impl Kind {
             }
             Kind::Rows(known) => Rows::from_text(known, json.as_str()?).map(Value::Rows),
             Kind::Content(_) => Content::named(json.as_str()?).map(Value::Content),
+            Kind::AnyOf(kinds) => {
+                let read = || kinds.iter().filter_map(|kind| kind.value(json));
+                read().find(|value| self.admits(value)).or_else(|| read().next())
+            }
         }
     }
 }

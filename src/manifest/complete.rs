@@ -156,5 +156,6 @@ fn harmless(kind: Kind) -> Value {
         Kind::Distribution(_) => Value::Distribution(Distribution::Fixed),
         Kind::Rows(_) => Value::Rows(Rows::default()),
         Kind::Content(_) => Value::Content(Content::default()),
+        Kind::AnyOf(kinds) => harmless(kinds[0]),
     }
 }

@@ -279,12 +279,12 @@ fn section(section: Section, mut properties: Map<String, Json>) -> Json {
 /// The schema of a key: a value, a list of values or a range.
 fn swept(key: &Key) -> Json {
     let mut forms = vec![value(key.kind), values(value(key.kind))];
-    match key.kind {
-        Kind::Real { .. } | Kind::PositiveReal { .. } => {
-            forms.push(range(value(key.kind), json!({ "type": "number", "exclusiveMinimum": 0 })));
+    match key.kind.of_numbers() {
+        number @ (Kind::Real { .. } | Kind::PositiveReal { .. }) => {
+            forms.push(range(value(number), json!({ "type": "number", "exclusiveMinimum": 0 })));
         }
-        Kind::Integer { .. } => {
-            forms.push(range(value(key.kind), json!({ "type": "integer", "minimum": 1 })));
+        number @ Kind::Integer { .. } => {
+            forms.push(range(value(number), json!({ "type": "integer", "minimum": 1 })));
         }
         Kind::Flag
         | Kind::Choice(_)
@@ -297,7 +297,8 @@ fn swept(key: &Key) -> Json {
         | Kind::Scalar
         | Kind::Distribution(_)
         | Kind::Rows(_)
-        | Kind::Content(_) => {}
+        | Kind::Content(_)
+        | Kind::AnyOf(_) => {}
     }
     described(key.doc(), json!({ "anyOf": forms }))
 }

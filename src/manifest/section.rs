@@ -240,6 +240,7 @@ mod tests {
             }
             Kind::Rows(_) => vec![Value::Rows(Rows::default())],
             Kind::Content(_) => vec![Value::Content(Content::default())],
+            Kind::AnyOf(kinds) => kinds.iter().copied().flat_map(extremes).collect(),
         }
     }
 

@@ -369,6 +369,7 @@ fn value(kind: Kind, written: &str) -> Option<Value> {
         Kind::Integer { .. } => whole(&word).map(Value::Integer),
         Kind::Flag if word == "1" => Some(Value::Flag(true)),
         Kind::Flag if word == "0" => Some(Value::Flag(false)),
+        Kind::AnyOf(kinds) => kinds.iter().find_map(|kind| value(*kind, written)),
         Kind::Scalar => {
             let value = written_value(written).and_then(|value| kind.value(&value));
             value.or_else(text)

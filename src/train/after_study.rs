@@ -28,6 +28,9 @@ pub enum NoAfterStudy {
     /// Each person has an agent.
     #[error("each person has an agent (`pooling = \"none\"`), so that people are independent")]
     NotPooled,
+    /// People share an agent, but not all the same coefficients.
+    #[error("they are supported only for `pooling = \"full\"`")]
+    PartlyPooled,
     /// The agent sees the time as a one-hot.
     #[error("they are not supported where the agent observes a one-hot of time")]
     OneHot,
@@ -101,8 +104,10 @@ pub(super) fn sums_for(
 /// The sums of a job's bandit.
 pub(super) fn sums_of(job: &Job) -> Result<BanditSums, NoAfterStudy> {
     let bandit = job.agent.parameters::<LinearThompson>().ok_or(NoAfterStudy::Agent)?;
-    if job.trial.as_ref().is_some_and(|trial| trial.pooling == Pooling::None) {
-        return Err(NoAfterStudy::NotPooled);
+    match job.trial.as_ref().map(|trial| trial.pooling) {
+        None | Some(Pooling::Full) => {}
+        Some(Pooling::None) => return Err(NoAfterStudy::NotPooled),
+        Some(Pooling::Partial | Pooling::Groups(_)) => return Err(NoAfterStudy::PartlyPooled),
     }
     let interface = job.task().interface();
     if interface.observations.one_hot > 0 {

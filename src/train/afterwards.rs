@@ -95,7 +95,7 @@ impl Afterwards {
 /// nobody learns from others.
 fn learns_from_everybody(job: &Job, declaration: &EstimateDeclaration) -> bool {
     let learns = job.agent.algorithm().learns() || job.is_outside();
-    let is_pooled = job.trial.as_ref().is_some_and(|trial| trial.pooling == Pooling::Full);
+    let is_pooled = job.trial.as_ref().is_some_and(|trial| trial.pooling != Pooling::None);
     declaration.standard_errors == StandardErrors::AfterStudy && learns && is_pooled
 }
 

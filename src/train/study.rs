@@ -33,7 +33,10 @@ pub struct Study {
     missing: Vec<bool>,
     /// The number of steps so far.
     time: u32,
-    /// The number of updates so far of the agent of everybody, or of each person's; it numbers the policy in force.
+    /// The people of every agent, \[agents\]\[people of the agent\], and the agent of every person, \[people\].
+    agents: Vec<Vec<usize>>,
+    agent_of: Vec<usize>,
+    /// The number of updates so far of every agent, \[agents\]; it numbers the policy in force.
     policies: Vec<u32>,
     /// Whether the agent of everybody has learned before the present step.
     is_updated: bool,
@@ -66,6 +69,11 @@ impl Study {
                     .extend((0..trial.decisions()).map(|_| stream.unit() < trial.missing_outcomes));
             }
         }
+        let agents = calendar.agents();
+        let mut agent_of = vec![0; people];
+        for (agent, people) in agents.iter().enumerate() {
+            people.iter().for_each(|person| agent_of[*person] = agent);
+        }
         Study {
             trial: trial.clone(),
             calendar,
@@ -74,7 +82,9 @@ impl Study {
             rows,
             missing,
             time: 0,
-            policies: vec![0; if trial.pooling == Pooling::Full { 1 } else { people }],
+            policies: vec![0; agents.len()],
+            agents,
+            agent_of,
             is_updated: false,
             reached: vec![true; people],
             entering: vec![false; people],
@@ -107,7 +117,7 @@ impl Study {
     /// agent.
     pub(super) fn beside(&self, person: usize, step: u32) -> impl Iterator<Item = f64> {
         let (day, _) = self.days();
-        let policy = self.policies[person.min(self.policies.len() - 1)];
+        let policy = self.policies[self.agent_of[person]];
         let reached = !self.is_missing(person, step);
         let reached = (!self.missing.is_empty()).then_some(u32::from(reached));
         [day, policy].into_iter().chain(reached).map(f64::from)
@@ -176,7 +186,7 @@ impl Study {
         if !self.calendar.is_outage(day) {
             self.update(day, agent)?;
         }
-        self.is_updated = self.trial.pooling == Pooling::Full && self.policies[0] > before;
+        self.is_updated = self.trial.pooling.is_of_everybody() && self.policies[0] > before;
         let entering = self.entering.iter_mut().zip(&self.stays);
         entering.for_each(|(enters, stay)| *enters = stay.start == day);
         if self.entering.contains(&true) {
@@ -213,38 +223,37 @@ impl Study {
     /// Updates the agents that are due on a day.
     fn update(&mut self, day: u32, agent: &mut dyn StudyAgent) -> Result<(), LearnerError> {
         let before = self.data_before(day);
-        match self.trial.pooling {
-            Pooling::Full => {
-                let entered = self.stays.iter().filter(|stay| stay.start < day).count() as u32;
-                if !self.calendar.is_updated(day, entered) {
-                    return Ok(());
-                }
-                let stays = self.stays.iter().zip(&self.left);
-                for (counts, (stay, left)) in self.counting.iter_mut().zip(stays) {
-                    let has_entered = stay.start < day;
-                    *counts = match self.trial.update_data {
-                        UpdateData::All => has_entered,
-                        UpdateData::InStudy => has_entered && day <= *left,
-                    };
-                }
-                agent.update(&StudyUpdate { people: &self.counting, before, agent: None })?;
-                self.policies[0] += 1;
+        for number in 0..self.agents.len() {
+            if !self.is_due(number, day) {
+                continue;
             }
-            Pooling::None => {
-                for (person, stay) in self.stays.iter().enumerate() {
-                    let is_due =
-                        stay.contains(day) && self.calendar.is_updated(day - stay.start, u32::MAX);
-                    if is_due {
-                        self.counting.fill(false);
-                        self.counting[person] = true;
-                        let (people, own) = (&self.counting, Some(person));
-                        agent.update(&StudyUpdate { people, before, agent: own })?;
-                        self.policies[person] += 1;
-                    }
-                }
+            self.counting.fill(false);
+            for person in &self.agents[number] {
+                let has_entered = self.stays[*person].start < day;
+                self.counting[*person] = match self.trial.update_data {
+                    UpdateData::All => has_entered,
+                    // A person's own agent never forgets.
+                    UpdateData::InStudy if self.trial.pooling == Pooling::None => has_entered,
+                    UpdateData::InStudy => has_entered && day <= self.left[*person],
+                };
             }
+            let own = (!self.trial.pooling.is_of_everybody()).then_some(number);
+            agent.update(&StudyUpdate { people: &self.counting, before, agent: own })?;
+            self.policies[number] += 1;
         }
         Ok(())
+    }
+
+    /// Whether an agent is updated on a day.
+    fn is_due(&self, number: usize, day: u32) -> bool {
+        let stays = || self.agents[number].iter().map(|person| &self.stays[*person]);
+        if self.trial.pooling.is_of_everybody() {
+            let entered = stays().filter(|stay| stay.start < day).count() as u32;
+            return self.calendar.is_updated(day, entered);
+        }
+        // The calendar of the agent begins with its first person.
+        let first = stays().map(|stay| stay.start).min().unwrap_or(0);
+        stays().any(|stay| stay.contains(day)) && self.calendar.is_updated(day - first, u32::MAX)
     }
 
     /// Ends a step, after which people have these numbers of steps, \[people\].

@@ -4,12 +4,12 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use crate::agent::{
-    EffectPosterior, Learner, LearnerError, OutOfMemory, Start, StartError, StepObserver,
+    EffectPosterior, Learner, LearnerError, OutOfMemory, Sharing, Start, StartError, StepObserver,
     StudyAgent, StudyPlan, TrainedEpisode,
 };
 use crate::job::{
     CurvePoint, EstimateDeclaration, Failure, FailureKind, Metric, Phase, Pooling,
-    RecordedEpisodes, RecordedPosterior, Results, RunnableJob,
+    RecordedEpisodes, RecordedPosterior, Results, RunnableJob, Trial,
 };
 use crate::state::resumable;
 use crate::train::afterwards::{self, Afterwards};
@@ -58,7 +58,7 @@ impl<'j> Training<'j> {
         let plan = job.trial.as_ref().map(|trial| StudyPlan {
             people: trial.people as usize,
             decisions: (trial.days * trial.decisions_per_day) as usize,
-            is_pooled: trial.pooling == Pooling::Full,
+            sharing: sharing(trial),
             keeps_updates: job.evaluation.record_posteriors,
         });
         let (learner, actor): (_, Option<Box<dyn StudyAgent>>) = match plan {
@@ -230,6 +230,16 @@ impl<'j> Training<'j> {
     }
 }
 
+/// How the agent of a trial learns from several people.
+pub(super) fn sharing(trial: &Trial) -> Sharing {
+    let groups = || trial.calendar().map(|calendar| calendar.agents()).unwrap_or_default();
+    match trial.pooling {
+        Pooling::Full => Sharing::Everybody,
+        Pooling::Partial => Sharing::Partial,
+        Pooling::None | Pooling::Groups(_) => Sharing::Apart(groups()),
+    }
+}
+
 /// A posterior as results have it.
 fn recorded(posterior: EffectPosterior) -> RecordedPosterior {
     let EffectPosterior { update, step, action, mean, covariance } = posterior;
@@ -321,7 +331,7 @@ mod tests {
     use crate::env::{Action, LaneSet, Simulated, StepCount, VectorEnvironment};
     use crate::job::{
         Estimates, Estimator, EvaluatedOn, Evaluation, Job, Messages, REWARD, RecordedDecisions,
-        StandardErrors, Treatment, Trial,
+        StandardErrors, Treatment,
     };
     use crate::key::{Keyed, Value};
     use crate::rng::Stream;

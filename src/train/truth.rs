@@ -320,7 +320,7 @@ mod tests {
         let plan = StudyPlan {
             people,
             decisions: 0,
-            is_pooled: trial.pooling == Pooling::Full,
+            sharing: crate::train::training::sharing(trial),
             keeps_updates: false,
         };
         let mut actor = job.agent.in_trial(&job.task(), plan).unwrap();

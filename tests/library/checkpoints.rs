@@ -336,7 +336,7 @@ fn small_jobs() -> Vec<(String, Job)> {
         jobs.push((name.to_owned(), job(agent.clone(), |_| {})));
         jobs.push((format!("{name} of people"), of_people(job(agent.clone(), |_| {}))));
         jobs.push((format!("{name} with history"), job(agent.clone().with_history(2), |_| {})));
-        for pooling in [Pooling::Full, Pooling::None] {
+        for pooling in [Pooling::Full, Pooling::None, Pooling::Partial, Pooling::Groups(2)] {
             let trial = in_trial(of_people(job(agent.clone(), |_| {})), pooling);
             jobs.push((format!("{name} in a trial, {pooling:?}"), trial));
         }

@@ -111,6 +111,8 @@ fn shipped() -> Vec<(&'static str, u64)> {
         ("experiments/step_count.toml", 180),
         ("experiments/population.toml", 40),
         ("experiments/oralytics/updates.toml", 100),
+        ("experiments/rome/rectangular.toml", 300),
+        ("experiments/rome/triangular.toml", 300),
         ("experiments/oralytics/rewards_v1.toml", 80),
         ("experiments/paper/context_error.toml", 144),
         ("experiments/paper/disengagement.toml", 192),

@@ -5,7 +5,7 @@ use std::fs;
 use std::path::Path;
 
 use jitai::agent::{
-    Actor, BanditAllocation, LinearThompson, LinearThompsonStudy, Rewards, StudyPlan,
+    Actor, BanditAllocation, LinearThompson, LinearThompsonStudy, Rewards, Sharing, StudyPlan,
 };
 use jitai::env::declared::DeclaredModel;
 use jitai::env::{
@@ -230,7 +230,7 @@ fn replayed(calendar: &Trial) -> (Vec<f64>, Vec<f64>) {
     let mut agent = LinearThompsonStudy::new(
         &algorithm(),
         &lanes,
-        StudyPlan { people: 70, decisions: 140, is_pooled: true, keeps_updates: false },
+        StudyPlan { people: 70, decisions: 140, sharing: Sharing::Everybody, keeps_updates: false },
         0,
     );
     let mut study = Study::new(calendar, 0);

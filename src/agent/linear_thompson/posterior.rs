@@ -174,6 +174,11 @@ impl Posterior {
     pub fn regressions(&self) -> &[Regression] {
         &self.regressions
     }
+
+    /// The regressions, to be replaced.
+    pub fn regressions_mut(&mut self) -> &mut [Regression] {
+        &mut self.regressions
+    }
 }
 
 /// The number of regressions of an agent, and the number of regressors of each.
@@ -248,6 +253,12 @@ impl Acting {
     /// The posterior.
     pub fn posterior(&self) -> &Posterior {
         &self.posterior
+    }
+
+    /// A regression of the posterior, to be replaced and factored anew.
+    pub fn regression_mut(&mut self, index: usize) -> &mut Regression {
+        self.stale[index] = true;
+        &mut self.posterior.regressions[index]
     }
 
     /// Learns the reward of a step.

@@ -232,7 +232,7 @@ mod tests {
     use super::*;
     use crate::agent::linear_thompson::posterior::{Decision, Posterior};
     use crate::agent::linear_thompson::{LinearThompson, LinearThompsonStudy};
-    use crate::agent::{Shape, StudyPlan};
+    use crate::agent::{Shape, Sharing, StudyPlan};
     use crate::env::{Environment, Scenario, StepCount};
     use crate::key::Content;
     use crate::rng::{Purpose, Stream};
@@ -412,11 +412,11 @@ mod tests {
         let environment: Environment = StepCount::paper(0.4).into();
         let people = environment.testing(&scenario, 1, 2);
         let expected: Vec<f64> = posterior.weights().doubles["mean"].values.clone();
-        for is_pooled in [true, false] {
+        for sharing in [Sharing::Everybody, Sharing::Apart(vec![vec![0], vec![1]])] {
             let mut study = LinearThompsonStudy::new(
                 &parameters,
                 &people,
-                StudyPlan { people: 2, decisions: 1, is_pooled, keeps_updates: false },
+                StudyPlan { people: 2, decisions: 1, sharing, keeps_updates: false },
                 1,
             );
             for person in 0..2 {

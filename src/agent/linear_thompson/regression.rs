@@ -59,6 +59,12 @@ impl Regression {
         add(self.information.as_mut_slice(), data.information.as_slice());
     }
 
+    /// Removes the data of another regression of the same width.
+    pub fn subtract(&mut self, data: &Regression) {
+        self.precision -= &data.precision;
+        self.information -= &data.information;
+    }
+
     /// Copies another regression of the same width.
     pub fn copy_from(&mut self, other: &Regression) {
         self.precision.copy_from(&other.precision);

@@ -7,27 +7,33 @@ use crate::agent::actor::{Actor, Rewards, StudyAgent, StudyUpdate};
 use crate::agent::effect_posterior::EffectPosterior;
 use crate::agent::layers::Shape;
 use crate::agent::learner::LearnerError;
-use crate::agent::linear_thompson::posterior::{Acting, Decision, Made};
+use crate::agent::linear_thompson::partial::Pooled;
+use crate::agent::linear_thompson::posterior::{Acting, Decision, Made, regressors};
+use crate::agent::linear_thompson::regression::{NotPositiveDefinite, Regression};
 use crate::agent::linear_thompson::sampler::Sampler;
 use crate::agent::linear_thompson::updates::Updates;
 use crate::agent::linear_thompson::{BanditDraw, Design, LinearThompson, Posterior};
-use crate::agent::registry::StudyPlan;
+use crate::agent::registry::{Sharing, StudyPlan};
 use crate::agent::unavailable::Unavailable;
-use crate::agent::weights::Weights;
+use crate::agent::weights::{Tensor, Weights};
 use crate::env::{Action, EpisodeStatus, Observations, Simulated, VectorEnvironment};
 use crate::kernel::Isa;
 use crate::rng::Stream;
 use crate::state::resumable;
 
-/// A bandit in a trial: one for everybody, or one for each person. An update starts from the prior and the data that
+/// A bandit in a trial: one for everybody, one for each person or group, or one in which people deviate. An update starts from the prior and the data that
 /// count, so that the data of people who have left can be forgotten.
 pub struct LinearThompsonStudy {
     sampler: Sampler,
     design: Design,
     unavailable: Unavailable,
     prior: Posterior,
-    /// The posterior from which actions are chosen; one for everybody, or one per person.
+    /// The posteriors from which actions are chosen: one per agent, or one per person with partial pooling; and which of
+    /// them is each person's, \[people\].
     acting: Vec<Acting>,
+    acting_of: Vec<usize>,
+    /// How people deviate, per regression; `None` without partial pooling.
+    pooled: Option<Vec<Pooled>>,
     people: Vec<Person>,
     /// The decisions of the last step, one per person, and whether the agent made them.
     decisions: Vec<Decision>,
@@ -139,7 +145,7 @@ impl LinearThompsonStudy {
     pub fn new(
         parameters: &LinearThompson,
         environment: &Simulated,
-        StudyPlan { people, decisions, is_pooled, keeps_updates }: StudyPlan,
+        StudyPlan { people, decisions, sharing, keeps_updates }: StudyPlan,
         seed: u64,
     ) -> Self {
         let spec = environment.observation_spec();
@@ -147,14 +153,38 @@ impl LinearThompsonStudy {
         let actions = environment.action_spec().count;
         let shape = Shape { inputs: design.width(), actions };
         let prior = Posterior::prior(parameters, shape);
-        let acting = Acting::new(prior.clone()).expect("a prior is positive definite");
         // Coefficients are drawn for each step: a trial has no episodes that begin together.
         let by_step = LinearThompson { draw: BanditDraw::Step, ..parameters.clone() };
         let person = || Person::new(prior.without_data(), decisions, shape);
+        let is_pooled = sharing == Sharing::Everybody;
+        let mut pooled = (sharing == Sharing::Partial).then(|| {
+            let sizes = regressors(parameters, shape);
+            let sds = parameters.person_sd.of_coefficients(sizes, shape.inputs);
+            Pooled::all(prior.regressions(), sds.as_deref())
+        });
+        let mut newcomer = prior.clone();
+        for (pooled, out) in pooled.iter_mut().flatten().zip(newcomer.regressions_mut()) {
+            pooled.person(None, out).expect("a prior is positive definite");
+        }
+        let acting = Acting::new(newcomer).expect("a prior is positive definite");
+        let acting_of = match sharing {
+            Sharing::Everybody => vec![0; people],
+            Sharing::Partial => (0..people).collect(),
+            Sharing::Apart(agents) => {
+                let mut acting_of = vec![0; people];
+                for (agent, people) in agents.iter().enumerate() {
+                    people.iter().for_each(|person| acting_of[*person] = agent);
+                }
+                acting_of
+            }
+        };
+        let posteriors = acting_of.iter().max().map_or(1, |last| last + 1);
         LinearThompsonStudy {
             sampler: Sampler::new(&by_step, actions, seed),
             unavailable: parameters.unavailable,
-            acting: vec![acting; if is_pooled { 1 } else { people }],
+            acting: vec![acting; posteriors],
+            acting_of,
+            pooled,
             people: (0..people).map(|_| person()).collect(),
             decisions: vec![Decision::among(actions); people],
             chooses: vec![false; people],
@@ -186,14 +216,79 @@ impl LinearThompsonStudy {
         Isa::chosen().run(Sum { posterior, all, people, before })
     }
 
+    /// Updates the posteriors of all people, with the data of these people before a step, \[people\].
+    fn update_people(&mut self, people: &[bool], before: u32) -> Result<(), LearnerError> {
+        let steps = self.count(people, before);
+        let learned = self.learn_deviations(people);
+        learned.map_err(|_| LearnerError::Singular { steps })
+    }
+
+    /// Counts the decisions of some people before a step; returns their number.
+    fn count(&mut self, people: &[bool], before: u32) -> u64 {
+        let counting = self.people.iter_mut().zip(people).filter(|(_, counts)| **counts);
+        counting.fold(0, |steps, (person, _)| {
+            person.count(before);
+            steps + person.counted as u64
+        })
+    }
+
+    fn learn_deviations(&mut self, people: &[bool]) -> Result<(), NotPositiveDefinite> {
+        let LinearThompsonStudy { pooled, prior, acting, people: all, .. } = self;
+        let mut number = 0;
+        let numbers: Vec<Option<usize>> = all
+            .iter()
+            .zip(people)
+            .map(|(person, counts)| {
+                let has_data = *counts && person.counted > 0;
+                number += usize::from(has_data);
+                has_data.then(|| number - 1)
+            })
+            .collect();
+        for (index, pooled) in pooled.iter_mut().flatten().enumerate() {
+            let data = all.iter().map(|person| &person.known.regressions()[index]);
+            let data: Vec<&Regression> = data.collect();
+            let with_data = data.iter().zip(&numbers).filter(|(_, number)| number.is_some());
+            let sums: Vec<&Regression> = with_data.map(|(data, _)| *data).collect();
+            pooled.learn(&prior.regressions()[index], &sums)?;
+            for ((data, number), acting) in data.iter().zip(&numbers).zip(acting.iter_mut()) {
+                let known = number.map(|number| (number, *data));
+                pooled.person(known, acting.regression_mut(index))?;
+            }
+        }
+        acting.iter_mut().try_for_each(Acting::refresh)
+    }
+
     /// Factors the posteriors; returns false if a precision is not positive definite.
     fn factors(&mut self) -> bool {
         self.acting.iter_mut().all(|acting| acting.refresh().is_ok())
     }
 
+    /// The posterior of a person of whom nothing is known, as weights of its name, and beside it `person_mean`, the means
+    /// of each person, and `person_sd`, the deviations.
+    fn weights_of_people(&mut self) -> Result<Weights, LearnerError> {
+        let everybody = vec![true; self.people.len()];
+        self.update_people(&everybody, self.time)?;
+        let mut newcomer = self.prior.clone();
+        let pooled = self.pooled.iter_mut().flatten();
+        for (pooled, out) in pooled.zip(newcomer.regressions_mut()) {
+            let found = pooled.person(None, out);
+            found.map_err(|_| LearnerError::Singular { steps: u64::from(self.time) })?;
+        }
+        let mut weights = newcomer.weights();
+        let shape = weights.doubles["mean"].shape.clone();
+        let means = (0..self.people.len()).flat_map(|person| self.means(person)).collect();
+        let of_people = [vec![self.people.len()], shape.clone()].concat();
+        let sds = self.pooled.iter().flatten().flat_map(|one| one.sds().to_vec()).collect();
+        weights.doubles.extend([
+            ("person_mean".to_owned(), Tensor { shape: of_people, values: means }),
+            ("person_sd".to_owned(), Tensor { shape, values: sds }),
+        ]);
+        Ok(weights)
+    }
+
     /// The means of all coefficients of a person's posterior.
     pub fn means(&mut self, person: usize) -> Vec<f64> {
-        let index = person.min(self.acting.len() - 1);
+        let index = self.acting_of[person];
         self.acting[index].factored().iter().flat_map(|one| one.mean().to_vec()).collect()
     }
 }
@@ -225,7 +320,7 @@ impl Actor for LinearThompsonStudy {
             environment.exact_features(person, &self.observations, &mut self.letters);
             let moment = self.observations.moment(person);
             self.design.fill_exact(&self.letters, moment, &mut decision.features);
-            let acting = person.min(self.acting.len() - 1);
+            let acting = self.acting_of[person];
             let known = (&mut self.acting[acting], &mut self.drawn);
             self.sampler.choose(Actions::AsTrained, known, decision, word);
             *action = decision.action;
@@ -249,6 +344,9 @@ impl Actor for LinearThompsonStudy {
 
 impl StudyAgent for LinearThompsonStudy {
     fn update(&mut self, update: &StudyUpdate<'_>) -> Result<(), LearnerError> {
+        if self.pooled.is_some() {
+            return self.update_people(update.people, update.before);
+        }
         let (posterior, steps) = self.posterior(update.people, update.before);
         let acting = &mut self.acting[update.agent.unwrap_or(0)];
         acting.begin(&posterior);
@@ -265,6 +363,9 @@ impl StudyAgent for LinearThompsonStudy {
 
     /// The posterior of the prior and all data of everybody; `None` if each person has one.
     fn weights(&mut self) -> Result<Option<Weights>, LearnerError> {
+        if self.pooled.is_some() {
+            return self.weights_of_people().map(Some);
+        }
         if self.acting.len() > 1 {
             return Ok(None);
         }
@@ -285,5 +386,6 @@ resumable!([] LinearThompsonStudy {
     check factors, "posteriors of a trial";
     each people, decisions, chooses;
     parts time;
-    each updates
+    each updates;
+    each pooled
 });

@@ -180,15 +180,26 @@ pub enum Start {
 /// **Errors**: the weights do not fit the agent; an algorithm that does not train has no weights.
 pub type Trained = Result<Box<dyn Actor>, WeightsError>;
 
+/// Who learns from whom in a trial.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Sharing {
+    /// One agent learns from everybody.
+    Everybody,
+    /// One agent learns from everybody what people have in common, and from each person how the person differs.
+    Partial,
+    /// There are several agents, each of which learns from its own people, \[agents\]\[people of the agent\].
+    Apart(Vec<Vec<usize>>),
+}
+
 /// The people of a trial, as agents meet them.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, PartialEq, Eq)]
 pub struct StudyPlan {
     /// Number of people.
     pub people: usize,
     /// The largest number of decisions of a person.
     pub decisions: usize,
-    /// Whether one agent learns from everybody; otherwise each person has an agent.
-    pub is_pooled: bool,
+    /// Who learns from whom.
+    pub sharing: Sharing,
     /// Whether the agent keeps what it has learned at every update; see [`StudyAgent::updates`].
     pub keeps_updates: bool,
 }

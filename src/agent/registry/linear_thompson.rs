@@ -8,7 +8,7 @@ use crate::agent::layers::Shape;
 use crate::agent::learner::{Actions, Learner};
 use crate::agent::linear_thompson::{
     BanditAllocation, BanditDraw, BanditPosterior, Design, LinearThompson, LinearThompsonLearner,
-    LinearThompsonPolicy, LinearThompsonStudy, Posterior, Prior, Sampler, subject_of,
+    LinearThompsonPolicy, LinearThompsonStudy, PersonSd, Posterior, Prior, Sampler, subject_of,
 };
 use crate::agent::weights::{Weights, WeightsError};
 use crate::env::{Interface, VectorEnvironment};
@@ -29,6 +29,7 @@ const DRAW: Parameter = Parameter::Agent("draw");
 const SMOOTHING: Parameter = Parameter::Agent("smoothing");
 const LOWER: Parameter = Parameter::Agent("logistic_lower");
 const UPPER: Parameter = Parameter::Agent("logistic_upper");
+const PERSON_SD: Parameter = Parameter::Agent("person_sd");
 const PI_MIN: Parameter = Parameter::Agent("pi_min");
 const PRIOR_FROM: Parameter = Parameter::Agent("prior_from");
 const PRIOR_MEAN: Parameter = Parameter::Agent("prior_mean");
@@ -203,6 +204,7 @@ impl AlgorithmParameters for LinearThompson {
         BASELINE_SDS,
         EFFECT_MEANS,
         EFFECT_SDS,
+        PERSON_SD,
         PRIOR_FROM,
     ];
 
@@ -236,6 +238,17 @@ impl AlgorithmParameters for LinearThompson {
             let environment = format!("{width} features, the intercept among them");
             let says = "it needs one number per feature".into();
             return Some(Unsuited { key, environment, says });
+        }
+        let shape = Design::regressors(width, *actions, self.action_centring);
+        if self.person_sd != PersonSd::Estimated
+            && self.person_sd.of_coefficients(shape, width).is_none()
+        {
+            let all = shape.0 * shape.1;
+            let environment = format!("{width} features, the intercept among them");
+            let says = format!(
+                "it needs one number per feature, or {all} for all coefficients; write lists within a list to sweep it"
+            );
+            return Some(Unsuited { key: PERSON_SD, environment, says: says.into() });
         }
         if is_biased && self.action_bias.len() != *actions {
             return unsuited(ACTION_BIAS, "it needs one number per action");

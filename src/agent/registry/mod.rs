@@ -23,7 +23,8 @@ use crate::agent::reinforce::Reinforce;
 use crate::agent::rule::RuleParameters;
 
 pub use algorithm::{
-    Agent, Algorithm, AlgorithmParameters, Start, StartError, StudyPlan, Task, Trained, Work,
+    Agent, Algorithm, AlgorithmParameters, Sharing, Start, StartError, StudyPlan, Task, Trained,
+    Work,
 };
 pub use dueling_dqn::learner_in as dueling_dqn_learner;
 pub use linear_thompson::{

@@ -306,12 +306,12 @@ fn scalar(parameter: Parameter, text: &str) -> Result<Scalar, String> {
     let kinds: Vec<Kind> = keys.map(|key| key.kind).collect();
     let json = text.parse().map_or_else(|_| text.into(), serde_json::Value::Bool);
     let known = kinds.iter().find_map(|kind| match kind {
-        Kind::Flag | Kind::Choice(_) | Kind::Scalar => kind.value(&json),
+        Kind::Flag | Kind::Choice(_) | Kind::Scalar | Kind::AnyOf(_) => kind.value(&json),
         _ => None,
     });
     known.map(|value| Scalar::from(&value)).ok_or_else(|| {
         let expected = match kinds.first() {
-            Some(kind @ (Kind::Flag | Kind::Choice(_))) => kind.expectation(),
+            Some(kind @ (Kind::Flag | Kind::Choice(_) | Kind::AnyOf(_))) => kind.expectation(),
             _ => "a number".to_owned(),
         };
         format!("`{parameter}`: expected {expected}, found {text:?}")

@@ -41,13 +41,13 @@ impl DrawForm {
     pub(in crate::manifest) fn ends(self, kind: Kind) -> Option<Kind> {
         let whole = Kind::Integer { min: 0, max: i64::MAX as u64 };
         let real = Kind::Real { min: f64::MIN, max: f64::MAX };
-        match (self, kind) {
+        match (self, kind.of_numbers()) {
             (
                 DrawForm::LogUniform,
-                Kind::Real { .. } | Kind::PositiveReal { .. } | Kind::Integer { .. },
+                kind @ (Kind::Real { .. } | Kind::PositiveReal { .. } | Kind::Integer { .. }),
             )
-            | (DrawForm::Uniform, Kind::Real { .. } | Kind::PositiveReal { .. })
-            | (DrawForm::Integers, Kind::Integer { .. }) => Some(kind),
+            | (DrawForm::Uniform, kind @ (Kind::Real { .. } | Kind::PositiveReal { .. }))
+            | (DrawForm::Integers, kind @ Kind::Integer { .. }) => Some(kind),
             (DrawForm::LogUniform | DrawForm::Uniform, Kind::Scalar) => Some(real),
             (DrawForm::Integers, Kind::Scalar) => Some(whole),
             _ => None,

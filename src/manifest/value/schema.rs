@@ -49,6 +49,9 @@ pub(crate) fn value(kind: Kind) -> Json {
             let description = format!("{}, or its text", form.expectation().replace(", or", ","));
             json!({ "type": "string", "description": description })
         }
+        Kind::AnyOf(kinds) => {
+            json!({ "anyOf": kinds.iter().copied().map(value).collect::<Vec<_>>() })
+        }
     }
 }
 

@@ -110,6 +110,11 @@ impl<'t> Reader<'t> {
                     | Kind::Widths { .. }
                     | Kind::Words { .. } => first.is_none_or(|first| !first.is_array()),
                     Kind::Rows(_) => first.is_some_and(DeValue::is_table),
+                    // A list without words and lists is one value if the key takes lists of numbers.
+                    Kind::AnyOf(kinds) => {
+                        kinds.iter().any(|kind| matches!(kind, Kind::Reals { .. }))
+                            && items.iter().all(|item| number(item).is_some())
+                    }
                     _ => false,
                 };
                 if is_value {
@@ -134,7 +139,7 @@ impl<'t> Reader<'t> {
                 self.range(name, ends_kind(table), node, table)
             }
             DeValue::Table(table) if !matches!(kind, Kind::Distribution(_)) => {
-                self.range(name, kind, node, table)
+                self.range(name, kind.of_numbers(), node, table)
             }
             _ => self.value(name, kind, node).into_iter().collect(),
         }
@@ -248,7 +253,8 @@ impl<'t> Reader<'t> {
             | Kind::Scalar
             | Kind::Distribution(_)
             | Kind::Rows(_)
-            | Kind::Content(_) => {
+            | Kind::Content(_)
+            | Kind::AnyOf(_) => {
                 self.expected(name, &kind.expectation(), node);
                 return Vec::new();
             }
@@ -442,6 +448,10 @@ fn hint(fault: Fault, kind: Kind, node: &Node) -> Fault {
         (Kind::Choice(words), DeValue::String(found)) => {
             fault.nearest(found, words.iter().copied())
         }
+        (Kind::AnyOf(kinds), _) => kinds.iter().fold(fault, |fault, kind| match kind {
+            Kind::Choice(_) => hint(fault, *kind, node),
+            _ => fault,
+        }),
         (
             Kind::Real { .. } | Kind::PositiveReal { .. } | Kind::Integer { .. },
             DeValue::String(text),
