@@ -10,11 +10,13 @@ use std::time::Duration;
 
 use divan::Bencher;
 use jitai::agent::{
-    Actions, Agent, DuelingDqn, Engine, LinearThompson, Ppo, Recurrent, Reinforce,
-    linear_thompson_learner,
+    Actions, Actor, Agent, BanditAllocation, DuelingDqn, Engine, LinearThompson,
+    LinearThompsonStudy, PersonSd, Ppo, Recurrent, Reinforce, Rewards, Sharing, StudyAgent,
+    StudyPlan, StudyUpdate, linear_thompson_learner,
 };
 use jitai::env::{
-    Action, LaneSet, LaneStreams, PhysicalActivity, Scenario, StepCount, VectorEnvironment,
+    Action, Environment, Family, LaneSet, LaneStreams, PhysicalActivity, Scenario, StepCount,
+    VectorEnvironment,
 };
 use jitai::estimate::Estimation;
 use jitai::experiment::{self, Filter};
@@ -24,6 +26,7 @@ use jitai::job::{CurvePoint, Outcome};
 use jitai::job::{
     Decision, EstimateDeclaration, Estimator, Messages, Phase, StandardErrors, Treatment,
 };
+use jitai::key::{Content, Kind, Value};
 use jitai::rng::{Purpose, Stream};
 use jitai::train::{
     self, Checkpoints, ReadCheckpoint, TrainingControl, TrainingProgress, Uncontrolled,
@@ -111,6 +114,72 @@ fn a_trial(bencher: Bencher<'_, '_>, name: &str) {
     let planned = experiment::jobs(&manifest).find(|planned| filter.meets(planned)).unwrap();
     bencher.bench_local(|| {
         assert!(matches!(train::run(&planned.job, &Uncontrolled), Outcome::Completed(_)));
+    });
+}
+
+/// A model of 140 decisions with seven features, which with the intercept are eight.
+fn seven_features() -> Environment {
+    let names: Vec<String> = (1..8).map(|number| format!("x{number}")).collect();
+    let drawn = names.iter().map(|name| format!("{name} = {{ uniform = [-1, 1] }}\n"));
+    let features = names.iter().map(|name| format!("{{ name = \"{name}\", low = -1, high = 1 }}"));
+    let text = format!(
+        "format = 1\ntitle = \"seven\"\nunit = \"reward\"\ndays = 140\n[person]\nown = {{ gaussian = [0, 1] }}\n\
+         [variables]\n{}reward = {{ gaussian = [\"x1 + action * (own + {})\", 1] }}\n\
+         [roles]\noutcome = \"reward\"\nfeatures = [{}]\n",
+        drawn.collect::<String>(),
+        names.join(" + "),
+        features.collect::<Vec<_>>().join(", "),
+    );
+    let family = Family::named("declared").unwrap();
+    let values = family.keys.iter().map(|key| match key.kind {
+        Kind::Content(form) if key.name == "model" => {
+            Value::Content(Content::read(form, &text).unwrap())
+        }
+        Kind::Content(_) => Value::Content(Content::default()),
+        _ => Value::Integer(0),
+    });
+    (family.read)(family, &values.collect::<Vec<_>>(), &[]).unwrap()
+}
+
+/// An update of partial pooling after 140 decisions of each of 100 people with eight features, whose decisions have not
+/// counted before.
+#[divan::bench(
+    sample_count = 10,
+    sample_size = 1,
+    args = ["given", "estimated", "centred, given", "centred, estimated"]
+)]
+fn an_update_of_partial_pooling(bencher: Bencher<'_, '_>, name: &str) {
+    let bandit = LinearThompson {
+        noise_sd: 1.0,
+        allocation: BanditAllocation::Clipped,
+        pi_min: 0.1,
+        action_centring: name.contains("centred"),
+        person_sd: if name.contains("given") { PersonSd::Same(0.5) } else { PersonSd::Estimated },
+        ..LinearThompson::default()
+    };
+    let (environment, everybody) = (seven_features(), [true; 100]);
+    let played = || {
+        let mut lanes = environment.testing(&"all".parse().unwrap(), 1, 100);
+        let plan = StudyPlan {
+            people: 100,
+            decisions: 140,
+            sharing: Sharing::Partial,
+            keeps_updates: false,
+        };
+        let mut agent = LinearThompsonStudy::new(&bandit, &lanes, plan, 1);
+        let mut streams = LaneStreams::Shared(Stream::new(1, Purpose::TestEnvironment));
+        let mut choices = Stream::new(1, Purpose::TestActions);
+        let (mut actions, mut rewards) = (vec![Action::default(); 100], vec![0.0; 100]);
+        lanes.reset(LaneSet::All, &mut streams);
+        for _ in 0..140 {
+            agent.act(&lanes, &mut choices, &mut actions, None);
+            lanes.step(&actions, &mut rewards, &mut streams);
+            agent.observe(&lanes, Rewards::all(&rewards));
+        }
+        agent
+    };
+    bencher.with_inputs(played).bench_local_refs(|agent| {
+        agent.update(&StudyUpdate { people: &everybody, before: 140, agent: None }).unwrap();
     });
 }
 

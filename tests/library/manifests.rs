@@ -111,6 +111,7 @@ fn shipped() -> Vec<(&'static str, u64)> {
         ("experiments/step_count.toml", 180),
         ("experiments/population.toml", 40),
         ("experiments/oralytics/updates.toml", 100),
+        ("experiments/pooling.toml", 7500),
         ("experiments/rome/rectangular.toml", 300),
         ("experiments/rome/triangular.toml", 300),
         ("experiments/oralytics/rewards_v1.toml", 80),
@@ -128,7 +129,7 @@ const WITH_PEOPLE: [(&str, u64); 5] = [
     ("experiments/oralytics/heat_maps_v1.toml", 30_000),
     ("experiments/oralytics/heat_maps_v2.toml", 120_000),
     ("experiments/oralytics/heat_maps_v3.toml", 60_000),
-    ("experiments/oralytics/pooling.toml", 2000),
+    ("experiments/oralytics/pooling.toml", 3000),
     ("experiments/oralytics/learned.toml", 8500),
 ];
 
