@@ -358,13 +358,16 @@ mod tests {
         sums
     }
 
+    /// A mean and a covariance.
+    type Normal = (DVector<f64>, DMatrix<f64>);
+
     /// The joint normal distribution of the common coefficients, everybody's deviations and all rewards, without any
     /// blocks: for each person and for a person without data the mean and covariance of the coefficients given the
     /// rewards, and the log density of the rewards.
     fn dense(
         people: &[(DMatrix<f64>, DVector<f64>)],
         sds: &[f64],
-    ) -> (Vec<(DVector<f64>, DMatrix<f64>)>, f64) {
+    ) -> (Vec<Normal>, f64) {
         let all = WIDTH * (people.len() + 2);
         let sd = |k: usize| if k < WIDTH { PRIOR.1[k] } else { sds[k % WIDTH] };
         let prior = DMatrix::from_fn(all, all, |i, j| if i == j { sd(i) * sd(i) } else { 0.0 });
@@ -400,7 +403,7 @@ mod tests {
     /// The pooling of people, and the posteriors of each and of a person without data.
     fn posteriors(sds: Option<&[f64]>, data: &[Regression]) -> (Pooled, Vec<Regression>) {
         let prior = Regression::prior(&PRIOR.0, &PRIOR.1);
-        let mut pooled = Pooled::all(&[prior.clone()], sds).remove(0);
+        let mut pooled = Pooled::all(std::slice::from_ref(&prior), sds).remove(0);
         let sums: Vec<&Regression> = data.iter().collect();
         pooled.learn(&prior, &sums).unwrap();
         let known = data.iter().enumerate().map(Some).chain([None]);
@@ -485,7 +488,7 @@ mod tests {
         // The likelihood that is climbed is that of the rewards, up to a constant.
         let mut differences = Vec::new();
         for sds in [[0.8, 0.1, 2.0], [0.3, 1.0, 0.0], [5.0, 0.5, 0.5]] {
-            let mut pooled = Pooled::all(&[prior.clone()], Some(&sds)).remove(0);
+            let mut pooled = Pooled::all(std::slice::from_ref(&prior), Some(&sds)).remove(0);
             let ours = pooled.point(&prior, &sums).unwrap().log_likelihood;
             differences.push(ours - dense(&data, &sds).1);
         }
