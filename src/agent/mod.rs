@@ -78,8 +78,7 @@ pub use learner::{Actions, Diverged, Learner, LearnerError, SpanEnd, TrainedEpis
 pub use linear_thompson::{
     BanditAllocation, BanditDraw, BanditFeatures, BanditPolicy, BanditPosterior, BanditSums,
     BanditUpdate, LinearThompson, LinearThompsonLearner, LinearThompsonPolicy, LinearThompsonStudy,
-    PersonSd,
-    Made, NoSlopes, SmoothPolicy, features_of_state,
+    Made, NoSlopes, PersonSd, SmoothPolicy, features_of_state,
 };
 pub use memory::{OutOfMemory, reserve, reserve_exact};
 pub use network::{Activation, Engine, NoEngine, Recurrent, backend_name};

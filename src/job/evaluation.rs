@@ -30,7 +30,7 @@ keys! {
         /// which it learned
         on: EvaluatedOn = EvaluatedOn::Test, before EvaluatedOn::Test;
         /// whether the posterior of the effects of messages after every update of a trial is stored, one row per update
-        /// and message in the view `posterior`, for linear_thompson with pooling = "full"
+        /// and message in the view `posterior`, for linear_thompson with pooling = "full" and, for each person too, "partial"
         record_posteriors: bool = false, before false;
     }
 }

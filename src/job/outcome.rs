@@ -146,24 +146,43 @@ pub struct RecordedPosterior {
     pub update: u32,
     /// The number of steps of the trial before the update.
     pub step: u32,
+    /// The person, from 1, with partial pooling; 0 for everybody, or for what people have in common.
+    pub person: u32,
     /// The message: the number of an action above 0.
     pub action: u8,
     /// The means of the coefficients of the effect, \[features\]; the first is the intercept.
     pub mean: Vec<f64>,
     /// Their covariances, \[features, features\].
     pub covariance: Vec<f64>,
+    /// The standard deviations of people's coefficients around common ones, \[features\]; empty for a person, and without
+    /// partial pooling.
+    pub deviation: Vec<f64>,
 }
 
 impl RecordedPosterior {
     /// The posterior mean of the effect in a state, divided by its standard deviation; `None` if the agent does not see
     /// states of this length.
     pub fn standardised_effect(&self, state: &[f64]) -> Option<f64> {
+        let (mean, sd) = self.effect(state)?;
+        Some(mean / sd)
+    }
+
+    /// The posterior mean and standard deviation of the effect in a state; `None` if the agent does not see states of this
+    /// length.
+    pub fn effect(&self, state: &[f64]) -> Option<(f64, f64)> {
         let features = features_of_state(state, self.mean.len())?;
         let product =
             |row: &[f64]| row.iter().zip(&features).map(|(one, other)| one * other).sum::<f64>();
         let rows = self.covariance.chunks_exact(features.len()).map(product);
         let variance = product(&rows.collect::<Vec<_>>());
-        Some(product(&self.mean) / variance.sqrt())
+        Some((product(&self.mean), variance.sqrt()))
+    }
+
+    /// The standard deviation of people's effects in a state around the common effect; `None` without partial pooling.
+    pub fn deviation(&self, state: &[f64]) -> Option<f64> {
+        let features = features_of_state(state, self.deviation.len())?;
+        let squares = features.iter().zip(&self.deviation).map(|(one, sd)| (one * sd).powi(2));
+        Some(squares.sum::<f64>().sqrt())
     }
 }
 
@@ -269,6 +288,8 @@ pub enum DataPart {
     Estimates,
     /// What was learned at the updates of trials.
     Posteriors,
+    /// Posteriors of people at the updates of trials with partial pooling.
+    PersonPosteriors,
     /// Test episodes of some participants.
     Participants(ParticipantRange),
 }
@@ -381,9 +402,11 @@ mod tests {
             posteriors: vec![RecordedPosterior {
                 update: 1,
                 step: 3,
+                person: 0,
                 action: 1,
                 mean: vec![0.5],
                 covariance: vec![1.0],
+                deviation: Vec::new(),
             }],
             weights: None,
             estimates: Vec::new(),

@@ -181,7 +181,7 @@ fn parts(manifest: &Manifest, job: &JobRecord) -> Parts {
         actions: reads(DataPart::ActionChoice),
         returns: true,
         estimates: !manifest.estimates.is_empty(),
-        posteriors: reads(DataPart::Posteriors),
+        posteriors: reads(DataPart::Posteriors) || reads(DataPart::PersonPosteriors),
     }
 }
 

@@ -102,6 +102,12 @@ impl DataQuery {
                     .to_owned(),
                 "JOIN posterior ON posterior.job_key = run.job_key".to_owned(),
             ),
+            DataPart::PersonPosteriors => (
+                "posterior.number, posterior.step, posterior.person, posterior.action, posterior.mean,\n  \
+                 posterior.covariance, posterior.deviation"
+                    .to_owned(),
+                "JOIN person_posterior AS posterior ON posterior.job_key = run.job_key".to_owned(),
+            ),
             DataPart::Participants(range) => (
                 "test.episode, test.total_reward, test.length, test.disengaged".to_owned(),
                 participants(range),

@@ -4,7 +4,7 @@ use super::error::StoreError;
 use super::read::Reader;
 
 /// The public views, with the order of their rows.
-const ORDERS: [(&str, &str); 14] = [
+const ORDERS: [(&str, &str); 15] = [
     ("run_summary", "experiment, job_key, agent, attempt"),
     ("parameter", "job_key, name"),
     ("metric", "job_key, name"),
@@ -19,6 +19,7 @@ const ORDERS: [(&str, &str); 14] = [
     ("estimate", "experiment, job_key, agent, declaration, number"),
     ("every_estimate", "job_key, declaration, number"),
     ("posterior", "job_key, number, action"),
+    ("person_posterior", "job_key, number, person, action"),
 ];
 
 /// The names of the public views, which `docs/store.md` describes.

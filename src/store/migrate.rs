@@ -98,6 +98,10 @@ pub(super) const MIGRATIONS: &[Migration] = &[
         name: "0018_keep_filters_and_programs",
         sql: include_str!("../../migrations/0018_keep_filters_and_programs.sql"),
     },
+    Migration {
+        name: "0019_record_people",
+        sql: include_str!("../../migrations/0019_record_people.sql"),
+    },
 ];
 
 /// The version of the schema that this program writes.

@@ -113,7 +113,7 @@ macro_rules! packed {
 }
 
 /// All tables of results, in the order of the digest.
-pub(super) static RESULT_TABLES: [ResultTable; 14] = [
+pub(super) static RESULT_TABLES: [ResultTable; 15] = [
     by_run("run_metric", &["metric", "value"], 1, 1).by_metric(),
     by_run("curve_point", &["metric", "episode", "value"], 2, 1).by_metric(),
     by_run("test_episode", &["episode", "total_reward", "length", "disengaged"], 1, 1).marked(),
@@ -146,6 +146,12 @@ pub(super) static RESULT_TABLES: [ResultTable; 14] = [
     .optional(),
     by_run("recorded_description", &["description"], 0, 12).digest(InDigest::UnmarkedSince),
     by_run("recorded_posterior", &["number", "action", "step", "mean", "covariance"], 2, 16),
+    by_run(
+        "recorded_person",
+        &["number", "person", "action", "step", "mean", "covariance", "deviation"],
+        3,
+        19,
+    ),
     by_run(
         "recorded_estimate",
         &[
@@ -353,13 +359,26 @@ mod tests {
                 parameter: 2,
                 value: 0.5,
             }],
-            posteriors: vec![RecordedPosterior {
-                update: 1,
-                step: 3,
-                action: 1,
-                mean: vec![0.5],
-                covariance: vec![1.0],
-            }],
+            posteriors: vec![
+                RecordedPosterior {
+                    update: 1,
+                    step: 3,
+                    person: 0,
+                    action: 1,
+                    mean: vec![0.5],
+                    covariance: vec![1.0],
+                    deviation: Vec::new(),
+                },
+                RecordedPosterior {
+                    update: 1,
+                    step: 3,
+                    person: 2,
+                    action: 1,
+                    mean: vec![0.25],
+                    covariance: vec![0.5],
+                    deviation: Vec::new(),
+                },
+            ],
             estimates: vec![Estimates { declaration, terms: vec![failed] }],
             ..results()
         }

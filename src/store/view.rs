@@ -12,9 +12,10 @@ macro_rules! views {
 }
 
 /// The name of every view, with the statement that makes it.
-pub(super) static VIEWS: [(&str, &str); 14] = views!(
+pub(super) static VIEWS: [(&str, &str); 15] = views!(
     "action_choice" "arm_summary" "conflict" "decision" "estimate" "evaluation_episode" "every_estimate"
-    "learning_curve" "manifest" "metric" "parameter" "participant" "posterior" "run_summary"
+    "learning_curve" "manifest" "metric" "parameter" "participant" "person_posterior" "posterior"
+    "run_summary"
 );
 
 /// The text that SQLite keeps of such a statement.

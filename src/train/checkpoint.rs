@@ -19,7 +19,7 @@ use crate::state::{Resumable, StateError, StateReader, StateWriter};
 use crate::train::training::Training;
 
 /// The first line. The number is raised whenever the meaning of a state's bytes changes.
-const FORMAT: &str = "jitai checkpoint 7\n";
+const FORMAT: &str = "jitai checkpoint 8\n";
 /// The number of bytes of the SHA-256 at the end.
 const SEAL: usize = 32;
 

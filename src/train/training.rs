@@ -242,8 +242,8 @@ pub(super) fn sharing(trial: &Trial) -> Sharing {
 
 /// A posterior as results have it.
 fn recorded(posterior: EffectPosterior) -> RecordedPosterior {
-    let EffectPosterior { update, step, action, mean, covariance } = posterior;
-    RecordedPosterior { update, step, action, mean, covariance }
+    let EffectPosterior { update, step, person, action, mean, covariance, deviation } = posterior;
+    RecordedPosterior { update, step, person, action, mean, covariance, deviation }
 }
 
 /// The results of a finished training and its test; `first` returns the metrics of the first episodes.

@@ -81,3 +81,23 @@ fn posteriors_are_those_of_all_updates_and_end_at_the_last_weights() {
     assert_eq!(last.standardised_effect(&[0.0; 4]), Some(of_intercept));
     assert_eq!(last.standardised_effect(&[0.0; 3]), None);
 }
+
+#[test]
+fn partial_pooling_keeps_the_posterior_of_each_person() {
+    let text = MANIFEST
+        .replace("seeds = 3200", "seeds = 1")
+        .replace("[trial]\n", "[trial]\npooling = \"partial\"\n");
+    let posteriors = results(&text).remove(0).posteriors;
+    let people: Vec<(u32, u32)> = posteriors.iter().map(|one| (one.update, one.person)).collect();
+    let expected =
+        (1..=people.last().unwrap().0).flat_map(|update| (0..=8).map(move |i| (update, i)));
+    assert_eq!(people, expected.collect::<Vec<_>>());
+    for one in &posteriors {
+        let (_, sd) = one.effect(&STATE).unwrap();
+        match one.person {
+            0 => assert!(one.deviation(&STATE).unwrap() > 0.0),
+            _ => assert_eq!(one.deviation(&STATE), None),
+        }
+        assert!(sd > 0.0);
+    }
+}

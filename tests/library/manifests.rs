@@ -112,6 +112,7 @@ fn shipped() -> Vec<(&'static str, u64)> {
         ("experiments/population.toml", 40),
         ("experiments/oralytics/updates.toml", 100),
         ("experiments/pooling.toml", 7500),
+        ("experiments/shrinkage.toml", 60),
         ("experiments/rome/rectangular.toml", 300),
         ("experiments/rome/triangular.toml", 300),
         ("experiments/oralytics/rewards_v1.toml", 80),

@@ -135,6 +135,27 @@ impl Pooled {
         &self.sds
     }
 
+    /// The sums of the common coefficients, after the last [`Pooled::learn`].
+    pub fn common(&self) -> &Regression {
+        &self.common
+    }
+
+    /// The standard deviations of people's effects of messages around the common effects, for states of this number of
+    /// features, \[messages\]\[features\].
+    pub fn deviations_of_effects(pooled: &[Pooled], features: usize) -> Vec<Vec<f64>> {
+        if let [joint] = pooled {
+            // Behind the baseline and as many blocks of probabilities.
+            let blocks = joint.sds.chunks_exact(features);
+            let messages = blocks.len() / 2;
+            return blocks.skip(1 + messages).map(<[f64]>::to_vec).collect();
+        }
+        let effect = |message: &Pooled| {
+            let pairs = message.sds.iter().zip(&pooled[0].sds);
+            pairs.map(|(with, without)| with.hypot(*without)).collect()
+        };
+        pooled.iter().skip(1).map(effect).collect()
+    }
+
     /// Learns from the sums of people, and first estimates the deviations if they are to be estimated.
     ///
     /// **Errors**: a precision is not positive definite.
@@ -364,10 +385,7 @@ mod tests {
     /// The joint normal distribution of the common coefficients, everybody's deviations and all rewards, without any
     /// blocks: for each person and for a person without data the mean and covariance of the coefficients given the
     /// rewards, and the log density of the rewards.
-    fn dense(
-        people: &[(DMatrix<f64>, DVector<f64>)],
-        sds: &[f64],
-    ) -> (Vec<Normal>, f64) {
+    fn dense(people: &[(DMatrix<f64>, DVector<f64>)], sds: &[f64]) -> (Vec<Normal>, f64) {
         let all = WIDTH * (people.len() + 2);
         let sd = |k: usize| if k < WIDTH { PRIOR.1[k] } else { sds[k % WIDTH] };
         let prior = DMatrix::from_fn(all, all, |i, j| if i == j { sd(i) * sd(i) } else { 0.0 });

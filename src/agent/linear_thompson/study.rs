@@ -46,7 +46,7 @@ pub struct LinearThompsonStudy {
     letters: Vec<f64>,
     /// Coefficients of an episode, which trials do not have.
     drawn: Vec<f64>,
-    /// What an agent for everybody learned at its updates; `None` if it is not kept.
+    /// What the one agent of the trial learned at its updates; `None` if it is not kept.
     updates: Option<Updates>,
 }
 
@@ -156,7 +156,7 @@ impl LinearThompsonStudy {
         // Coefficients are drawn for each step: a trial has no episodes that begin together.
         let by_step = LinearThompson { draw: BanditDraw::Step, ..parameters.clone() };
         let person = || Person::new(prior.without_data(), decisions, shape);
-        let is_pooled = sharing == Sharing::Everybody;
+        let posteriors_kept = !matches!(sharing, Sharing::Apart(_));
         let mut pooled = (sharing == Sharing::Partial).then(|| {
             let sizes = regressors(parameters, shape);
             let sds = parameters.person_sd.of_coefficients(sizes, shape.inputs);
@@ -193,7 +193,7 @@ impl LinearThompsonStudy {
             observes: spec.one_hot > 0 || environment.exact_features_read_observations(),
             letters: Vec::new(),
             drawn: Vec::new(),
-            updates: (is_pooled && keeps_updates).then(Updates::default),
+            updates: (posteriors_kept && keeps_updates).then(Updates::default),
             prior,
             design,
         }
@@ -221,6 +221,23 @@ impl LinearThompsonStudy {
         let steps = self.count(people, before);
         let learned = self.learn_deviations(people);
         learned.map_err(|_| LearnerError::Singular { steps })
+    }
+
+    /// Keeps the posteriors of an update, if they are kept.
+    fn keep_people(&mut self) -> Result<(), NotPositiveDefinite> {
+        let LinearThompsonStudy { pooled: Some(pooled), updates: Some(updates), .. } = self else {
+            return Ok(());
+        };
+        let mut common = self.prior.clone();
+        for (pooled, out) in pooled.iter().zip(common.regressions_mut()) {
+            out.copy_from(pooled.common());
+        }
+        let common = Acting::new(common)?;
+        let features = self.design.width();
+        let deviations = Pooled::deviations_of_effects(pooled, features);
+        let all = std::iter::once(&common).chain(&self.acting);
+        updates.push(self.time, features, all, &deviations);
+        Ok(())
     }
 
     /// Counts the decisions of some people before a step; returns their number.
@@ -345,14 +362,15 @@ impl Actor for LinearThompsonStudy {
 impl StudyAgent for LinearThompsonStudy {
     fn update(&mut self, update: &StudyUpdate<'_>) -> Result<(), LearnerError> {
         if self.pooled.is_some() {
-            return self.update_people(update.people, update.before);
+            self.update_people(update.people, update.before)?;
+            return self.keep_people().map_err(|_| LearnerError::Singular { steps: 0 });
         }
         let (posterior, steps) = self.posterior(update.people, update.before);
         let acting = &mut self.acting[update.agent.unwrap_or(0)];
         acting.begin(&posterior);
         acting.refresh().map_err(|_| LearnerError::Singular { steps })?;
         if let Some(updates) = &mut self.updates {
-            updates.push(self.time, acting, self.design.width());
+            updates.push(self.time, self.design.width(), [&*acting].into_iter(), &[]);
         }
         Ok(())
     }

@@ -12,13 +12,26 @@ pub struct Updates(pub Vec<EffectPosterior>);
 resumable!([] Updates { parts 0 });
 
 impl Updates {
-    /// Adds the posterior after an update that comes behind this number of steps of the trial.
-    pub fn push(&mut self, step: u32, acting: &Acting, features: usize) {
+    /// Adds the posteriors after an update that comes behind this number of steps of the trial: that of everybody, and
+    /// with partial pooling those of people; and the deviations of people's effects, \[messages\]\[features\].
+    pub fn push<'a>(
+        &mut self,
+        step: u32,
+        features: usize,
+        of: impl Iterator<Item = &'a Acting>,
+        deviations: &[Vec<f64>],
+    ) {
         let update = self.0.last().map_or(0, |last| last.update) + 1;
-        for (action, (mean, covariance)) in (1..).zip(acting.effects(features)) {
-            // The matrix is symmetric, so that the order of the axes does not matter.
-            let covariance = covariance.as_slice().to_vec();
-            self.0.push(EffectPosterior { update, step, action, mean, covariance });
+        for (person, acting) in (0..).zip(of) {
+            for (action, (mean, covariance)) in (1..).zip(acting.effects(features)) {
+                // The matrix is symmetric, so that the order of the axes does not matter.
+                let covariance = covariance.as_slice().to_vec();
+                let deviation = deviations.get(usize::from(action) - 1).filter(|_| person == 0);
+                let deviation = deviation.cloned().unwrap_or_default();
+                let posterior =
+                    EffectPosterior { update, step, person, action, mean, covariance, deviation };
+                self.0.push(posterior);
+            }
         }
     }
 }

@@ -57,7 +57,7 @@ pub struct OverTrials {
 }
 
 impl OverTrials {
-    fn of(values: &[f64]) -> Option<OverTrials> {
+    pub(super) fn of(values: &[f64]) -> Option<OverTrials> {
         let at = |share| quantile(values, share).ok();
         Some(OverTrials { low: at(0.025)?, median: at(0.5)?, high: at(0.975)? })
     }
@@ -134,7 +134,7 @@ type Trial = (u64, Updates);
 fn curve(job: &JobRecord, action: u32, state: &[f64]) -> Option<Trial> {
     let per_day = job.number(&Parameter::Trial("decisions_per_day").to_string())?;
     let posteriors = job.completed()?.posteriors.iter();
-    let of_action = posteriors.filter(|one| u32::from(one.action) == action);
+    let of_action = posteriors.filter(|one| one.person == 0 && u32::from(one.action) == action);
     let point = |one: &crate::job::RecordedPosterior| {
         let statistic = one.standardised_effect(state).filter(|one| one.is_finite())?;
         Some((one.update, f64::from(one.step) / per_day, statistic))

@@ -20,6 +20,7 @@ mod pairs;
 mod published;
 mod recovery;
 mod reproduction;
+mod shrinkage;
 mod summary;
 
 pub use action_choice::{ActionPanel, BinShares};
@@ -34,6 +35,7 @@ pub use learning_curve::{HighestEnd, LearningFigure, LearningLine, LearningPanel
 pub use operating::{FEW_TRIALS, OperatingFigure, OperatingRow, Sought, Term};
 pub use recovery::{RecoveryRow, ScenarioOptimum};
 pub use reproduction::{Comparison, Distance, Reproduction, reproduce};
+pub use shrinkage::{ShrinkageFigure, ShrinkagePanel, TrialOfPeople};
 pub use summary::{AgentSummary, ArmSummary, share_of_optimum, summarise_agents, summarise_arms};
 
 use std::collections::HashSet;
@@ -80,6 +82,8 @@ pub enum FindingContent {
     Operating(OperatingFigure),
     /// What trials learned about states.
     Learned(LearnedFigure),
+    /// What trials learned about the differences between people.
+    Shrinkage(ShrinkageFigure),
     /// The rate at which the most likely context is wrong.
     InferenceError(ErrorFigure),
 }
@@ -97,6 +101,7 @@ impl FindingContent {
             | FindingContent::Recovery(_)
             | FindingContent::Operating(_)
             | FindingContent::Learned(_)
+            | FindingContent::Shrinkage(_)
             | FindingContent::InferenceError(_) => None,
         }
     }
@@ -200,6 +205,7 @@ fn content_of(
             FindingContent::Operating(operating::figure(kind, jobs))
         }
         AnalysisKind::DidItLearn(kind) => FindingContent::Learned(learned::figure(kind, jobs)),
+        AnalysisKind::Shrinkage(kind) => FindingContent::Shrinkage(shrinkage::figure(kind, jobs)),
         AnalysisKind::InferenceError(_) => {
             FindingContent::InferenceError(inference_error::figure(jobs, published))
         }

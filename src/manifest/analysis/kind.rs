@@ -159,6 +159,14 @@ kinds! {
         without_at: Option<ParameterList>;
     }
 
+    /// How people differ in the effect of a message in a state, and what an agent with partial pooling knows of it.
+    Shrinkage = "shrinkage", [], LINES, {
+        /// the states, each a list of the values of the scenario's features in their order
+        states: States;
+        /// the message: the number of an action above 0
+        action: u32 = 1, in Kind::Integer { min: 1, max: 255 };
+    }
+
     /// The rate at which the most likely context is wrong.
     InferenceError = "inference_error", [], ["width", "height", "font_size", "theme"], {}
 }
@@ -434,21 +442,13 @@ impl Rules for DidItLearn {
     /// Reports states of which no trial without an effect is declared or that agents do not see, and posteriors that
     /// are not recorded.
     fn check(&self, rest: &dyn Declares, span: Span, faults: &mut FaultList) {
+        check_recorded("did_it_learn", rest, span, faults);
         let mut fault = |says: String, help: &str| faults.add(Fault::at(span, says).help(help));
-        let is_recorded = rest.values(Parameter::Evaluation("record_posteriors"));
-        if !is_recorded.is_some_and(|all| all.contains(&Value::Flag(true))) {
-            let says = "kind \"did_it_learn\" needs the posteriors at the updates of a trial";
-            fault(says.to_owned(), "write record_posteriors = true in [evaluation]");
-        }
         let at = self.without_at.as_ref().map_or(&[][..], |list| &list.0);
         for state in &self.states.0 {
             let shown = Value::Reals(state.clone());
-            let is_seen = |scenario: &Scenario| {
-                scenario.names().is_none_or(|names| names.count() == state.len())
-            };
-            if !rest.scenarios().iter().all(is_seen) {
-                let says = format!("the state {shown} does not have a value for each feature");
-                fault(says, "a state has the values of the features of the scenario, in order");
+            if let Some(says) = unseen(state, rest) {
+                fault(says, SEEN);
             } else if !at.is_empty() && at.len() != state.len() {
                 let says = format!(
                     "`without_at` has {} parameters, and the state {shown} {} numbers",
@@ -464,6 +464,46 @@ impl Rules for DidItLearn {
                     "write its values in [environment.parameters], zipped with what removes the effect",
                 );
             }
+        }
+    }
+}
+
+/// Reports posteriors that a kind needs and that are not recorded.
+fn check_recorded(word: &str, rest: &dyn Declares, span: Span, faults: &mut FaultList) {
+    let is_recorded = rest.values(Parameter::Evaluation("record_posteriors"));
+    if !is_recorded.is_some_and(|all| all.contains(&Value::Flag(true))) {
+        let says = format!("kind \"{word}\" needs the posteriors at the updates of a trial");
+        faults.add(Fault::at(span, says).help("write record_posteriors = true in [evaluation]"));
+    }
+}
+
+/// What to do where agents do not see a state.
+const SEEN: &str = "a state has the values of the features of the scenario, in order";
+
+/// Why agents do not see a state; `None` if they do.
+fn unseen(state: &[f64], rest: &dyn Declares) -> Option<String> {
+    let is_seen =
+        |scenario: &Scenario| scenario.names().is_none_or(|names| names.count() == state.len());
+    let shown = Value::Reals(state.to_vec());
+    (!rest.scenarios().iter().all(is_seen))
+        .then(|| format!("the state {shown} does not have a value for each feature"))
+}
+
+impl Rules for Shrinkage {
+    fn part(&self, _: MetricName) -> DataPart {
+        DataPart::PersonPosteriors
+    }
+
+    /// Reports states that agents do not see, trials without partial pooling, and posteriors that are not recorded.
+    fn check(&self, rest: &dyn Declares, span: Span, faults: &mut FaultList) {
+        check_recorded("shrinkage", rest, span, faults);
+        for says in self.states.0.iter().filter_map(|state| unseen(state, rest)) {
+            faults.add(Fault::at(span, says).help(SEEN));
+        }
+        let poolings = rest.values(Parameter::Trial("pooling"));
+        if !poolings.is_some_and(|all| all.contains(&Value::Choice("partial"))) {
+            let says = "kind \"shrinkage\" needs an agent with partial pooling";
+            faults.add(Fault::at(span, says).help("write pooling = \"partial\" in [trial]"));
         }
     }
 }

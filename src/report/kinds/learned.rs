@@ -132,8 +132,8 @@ impl LearnedFigure {
     /// The heading of a panel: its state, and its arm if there are several.
     fn heading(&self, panel: &LearnedPanel, names: &Names) -> String {
         match self.arms().len() {
-            1 => state(panel),
-            _ => format!("{}, {}", state(panel), names.label(&panel.name)),
+            1 => state_in_words(&panel.state),
+            _ => format!("{}, {}", state_in_words(&panel.state), names.label(&panel.name)),
         }
     }
 
@@ -187,8 +187,8 @@ impl LearnedFigure {
 }
 
 /// A state in words: `(1, −0.7, −0.1, 0)`.
-fn state(panel: &LearnedPanel) -> String {
-    let numbers: Vec<String> = panel.state.iter().map(|number| parameter(*number)).collect();
+pub(super) fn state_in_words(state: &[f64]) -> String {
+    let numbers: Vec<String> = state.iter().map(|number| parameter(*number)).collect();
     format!("({})", numbers.join(", "))
 }
 
@@ -202,7 +202,7 @@ fn cells(panel: &LearnedPanel, names: &Names) -> Vec<TableEntry> {
     let without = last.map(|last| Interval { low: last.over[1].low, high: last.over[1].high });
     vec![
         arm(&panel.name, names),
-        TableEntry::text(state(panel)),
+        TableEntry::text(state_in_words(&panel.state)),
         TableEntry::number(panel.trials[0] as f64, 0),
         TableEntry::number(panel.trials[1] as f64, 0),
         over(0, |all| all.median),

@@ -11,6 +11,7 @@ mod learned;
 mod learning_curve;
 mod operating;
 mod recovery;
+mod shrinkage;
 
 use super::data_table::{DataTable, p_value, shown, shown_ends, signed};
 use super::figure::{Looks, NumberFormat, Panels, Style};
@@ -92,6 +93,7 @@ pub(super) fn drawn(content: &FindingContent) -> &dyn Drawn {
         FindingContent::Recovery(rows) => rows,
         FindingContent::Operating(figure) => figure,
         FindingContent::Learned(figure) => figure,
+        FindingContent::Shrinkage(figure) => figure,
         FindingContent::InferenceError(figure) => figure,
     }
 }

@@ -243,7 +243,7 @@ fn faulty_sql_is_shown_with_its_place() {
     assert_eq!(
         error.to_string(),
         "no such table: runs; the views are run_summary, parameter, metric, learning_curve, \
-         evaluation_episode, action_choice, arm_summary, decision, participant, manifest, conflict, estimate, every_estimate, posterior"
+         evaluation_episode, action_choice, arm_summary, decision, participant, manifest, conflict, estimate, every_estimate, posterior, person_posterior"
     );
 }
 
