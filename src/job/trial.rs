@@ -400,6 +400,19 @@ mod tests {
     }
 
     #[test]
+    fn groups_of_people_share_an_agent_in_the_order_of_their_entry() {
+        let entry = Content::read(&STAYS, "start_day,end_day\n5,10\n0,10\n0,4\n").unwrap();
+        let agents = |pooling| {
+            let trial = Trial { pooling, entry: entry.clone(), ..trial(3) };
+            trial.calendar().unwrap().agents()
+        };
+        assert_eq!(agents(Pooling::Groups(2)), [vec![1, 2], vec![0]]);
+        assert_eq!(agents(Pooling::None), [[0], [1], [2]]);
+        assert_eq!(agents(Pooling::Partial), [[0, 1, 2]]);
+        assert_eq!(agents(Pooling::Groups(9)), [[1, 2, 0]]);
+    }
+
+    #[test]
     fn updates_come_when_they_are_due() {
         let weekly = Trial { update_every_days: 7, update_first_with_people: 3, ..trial(9) };
         let calendar = weekly.calendar().unwrap();
