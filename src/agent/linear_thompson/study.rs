@@ -218,7 +218,8 @@ impl LinearThompsonStudy {
 
     /// Updates the posteriors of all people, with the data of these people before a step, \[people\].
     fn update_people(&mut self, people: &[bool], before: u32) -> Result<(), LearnerError> {
-        let steps = self.count(people, before);
+        // The sum counts the decisions of the people.
+        let (_, steps) = self.posterior(people, before);
         let learned = self.learn_deviations(people);
         learned.map_err(|_| LearnerError::Singular { steps })
     }
@@ -238,15 +239,6 @@ impl LinearThompsonStudy {
         let all = std::iter::once(&common).chain(&self.acting);
         updates.push(self.time, features, all, &deviations);
         Ok(())
-    }
-
-    /// Counts the decisions of some people before a step; returns their number.
-    fn count(&mut self, people: &[bool], before: u32) -> u64 {
-        let counting = self.people.iter_mut().zip(people).filter(|(_, counts)| **counts);
-        counting.fold(0, |steps, (person, _)| {
-            person.count(before);
-            steps + person.counted as u64
-        })
     }
 
     fn learn_deviations(&mut self, people: &[bool]) -> Result<(), NotPositiveDefinite> {
