@@ -20,7 +20,7 @@ pub use examples::LEARNED;
 use examples::{cell, fill_store, jitai, run};
 use questions::questions;
 
-const DOCUMENTS: [&str; 41] = [
+const DOCUMENTS: [&str; 42] = [
     "README.md",
     "CONTRIBUTING.md",
     "docs/agents.md",
@@ -49,6 +49,7 @@ const DOCUMENTS: [&str; 41] = [
     "docs/trials.md",
     "docs/outside-environments.md",
     "docs/performance.md",
+    "docs/pooling.md",
     "docs/python.md",
     "docs/questions.md",
     "docs/reliability.md",

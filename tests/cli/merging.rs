@@ -446,7 +446,7 @@ fn shapes() -> Vec<String> {
     let thompson = "[[agent]]\nname = \"thompson\"\nalgorithm = \"linear_thompson\"\n";
     let estimate = "[[estimate]]\nname = \"effect\"\n";
     let step_count = "scenarios = [\"P-H-D\"]\nenvironment.sigma = 0.4\nenvironment.horizon = 10\npopulation.delta_d = 0.2\n";
-    let trial = "trial = { people = 8, days = 10 }\n";
+    let trial = "trial = { people = 8, days = 10, pooling = [\"full\", \"partial\"] }\n";
     let oralytics = "scenarios = [[\"time_of_day\", \"brushing\", \"dosage\", \"app\"]]\n";
     let outside = "scenarios = [\"all\"]\n";
     let of_oralytics = "[environment]\nfamily = \"declared\"\nmodel = \"oralytics_v2\"\npeople = \"people.csv\"\ndays = 5\n";
