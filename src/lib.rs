@@ -81,6 +81,8 @@ pub mod estimate;
 #[doc(hidden)]
 pub mod external;
 #[doc(hidden)]
+pub mod fit;
+#[doc(hidden)]
 pub mod job;
 #[doc(hidden)]
 pub mod kernel;

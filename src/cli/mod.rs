@@ -16,6 +16,7 @@ mod counts;
 mod doctor;
 mod error;
 mod export;
+mod fit;
 mod folder;
 mod forget;
 pub mod input;

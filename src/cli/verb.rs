@@ -6,7 +6,7 @@ use clap::error::{ContextKind, ContextValue};
 use clap::{CommandFactory, Parser, Subcommand};
 
 use crate::cli::{
-    Error, cancel, check, completions, doctor, export, forget, log, manual, merge, optimum, plan,
+    Error, cancel, check, completions, doctor, export, fit, forget, log, manual, merge, optimum, plan,
     query, report, run, schema, self_test, signals, simulate, status, submit, task, watch,
 };
 use crate::kernel::Isa;
@@ -40,6 +40,7 @@ enum Verb {
     Log(log::Arguments),
     Doctor(doctor::Arguments),
     Simulate(Box<simulate::Arguments>),
+    Fit(fit::Arguments),
     Optimum(optimum::Arguments),
     Schema(schema::Arguments),
     SelfTest(self_test::Arguments),
@@ -92,6 +93,7 @@ pub fn main() -> ExitCode {
         Verb::Log(arguments) => log::run(&arguments),
         Verb::Doctor(arguments) => doctor::run(&arguments),
         Verb::Simulate(arguments) => simulate::run(&arguments),
+        Verb::Fit(arguments) => fit::run(&arguments),
         Verb::Optimum(arguments) => optimum::run(&arguments),
         Verb::Schema(arguments) => schema::run(&arguments),
         Verb::SelfTest(arguments) => self_test::run(&arguments),

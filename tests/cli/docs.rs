@@ -39,6 +39,7 @@ const DOCUMENTS: [&str; 42] = [
     "docs/external.md",
     "docs/fidelity-bots.md",
     "docs/fidelity.md",
+    "docs/fit.md",
     "docs/index.md",
     "docs/install.md",
     "docs/manifest.md",

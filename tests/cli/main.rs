@@ -10,6 +10,7 @@ mod events;
 mod exits;
 mod external;
 mod failures;
+mod fitting;
 mod forgetting;
 mod in_study;
 mod installed;

@@ -61,6 +61,8 @@ const TABLE: &[(&str, &[&str])] = &[
         "report",
         &["text", "key", "env", "optimum", "job", "manifest", "plan", "record", "store", "analyse"],
     ),
+    // What a model's people are, from a pilot's decisions; its files are those of a report.
+    ("fit", &["rng", "kernel", "env", "analyse", "report"]),
     (
         "cli",
         &[
@@ -86,6 +88,7 @@ const TABLE: &[(&str, &[&str])] = &[
             "watch",
             "analyse",
             "report",
+            "fit",
         ],
     ),
 ];

@@ -5,6 +5,7 @@ mod checkpoints;
 mod decisions;
 mod determinism;
 mod environments;
+mod fit;
 mod imports;
 mod learned;
 mod manifests;

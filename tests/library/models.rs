@@ -15,7 +15,7 @@ fn folder() -> PathBuf {
 }
 
 /// A world of the family `declared`: the model, its people and its rows, empty for none, and parameters.
-fn world(texts: [&str; 3], parameters: &[(&str, f64)]) -> Environment {
+pub fn world(texts: [&str; 3], parameters: &[(&str, f64)]) -> Environment {
     let declared = Family::named("declared").unwrap();
     let names: Vec<String> =
         parameters.iter().map(|(name, _)| format!("parameters.{name}")).collect();

@@ -3,7 +3,7 @@
 //! In: the text of a model, files of people and rows, values of the model's parameters. Out: a simulation of any number of
 //! people. `docs/models.md` describes the files. A text is read (`grammar` for its expressions, `read` for its
 //! tables), its names are resolved, and its formulas are compiled once into a `program` that computes all lanes at a
-//! time.
+//! time. A `pilot` runs the same program on recorded decisions, so that a fit computes what a simulation computes.
 
 mod columns;
 mod constraints;
@@ -16,6 +16,7 @@ mod grammar;
 mod missing;
 mod model;
 mod numbers;
+mod pilot;
 mod program;
 mod read;
 mod resolve;
@@ -27,5 +28,9 @@ mod world;
 
 pub use family::{DeclaredModel, FAMILY};
 pub use model::ModelFile;
+pub use pilot::{
+    DataFaults, DrawCounts, DrawPredictor, EffectSource, FitCoefficient, FitLaw, FitMethod,
+    FittedDraw, ImputedColumn, Pilot, PilotError, PilotPerson,
+};
 pub use rolled::Rolled;
 pub use world::World;

@@ -15,7 +15,7 @@ use crate::env::declared::{missing, resolve};
 use crate::key::read_csv;
 use crate::text::{Document, Fault, FaultList, Source, Span, document, hidden, nearest, shortened};
 
-type TomlNode<'t> = Spanned<DeValue<'t>>;
+pub(super) type TomlNode<'t> = Spanned<DeValue<'t>>;
 
 /// The format of model files.
 const FORMAT: i64 = 1;
@@ -46,7 +46,7 @@ pub(super) const KEYS: [&str; 14] = [
 /// **Errors**: every fault of the file, with positions.
 pub(super) fn read(text: &str) -> Result<ModelFile, FaultList> {
     let Document { root, repeats, syntax, broken_at } = document(text);
-    let mut reader = ModelReader { text, faults: FaultList::default(), tables: Vec::new() };
+    let mut reader = ModelReader::new(text);
     let draft = reader.draft(root.get_ref());
     let mut faults = reader.faults;
     faults.append(repeats);
@@ -64,28 +64,33 @@ pub(super) fn read(text: &str) -> Result<ModelFile, FaultList> {
     if faults.is_empty() { Ok(model) } else { Err(faults) }
 }
 
-struct ModelReader<'t> {
+pub(super) struct ModelReader<'t> {
     text: &'t str,
-    faults: FaultList,
+    pub faults: FaultList,
     tables: Vec<(String, ProbabilityTable, usize)>,
 }
 
-fn span(node: &TomlNode<'_>) -> Span {
+pub(super) fn span(node: &TomlNode<'_>) -> Span {
     node.span().into()
 }
 
 impl<'t> ModelReader<'t> {
-    fn fault(&mut self, span: Span, says: impl Into<String>) {
+    /// A reader of parts of a text.
+    pub fn new(text: &'t str) -> ModelReader<'t> {
+        ModelReader { text, faults: FaultList::default(), tables: Vec::new() }
+    }
+
+    pub fn fault(&mut self, span: Span, says: impl Into<String>) {
         self.faults.add(Fault::at(span, says));
     }
 
-    fn expected(&mut self, name: &str, expected: &str, node: &TomlNode<'_>) {
+    pub fn expected(&mut self, name: &str, expected: &str, node: &TomlNode<'_>) {
         let found = self.text.get(node.span()).unwrap_or_default();
         let found = shortened(found.lines().next().unwrap_or_default());
         self.fault(span(node), format!("`{name}`: expected {expected}, found {found}"));
     }
 
-    fn only_keys(&mut self, owner: &str, keys: &[&str], table: &DeTable<'_>) {
+    pub fn only_keys(&mut self, owner: &str, keys: &[&str], table: &DeTable<'_>) {
         for (key, _) in table {
             let found = key.get_ref().as_ref();
             if !keys.contains(&found) {
@@ -186,7 +191,7 @@ impl<'t> ModelReader<'t> {
         admitted
     }
 
-    fn number(&mut self, name: &str, node: &TomlNode<'t>) -> Option<f64> {
+    pub fn number(&mut self, name: &str, node: &TomlNode<'t>) -> Option<f64> {
         let number = written_number(node);
         if number.is_none() {
             self.expected(name, "a number", node);
@@ -257,7 +262,7 @@ impl<'t> ModelReader<'t> {
         }
     }
 
-    fn table<'n>(&mut self, name: &str, root: &'n DeTable<'t>) -> Option<&'n DeTable<'t>> {
+    pub fn table<'n>(&mut self, name: &str, root: &'n DeTable<'t>) -> Option<&'n DeTable<'t>> {
         let node = root.get(name)?;
         let table = node.get_ref().as_table();
         if table.is_none() {
@@ -267,7 +272,7 @@ impl<'t> ModelReader<'t> {
     }
 
     /// A list of texts with their positions; a text alone is a list of one.
-    fn names(&mut self, name: &str, node: &TomlNode<'t>) -> Vec<(String, Span)> {
+    pub fn names(&mut self, name: &str, node: &TomlNode<'t>) -> Vec<(String, Span)> {
         let items = match node.get_ref() {
             DeValue::String(text) => return vec![(text.to_string(), span(node))],
             DeValue::Array(items) => items,
@@ -598,7 +603,7 @@ impl<'t> ModelReader<'t> {
 }
 
 /// The entries of a table by their positions.
-fn sorted<'n, 't>(table: &'n DeTable<'t>) -> Vec<(&'n str, Span, &'n TomlNode<'t>)> {
+pub(super) fn sorted<'n, 't>(table: &'n DeTable<'t>) -> Vec<(&'n str, Span, &'n TomlNode<'t>)> {
     let mut entries: Vec<(&str, Span, &TomlNode<'t>)> =
         table.iter().map(|(key, node)| (key.get_ref().as_ref(), key.span().into(), node)).collect();
     entries.sort_by_key(|(_, span, _)| *span);

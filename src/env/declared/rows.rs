@@ -64,6 +64,13 @@ impl Numbers {
         Ok(numbers)
     }
 
+    /// Numbers without names of columns or people, \[rows, columns\].
+    pub fn of(columns: usize, numbers: Vec<f64>) -> Numbers {
+        let rows = numbers.len().checked_div(columns).unwrap_or(0);
+        let columns = vec![String::new(); columns];
+        Numbers { texts: vec![None; columns.len()], columns, numbers, rows, ..Numbers::default() }
+    }
+
     fn read(text: &str, most: usize, what: &str) -> Result<Numbers, String> {
         let mut line = 1;
         let begin = |names: &csv::StringRecord| {

@@ -1,0 +1,125 @@
+//! The order of a person's rows: which decision of the person each row is.
+
+use std::collections::HashMap;
+use std::ops::Range;
+
+use crate::env::declared::pilot::PilotPerson;
+use crate::env::declared::pilot::file::{ColumnFormula, DataFaults, RecordedRows};
+use crate::text::shortened;
+
+/// Stands for a decision that the file skips.
+pub(super) const SKIPPED: u32 = u32::MAX;
+/// A person may have this many decisions per row, and this many more.
+const MOST_PER_ROW: f64 = 20.0;
+const MOST_MORE: f64 = 1000.0;
+
+/// The decisions of a file, person by person.
+#[derive(Debug, Default)]
+pub(super) struct Calendar {
+    pub people: Vec<PilotPerson>,
+    /// \[decisions\]: the row, or [`SKIPPED`].
+    pub rows: Vec<u32>,
+}
+
+impl Calendar {
+    /// The decisions by the formulas of their order: none, one that counts decisions, or the day and the decision of the
+    /// day. Decisions that are skipped between others are missing decisions.
+    ///
+    /// **Errors**: an order is missing or no whole number, or two rows are one decision.
+    pub fn new(
+        table: &RecordedRows,
+        order: &[ColumnFormula],
+        per_day: u32,
+    ) -> Result<Calendar, DataFaults> {
+        let mut faults = DataFaults::default();
+        let mut own: Vec<Vec<(f64, u32)>> = vec![Vec::new(); table.people.len()];
+        for (row, person) in table.person.iter().enumerate() {
+            let rows = &mut own[*person as usize];
+            let line = table.lines[row];
+            let written: Vec<f64> =
+                order.iter().map(|formula| formula.value(table, row, 0)).collect();
+            let broken = written.iter().find(|number| number.fract() != 0.0 || number.is_nan());
+            if let Some(number) = broken {
+                let is = if number.is_nan() { "missing".to_owned() } else { number.to_string() };
+                faults.add(format!(
+                    "line {line}: the order of the decision is {is}, expected a whole number that counts days or decisions"
+                ));
+                continue;
+            }
+            let mut numbers = written.into_iter();
+            let number = match (numbers.next(), numbers.next()) {
+                (None, _) => rows.len() as f64,
+                (Some(number), None) => number,
+                (Some(day), Some(slot)) => {
+                    if !(0.0..f64::from(per_day)).contains(&slot) {
+                        let most = per_day - 1;
+                        faults.add(format!("line {line}: the decision of the day is {slot}, expected 0 to {most}, because the model has `decisions_per_day = {per_day}`"));
+                    }
+                    day * f64::from(per_day) + slot
+                }
+            };
+            rows.push((number, row as u32));
+        }
+        if !faults.is_empty() {
+            return Err(faults);
+        }
+        let mut calendar = Calendar::default();
+        for (person, mut rows) in own.into_iter().enumerate() {
+            rows.sort_by(|one, other| one.0.total_cmp(&other.0));
+            calendar.add(table, person, &rows, order.len() == 2, per_day, &mut faults);
+        }
+        if faults.is_empty() { Ok(calendar) } else { Err(faults) }
+    }
+
+    fn add(
+        &mut self,
+        table: &RecordedRows,
+        person: usize,
+        rows: &[(f64, u32)],
+        by_day: bool,
+        per_day: u32,
+        faults: &mut DataFaults,
+    ) {
+        let name = table.people[person].clone();
+        let shown = shortened(&name);
+        for pair in rows.windows(2).filter(|pair| pair[0].0 == pair[1].0) {
+            let [one, other] = [pair[0].1, pair[1].1].map(|row| table.lines[row as usize]);
+            faults.add(format!("line {other}: the same decision of person {shown} as line {one}"));
+        }
+        let (Some((first, _)), Some((last, _))) = (rows.first(), rows.last()) else { return };
+        // A person begins with the first decision of the day.
+        let first =
+            if by_day { (first / f64::from(per_day)).floor() * f64::from(per_day) } else { *first };
+        let count = last - first + 1.0;
+        if count > rows.len() as f64 * MOST_PER_ROW + MOST_MORE {
+            faults.add(format!("person {shown}: {} rows from decision {first} to {last}: `order` must count decisions, or days and the decisions of a day", rows.len()));
+            return;
+        }
+        let start = self.rows.len();
+        self.rows.resize(start + count as usize, SKIPPED);
+        for (number, row) in rows {
+            self.rows[start + (number - first) as usize] = *row;
+        }
+        self.people.push(PilotPerson { name, decisions: start..self.rows.len() });
+    }
+
+    /// The rows that are not skipped, each with its decision and the number of the decision of its person.
+    pub fn recorded(&self) -> impl Iterator<Item = (usize, usize, usize)> + '_ {
+        self.people.iter().flat_map(move |person| {
+            let start = person.decisions.start;
+            let own = person.decisions.clone().filter(|decision| self.rows[*decision] != SKIPPED);
+            own.map(move |decision| (decision, self.rows[decision] as usize, decision - start))
+        })
+    }
+
+    /// The number of decisions that are skipped, and of the people who have some.
+    pub fn skipped(&self) -> (usize, usize) {
+        let skipped = |person: &PilotPerson| {
+            let own: Range<usize> = person.decisions.clone();
+            self.rows[own].iter().filter(|row| **row == SKIPPED).count()
+        };
+        let counts: HashMap<usize, usize> =
+            self.people.iter().map(skipped).enumerate().filter(|(_, count)| *count > 0).collect();
+        (counts.values().sum(), counts.len())
+    }
+}

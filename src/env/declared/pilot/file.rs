@@ -1,0 +1,370 @@
+//! A CSV file of recorded decisions: its columns as numbers, and expressions of them.
+//!
+//! Every fault of the file is reported, with line and column.
+
+use std::collections::HashMap;
+use std::io::Read;
+
+use crate::env::declared::expression::Expression;
+use crate::env::declared::grammar;
+use crate::env::declared::numbers;
+use crate::env::declared::pilot::section::WrittenColumn;
+use crate::text::{Fault, Span, nearest, shortened};
+
+/// Texts that stand for a missing number.
+const MISSING: [&str; 6] = ["", "NA", "NaN", "nan", "NULL", "."];
+/// Maximum number of numbers of a file that are kept; 2 GB.
+const MOST_NUMBERS: usize = 1 << 28;
+
+/// What is wrong with a file: sentences with lines and columns.
+#[derive(Debug, Default)]
+pub struct DataFaults {
+    says: Vec<String>,
+    count: usize,
+}
+
+impl DataFaults {
+    /// Maximum number of faults that are shown.
+    const MOST: usize = 30;
+
+    pub(super) fn add(&mut self, says: impl Into<String>) {
+        self.count += 1;
+        if self.says.len() < Self::MOST {
+            self.says.push(says.into());
+        }
+    }
+
+    pub(super) fn is_empty(&self) -> bool {
+        self.count == 0
+    }
+
+    /// The faults, each a line that begins with the name of the file.
+    pub fn text(&self, file: &str) -> String {
+        let mut text: String = self.says.iter().map(|says| format!("{file}: {says}\n")).collect();
+        let noun = if self.count == 1 { "fault" } else { "faults" };
+        let shown = match self.count - self.says.len() {
+            0 => String::new(),
+            _ => format!(", {} of them shown", self.says.len()),
+        };
+        text += &format!("{} {noun} in {file}{shown}", self.count);
+        text
+    }
+}
+
+/// The names of a file's columns.
+#[derive(Debug)]
+pub(super) struct Header {
+    names: Vec<String>,
+    /// The names as expressions write them.
+    words: Vec<String>,
+}
+
+/// An expression of columns.
+#[derive(Clone, Debug)]
+pub(super) enum ColumnFormula {
+    Column(usize),
+    Expression(Expression, Vec<FormulaName>),
+}
+
+/// What a name in an expression of columns means.
+#[derive(Clone, Copy, Debug)]
+pub(super) enum FormulaName {
+    Column(usize),
+    Missing,
+    Step,
+}
+
+impl Header {
+    fn new(names: &csv::StringRecord) -> Header {
+        let word = |name: &str| {
+            let of = |c: char| if c.is_ascii_alphanumeric() { c } else { '_' };
+            let word: String = name.chars().map(of).collect();
+            if word.starts_with(|c: char| c.is_ascii_digit()) { format!("_{word}") } else { word }
+        };
+        let names: Vec<String> = names.iter().map(str::to_owned).collect();
+        let words = names.iter().map(|name| word(name)).collect();
+        Header { names, words }
+    }
+
+    /// The index of a column by its name.
+    pub fn column(&self, name: &str) -> Option<usize> {
+        self.names.iter().position(|known| known == name)
+    }
+
+    /// The meaning of a written column.
+    ///
+    /// **Errors**: it is no expression, or has a name that is no column.
+    pub fn formula(&self, written: &WrittenColumn) -> Result<ColumnFormula, Fault> {
+        if let Some(index) = self.column(&written.text) {
+            return Ok(ColumnFormula::Column(index));
+        }
+        let expression = grammar::read(&written.text).map_err(|fault| {
+            // Words alone are the name of a column that is not there.
+            if written.text.chars().all(|c| c.is_alphanumeric() || matches!(c, ' ' | '_' | '.')) {
+                return self.unknown(&written.text, written.span);
+            }
+            let says = format!("`{}`: {}", shortened(&written.text), fault.says);
+            let located = Fault::at(written.span, says);
+            match fault.help {
+                Some(help) => located.help(help),
+                None => located,
+            }
+        })?;
+        if expression.windows().next().is_some() || expression.names.iter().any(|one| one.back > 0)
+        {
+            let says = "an expression of columns has no earlier decisions: make it a variable of the model";
+            return Err(Fault::at(written.span, says));
+        }
+        let mut names = Vec::new();
+        for name in &expression.names {
+            let column = self.words.iter().position(|word| *word == name.text);
+            names.push(match (column, name.text.as_str()) {
+                (Some(column), _) => FormulaName::Column(column),
+                (None, "missing") => FormulaName::Missing,
+                (None, "step") => FormulaName::Step,
+                _ => return Err(self.unknown(&name.text, written.span)),
+            });
+        }
+        Ok(ColumnFormula::Expression(expression, names))
+    }
+
+    fn unknown(&self, name: &str, span: Span) -> Fault {
+        let fault = Fault::at(span, format!("the data have no column `{}`", shortened(name)));
+        let words = self.words.iter().chain(&self.names).map(String::as_str);
+        match nearest(name, words) {
+            Some(near) => fault.help(format!("did you mean `{near}`?")),
+            None => fault.help(format!("their columns are {}", shortened(&self.names.join(", ")))),
+        }
+    }
+
+    pub fn name(&self, index: usize) -> &str {
+        &self.names[index]
+    }
+}
+
+impl ColumnFormula {
+    /// The columns that it has.
+    pub fn columns(&self) -> Vec<usize> {
+        match self {
+            ColumnFormula::Column(index) => vec![*index],
+            ColumnFormula::Expression(_, names) => {
+                let column = |name: &FormulaName| match name {
+                    FormulaName::Column(index) => Some(*index),
+                    FormulaName::Missing | FormulaName::Step => None,
+                };
+                names.iter().filter_map(column).collect()
+            }
+        }
+    }
+
+    /// The value in a row, at a decision of this number.
+    pub fn value(&self, table: &RecordedRows, row: usize, step: usize) -> f64 {
+        match self {
+            ColumnFormula::Column(index) => table.number(*index, row),
+            ColumnFormula::Expression(expression, names) => {
+                let name = |index: usize| match names[index] {
+                    FormulaName::Column(column) => Some(table.number(column, row)),
+                    FormulaName::Missing => Some(f64::NAN),
+                    FormulaName::Step => Some(step as f64),
+                };
+                let value = numbers::constant(expression, &name).unwrap_or(f64::NAN);
+                if value.is_finite() { value } else { f64::NAN }
+            }
+        }
+    }
+}
+
+/// The rows of a file.
+#[derive(Debug)]
+pub(super) struct RecordedRows {
+    pub header: Header,
+    /// By column of the file; empty where the column is not used, else \[rows\], NaN for a missing number.
+    numbers: Vec<Vec<f64>>,
+    /// The people in the order of their first rows.
+    pub people: Vec<String>,
+    /// \[rows\]: the index of the person.
+    pub person: Vec<u32>,
+    /// \[rows\]: the line in the file.
+    pub lines: Vec<u32>,
+}
+
+impl RecordedRows {
+    fn number(&self, column: usize, row: usize) -> f64 {
+        self.numbers[column][row]
+    }
+}
+
+/// The header of a file.
+///
+/// **Errors**: it has none, two columns of one name, or fields that other signs separate.
+pub(super) fn header(reader: &mut csv::Reader<impl Read>) -> Result<Header, DataFaults> {
+    let mut faults = DataFaults::default();
+    let names = match reader.headers() {
+        Ok(names) => names.clone(),
+        Err(error) => {
+            faults.add(broken(&error));
+            return Err(faults);
+        }
+    };
+    let mut names: csv::StringRecord = names;
+    if let Some(plain) = names.get(0).and_then(|name| name.strip_prefix('\u{feff}')) {
+        let plain = plain.trim_matches('"').to_owned();
+        names = [plain].into_iter().chain(names.iter().skip(1).map(str::to_owned)).collect();
+    }
+    let only = names.get(0).filter(|_| names.len() == 1);
+    if names.is_empty() || only == Some("") {
+        faults.add("line 1: expected the names of columns, and the file is empty");
+    }
+    if let Some(sign) = only.and_then(|name| name.chars().find(|c| matches!(c, ';' | '\t'))) {
+        let sign = if sign == ';' { "semicolons" } else { "tabs" };
+        faults.add(format!(
+            "line 1: its fields are separated by {sign}: save it with commas between fields and points in numbers"
+        ));
+    }
+    for (index, name) in names.iter().enumerate() {
+        if !name.is_empty() && names.iter().take(index).any(|known| known == name) {
+            faults.add(format!("line 1: column `{}` is listed twice", shortened(name)));
+        }
+    }
+    if faults.is_empty() { Ok(Header::new(&names)) } else { Err(faults) }
+}
+
+/// A reader of a CSV file.
+pub(super) fn reader<R: Read>(from: R) -> csv::Reader<R> {
+    csv::ReaderBuilder::new().trim(csv::Trim::All).from_reader(from)
+}
+
+fn broken(error: &csv::Error) -> String {
+    let line = error.position().map_or(1, csv::Position::line);
+    match error.kind() {
+        csv::ErrorKind::UnequalLengths { expected_len, len, .. } => {
+            format!("line {line}: {len} fields, and line 1 has {expected_len}")
+        }
+        csv::ErrorKind::Utf8 { .. } => {
+            format!("line {line}: not in UTF-8: save the file as UTF-8")
+        }
+        _ => format!("line {line}: {error}"),
+    }
+}
+
+/// Reads the rows: the column of people, and these columns as numbers.
+///
+/// **Errors**: every fault of the rows.
+pub(super) fn rows(
+    reader: &mut csv::Reader<impl Read>,
+    header: Header,
+    person: usize,
+    used: &[usize],
+    stop: &dyn Fn() -> bool,
+) -> Result<RecordedRows, DataFaults> {
+    let mut faults = DataFaults::default();
+    let mut used = used.to_vec();
+    used.sort_unstable();
+    used.dedup();
+    let mut table = RecordedRows {
+        numbers: vec![Vec::new(); header.names.len()],
+        header,
+        people: Vec::new(),
+        person: Vec::new(),
+        lines: Vec::new(),
+    };
+    let mut known: HashMap<String, u32> = HashMap::new();
+    let mut record = csv::StringRecord::new();
+    let most = MOST_NUMBERS / used.len().max(1);
+    loop {
+        match reader.read_record(&mut record) {
+            Ok(true) => {}
+            Ok(false) => break,
+            Err(error) => {
+                let is_row = matches!(error.kind(), csv::ErrorKind::UnequalLengths { .. });
+                faults.add(broken(&error));
+                if is_row {
+                    continue;
+                }
+                break;
+            }
+        }
+        if table.person.len() == most {
+            faults.add(format!("more than {most} rows: fit a part of the people"));
+            break;
+        }
+        if table.person.len() % 65_536 == 0 && stop() {
+            break;
+        }
+        let line = record.position().map_or(0, csv::Position::line);
+        let name = &record[person];
+        if name.is_empty() {
+            let column = table.header.name(person);
+            faults.add(format!("line {line}: column `{column}` is empty, and names the person"));
+        }
+        let next = known.len() as u32;
+        let index = match known.get(name) {
+            Some(index) => *index,
+            None => {
+                known.insert(name.to_owned(), next);
+                table.people.push(name.to_owned());
+                next
+            }
+        };
+        table.person.push(index);
+        table.lines.push(u32::try_from(line).unwrap_or(u32::MAX));
+        for column in &used {
+            let written = &record[*column];
+            let number = number(written).unwrap_or_else(|why| {
+                let name = shortened(table.header.name(*column));
+                let shown = shortened(written);
+                faults.add(format!(
+                    "line {line}: column `{name}` has `{shown}`, expected a number{why}"
+                ));
+                f64::NAN
+            });
+            table.numbers[*column].push(number);
+        }
+    }
+    if table.person.is_empty() && faults.is_empty() {
+        faults.add("expected at least one row of data");
+    }
+    if faults.is_empty() { Ok(table) } else { Err(faults) }
+}
+
+/// The number of a field; NaN where it is missing.
+///
+/// **Errors**: what to do about a text.
+fn number(written: &str) -> Result<f64, &'static str> {
+    if let Some(number) = written.parse().ok().filter(|number: &f64| number.is_finite()) {
+        return Ok(number + 0.0);
+    }
+    if MISSING.contains(&written) {
+        return Ok(f64::NAN);
+    }
+    let is_like = |text: &str| text.parse::<f64>().is_ok();
+    Err(match written {
+        "TRUE" | "True" | "true" => return Ok(1.0),
+        "FALSE" | "False" | "false" => return Ok(0.0),
+        text if text.contains(',') && is_like(&text.replacen(',', ".", 1)) => {
+            " with a point, not a comma"
+        }
+        text if text.contains(['-', '/', ':', '.'])
+            && text.chars().filter(char::is_ascii_digit).count() >= 4 =>
+        {
+            "; a date or time must become a number, such as the day of the study"
+        }
+        _ => "; leave the field empty where it is missing",
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn numbers_dates_commas_and_missing_fields_are_told_apart() {
+        assert_eq!(number("-1.5e3"), Ok(-1500.0));
+        assert!(number("NA").unwrap().is_nan() && number("").unwrap().is_nan());
+        assert_eq!(number("TRUE"), Ok(1.0));
+        assert!(number("3,5").unwrap_err().contains("point"));
+        assert!(number("2024-05-01").unwrap_err().contains("date"));
+        assert!(number("often").unwrap_err().contains("empty"));
+        assert!(number("inf").is_err());
+    }
+}

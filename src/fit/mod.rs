@@ -1,0 +1,14 @@
+//! A fit: the coefficients of a model's people, estimated from recorded decisions.
+//!
+//! In: a [`Pilot`](crate::env::declared::Pilot), the decisions in the terms of a model. Out: coefficients of everybody with
+//! standard errors, what the data do not say, and files that a manifest names. The module reads no model and no file.
+
+mod estimate;
+mod likelihood;
+mod newton;
+mod output;
+mod prior;
+mod solve;
+
+pub use estimate::{Fit, FitNote, Fitting, GroupFit};
+pub use output::{files, notes};

@@ -1,0 +1,266 @@
+//! The files of a fit: people, residuals, a prior, and everything as JSON.
+
+use std::fmt::Write;
+
+use serde_json::{Value as Json, json};
+
+use crate::env::declared::{EffectSource, FitMethod, FittedDraw, Pilot};
+use crate::fit::estimate::{Fit, FitNote, GroupFit, coefficients, parameters, residual_sd};
+use crate::fit::{likelihood, prior};
+use crate::report::ReportFile;
+
+/// The files, in the order in which they are written.
+pub fn files(pilot: &Pilot, fit: &Fit) -> Vec<ReportFile> {
+    let mut all = vec![
+        ("people.csv", people(pilot, fit)),
+        ("residuals.csv", residuals(pilot, fit)),
+        ("prior.toml", prior::prior(pilot).into_bytes()),
+        ("fit.json", format!("{:#}\n", summary(pilot, fit)).into_bytes()),
+    ];
+    if !pilot.counts.is_empty() {
+        all.push(("tables.toml", tables(pilot).into_bytes()));
+    }
+    all.into_iter().map(|(name, bytes)| ReportFile { name: name.to_owned(), bytes }).collect()
+}
+
+/// The rows of a CSV file.
+fn csv_of(rows: impl IntoIterator<Item = Vec<String>>) -> Vec<u8> {
+    let mut writer = csv::Writer::from_writer(Vec::new());
+    for row in rows {
+        // Memory takes every row.
+        let _ = writer.write_record(&row);
+    }
+    writer.into_inner().unwrap_or_default()
+}
+
+/// A number, or nothing for a missing one.
+fn field(number: f64) -> String {
+    if number.is_nan() { String::new() } else { format!("{number}") }
+}
+
+/// One row per person with all coefficients, in the columns of the model.
+pub(super) fn people(pilot: &Pilot, fit: &Fit) -> Vec<u8> {
+    let header =
+        ["person".to_owned()].into_iter().chain(pilot.columns.iter().map(|one| one.0.clone()));
+    let mut rows = vec![header.collect::<Vec<String>>()];
+    let complete = pilot.people.iter().enumerate().filter(|(index, _)| fit.is_complete[*index]);
+    for (index, person) in complete {
+        let number = |(name, known): &(String, Option<Vec<f64>>)| {
+            let own =
+                pilot.coefficients.iter().position(|one| one.name == *name && !one.is_parameter);
+            let imputed = pilot.imputed.iter().position(|one| one.name == *name);
+            field(match (known, own, imputed) {
+                (Some(known), ..) => known[index],
+                (_, Some(own), _) => fit.values[index][own],
+                (_, _, Some(imputed)) => fit.imputed[index][imputed],
+                _ => f64::NAN,
+            })
+        };
+        rows.push(
+            [person.name.clone()].into_iter().chain(pilot.columns.iter().map(number)).collect(),
+        );
+    }
+    csv_of(rows)
+}
+
+/// The rows of the model's [replay] and the residuals of every draw, by person.
+pub(super) fn residuals(pilot: &Pilot, fit: &Fit) -> Vec<u8> {
+    let replayed = pilot.replayed();
+    let is_own =
+        |name: &str| pilot.draws.iter().any(|draw| name == format!("residual_{}", draw.name));
+    let contexts: Vec<_> = replayed.iter().filter(|(name, _)| !is_own(name)).collect();
+    let names = contexts.iter().map(|(name, _)| (*name).to_owned());
+    let own = pilot.draws.iter().map(|draw| format!("residual_{}", draw.name));
+    let mut rows =
+        vec![["person".to_owned()].into_iter().chain(names).chain(own).collect::<Vec<String>>()];
+    let mut next = vec![0; pilot.draws.len()];
+    for (index, person) in pilot.people.iter().enumerate() {
+        for decision in person.decisions.clone() {
+            let mut own = Vec::new();
+            for (draw, next) in pilot.draws.iter().zip(&mut next) {
+                let is_row = draw.decisions.get(*next) == Some(&(decision as u32));
+                own.push(match is_row && fit.is_complete[index] {
+                    true => residual(draw, *next, &fit.values[index]),
+                    false => f64::NAN,
+                });
+                *next += usize::from(is_row);
+            }
+            let is_empty = own.iter().all(|residual| residual.is_nan());
+            let lacks = contexts.iter().any(|(_, values)| values[decision].is_nan());
+            if !fit.is_complete[index] || is_empty || lacks {
+                continue;
+            }
+            let of_contexts = contexts.iter().map(|(_, values)| values[decision]);
+            let numbers = of_contexts.chain(own).map(field);
+            rows.push([person.name.clone()].into_iter().chain(numbers).collect());
+        }
+    }
+    csv_of(rows)
+}
+
+/// The value minus its mean; of a lognormal draw, of logarithms.
+fn residual(draw: &FittedDraw, row: usize, values: &[f64]) -> f64 {
+    let law = match draw.law {
+        crate::env::declared::FitLaw::Lognormal => crate::env::declared::FitLaw::Normal,
+        law => law,
+    };
+    draw.outcome[row] - likelihood::mean(law, &parameters(draw, row, values))
+}
+
+/// The counted tables, as a model writes them.
+fn tables(pilot: &Pilot) -> String {
+    let mut text = String::from(
+        "# Counts from a pilot, in the place of the model's [tables]. `jitai fit` wrote them.\n[tables]\n",
+    );
+    for table in &pilot.counts {
+        let given = table.counts.first().map_or(0, |(key, _)| key.len().saturating_sub(1));
+        let names: Vec<String> = (1..=given).map(|number| format!("given_{number}")).collect();
+        let header: String = names.iter().map(|name| format!("{name},")).collect();
+        let _ = write!(text, "{} = \"\"\"\n{header}value,probability\n", table.name);
+        for (key, count) in &table.counts {
+            let numbers: String = key.iter().map(|number| format!("{number},")).collect();
+            let _ = writeln!(text, "{numbers}{count}");
+        }
+        text += "\"\"\"\n";
+    }
+    text
+}
+
+fn summary(pilot: &Pilot, fit: &Fit) -> Json {
+    let draws: Vec<Json> = pilot.draws.iter().zip(&fit.groups).map(|(draw, groups)| {
+        json!({
+            "draw": draw.name,
+            "distribution": format!("{:?}", draw.law),
+            "method": method(draw.method),
+            "rows": draw.decisions.len(),
+            "rows_without_value": draw.without[0],
+            "rows_without_features": draw.without[1],
+            "residual_sd": residual_sd(groups),
+            "fits": groups.iter().map(|group| group_as_json(pilot, group)).collect::<Vec<Json>>(),
+        })
+    }).collect();
+    let left_out: Vec<&str> = pilot
+        .people
+        .iter()
+        .zip(&fit.is_complete)
+        .filter(|(_, complete)| !**complete)
+        .map(|(person, _)| person.name.as_str())
+        .collect();
+    let effects = |imputed: bool| -> Vec<&str> {
+        match imputed {
+            true => pilot.imputed.iter().map(|one| one.name.as_str()).collect(),
+            false => pilot
+                .coefficients
+                .iter()
+                .filter(|one| one.is_effect)
+                .map(|one| one.name.as_str())
+                .collect(),
+        }
+    };
+    json!({
+        "format": 1,
+        "title": pilot.title().0,
+        "people": pilot.people.len(),
+        "people_left_out": left_out,
+        "notes": pilot.notes,
+        "pooled": pilot.pooled,
+        "effects_fitted": effects(false),
+        "effects_imputed": effects(true),
+        "effects_by": effect(pilot.effect),
+        "parameters": fit.parameters.iter().map(|(name, value)| (name.clone(), json!(value))).collect::<serde_json::Map<String, Json>>(),
+        "standardised": pilot.scales.iter().map(|(name, mean, sd)| json!({ "variable": name, "mean": mean, "sd": sd })).collect::<Vec<Json>>(),
+        "draws": draws,
+    })
+}
+
+fn group_as_json(pilot: &Pilot, group: &GroupFit) -> Json {
+    let size = group.free.len();
+    let estimates =
+        group.free.iter().zip(&group.values).enumerate().map(|(slot, (index, value))| {
+            let variance = group.covariance.get(slot * size + slot).copied();
+            json!({
+                "coefficient": pilot.coefficients[*index].name,
+                "estimate": value,
+                "standard_error": variance.map(f64::sqrt),
+            })
+        });
+    json!({
+        "person": group.person.map(|person| pilot.people[person].name.as_str()),
+        "rows": group.rows,
+        "objective": Some(group.objective).filter(|one| !one.is_nan()),
+        "gradient_norm": Some(group.gradient_norm).filter(|one| !one.is_nan()),
+        "estimates": estimates.collect::<Vec<Json>>(),
+        "notes": group.notes.iter().map(|note| words(pilot, note)).collect::<Vec<String>>(),
+    })
+}
+
+pub(super) fn method(method: FitMethod) -> String {
+    match method {
+        FitMethod::LeastSquares => "least squares".to_owned(),
+        FitMethod::Ridge(penalty) => format!("ridge, penalty {penalty}"),
+        FitMethod::Map(sd) => format!("map, prior sd {sd}"),
+        FitMethod::Counts => "counts".to_owned(),
+    }
+}
+
+pub(super) fn effect(effect: EffectSource) -> String {
+    match effect {
+        EffectSource::Fitted => "fit".to_owned(),
+        EffectSource::Standardised(share) => {
+            format!("imputed: {share} residual standard deviations")
+        }
+        EffectSource::ShareOfWeights(share) => {
+            format!("imputed: {share} of the mean size of the other weights")
+        }
+    }
+}
+
+/// What the data do not say, in words.
+pub(super) fn words(pilot: &Pilot, note: &FitNote) -> String {
+    let name = |index: &usize| &pilot.coefficients[*index].name;
+    match note {
+        FitNote::FewRows => "not more rows than coefficients: not estimated".to_owned(),
+        FitNote::Constant(value) => format!("every value is {value}"),
+        FitNote::Separated => {
+            "separation: features tell the values apart, and an estimate runs off to infinity"
+                .to_owned()
+        }
+        FitNote::NotIdentified(index) => format!("`{}` is not identified", name(index)),
+        FitNote::Rare(index) => {
+            format!("`{}` is left out: a value of its variable is rare", name(index))
+        }
+        FitNote::OtherOptima(count) => format!("{count} starts ended in another optimum"),
+        FitNote::Unbounded(count) => format!("{count} starts ran off to a density without bound"),
+        FitNote::NotConverged => "not converged: the gradient stays above 1e-6".to_owned(),
+    }
+}
+
+/// The notes of all groups, each with the number of groups that have it.
+pub fn notes(pilot: &Pilot, fit: &Fit) -> Vec<(String, String, Vec<String>)> {
+    let mut all: Vec<(String, String, Vec<String>)> = Vec::new();
+    for (draw, groups) in pilot.draws.iter().zip(&fit.groups) {
+        for group in groups {
+            let who = group.person.map_or("everybody", |person| pilot.people[person].name.as_str());
+            let mut said: Vec<String> = group
+                .notes
+                .iter()
+                .map(|note| match note {
+                    FitNote::Constant(_) => "all values are equal".to_owned(),
+                    FitNote::OtherOptima(_) => "starts ended in different optima".to_owned(),
+                    FitNote::Unbounded(_) => "starts ran off to a density without bound".to_owned(),
+                    note => words(pilot, note),
+                })
+                .collect();
+            if group.rows < coefficients(draw).len() && !group.notes.contains(&FitNote::FewRows) {
+                said.push("fewer rows than coefficients: the prior determines some".to_owned());
+            }
+            for says in said {
+                match all.iter_mut().find(|(name, known, _)| *name == draw.name && *known == says) {
+                    Some((.., people)) => people.push(who.to_owned()),
+                    None => all.push((draw.name.clone(), says, vec![who.to_owned()])),
+                }
+            }
+        }
+    }
+    all
+}

@@ -1,0 +1,236 @@
+//! `jitai fit`: the files that it writes, faults of models and data, and stops.
+
+use std::fmt::Write;
+
+use crate::support::Folder;
+
+const MODEL: &str = r#"format = 1
+title = "Walks"
+unit = "minutes"
+decisions_per_day = 2
+days = 20
+[linear]
+base = { prefix = "b_", features = ["dose", "slot_now", "1"] }
+gain = { prefix = "g_", features = ["1"] }
+[variables]
+slot_now = "slot"
+dose     = "0.8 * default(dose[-1], 0) + default(action[-1], 0)"
+minutes  = { gaussian = ["base + action * gain", "sigma"] }
+[roles]
+outcome  = "minutes"
+features = [{ name = "dose", low = 0, high = 5 }]
+[fit]
+person      = "id"
+order       = ["day", "part"]
+action      = "sent"
+probability = "p"
+available   = "free"
+columns     = { minutes = "walked" }
+"#;
+
+const HEADER: &str = "id,day,part,sent,p,free,walked\n";
+
+/// Two people with 12 decisions each.
+fn data() -> String {
+    let mut text = HEADER.to_owned();
+    for (person, level) in [("ann", 20), ("bob", 30)] {
+        for decision in 0..12 {
+            let (day, part) = (decision / 2 + 1, decision % 2);
+            let sent = decision * 7 % 3 % 2;
+            let walked = level + 5 * sent + decision * decision % 5;
+            writeln!(text, "{person},{day},{part},{sent},0.4,1,{walked}").unwrap();
+        }
+    }
+    text
+}
+
+fn folder(model: &str, data: &str) -> Folder {
+    let folder = Folder::new();
+    folder.write("world.toml", model);
+    folder.write("pilot.csv", data);
+    folder
+}
+
+const FIT: [&str; 6] = ["fit", "world.toml", "--data", "pilot.csv", "--out", "fitted"];
+
+#[test]
+fn the_people_of_a_fit_run_at_once_and_the_same_input_gives_the_same_bytes() {
+    let folder = folder(MODEL, &data());
+    let fitted = folder.jitai(FIT).succeeded();
+    let environment = fitted.stdout.clone();
+    let files = ["people.csv", "residuals.csv", "prior.toml", "fit.json"];
+    let read = || files.map(|file| folder.read(&format!("fitted/{file}")));
+    let first = read();
+    folder.jitai(FIT).succeeded();
+    assert_eq!(first, read());
+    assert!(first[0].starts_with("person,sigma,b_dose,b_slot_now,b_1,g_1\nann,"), "{}", first[0]);
+    assert!(first[1].starts_with("person,residual_minutes\nann,"), "{}", first[1]);
+    assert!(first[2].contains("effect_means = ["), "{}", first[2]);
+    // Another order of the rows gives the same people.
+    let mut lines: Vec<&str> = HEADER.lines().collect();
+    let all = data();
+    let of_ann: Vec<&str> = all.lines().filter(|line| line.starts_with("ann")).collect();
+    lines.extend(of_ann.iter().rev());
+    lines.extend(all.lines().skip(1).filter(|line| line.starts_with("bob")));
+    folder.write("pilot.csv", lines.join("\r\n"));
+    folder.jitai(FIT).succeeded();
+    assert_eq!(first[0], folder.read("fitted/people.csv"));
+    let manifest = format!(
+        "format = 1\nname = \"next\"\nscenarios = \"all\"\nseeds = 1\n{environment}[trial]\npeople = 10\ndays = 20\n\
+         decisions_per_day = 2\n[evaluation]\non = \"trial\"\n[[agent]]\nname = \"random\"\nalgorithm = \"rule\"\nrule = \"random\"\n\
+         [[agent]]\nname = \"bandit\"\nalgorithm = \"linear_thompson\"\npi_min = 0.1\n{}",
+        first[2]
+    );
+    folder.write("next.toml", manifest);
+    folder.jitai(["check", "--try", "next.toml"]).succeeded();
+    folder.jitai(["run", "next.toml"]).succeeded().says("2 completed");
+}
+
+#[test]
+fn residuals_are_replayed() {
+    let model = MODEL
+        .replace(
+            "[linear]",
+            "[replay]\norder = \"cyclic\"\ncolumns = [\"residual_minutes\"]\n[linear]",
+        )
+        .replace(
+            "\"base + action * gain\", \"sigma\"",
+            "\"base + action * gain + residual_minutes\", \"noise\"",
+        );
+    let folder = folder(&model, &data());
+    let environment = folder.jitai(FIT).succeeded().stdout;
+    assert!(environment.contains("replay = \"fitted/residuals.csv\""), "{environment}");
+    let manifest = format!(
+        "format = 1\nname = \"next\"\nscenarios = \"all\"\nseeds = 1\n{environment}[trial]\npeople = 2\ndays = 20\n\
+         decisions_per_day = 2\n[evaluation]\non = \"trial\"\n[[agent]]\nname = \"random\"\nalgorithm = \"rule\"\nrule = \"random\"\n"
+    );
+    folder.write("next.toml", manifest);
+    folder.jitai(["run", "next.toml"]).succeeded().says("1 completed");
+}
+
+#[test]
+fn faults_of_data_say_where_they_are_all_at_once() {
+    let good = data();
+    let with = |from: &str, to: &str| good.replacen(from, to, 1);
+    let cases: [(String, &[&str]); 17] = [
+        (with("ann,1,0,0,0.4,1,20", "ann,1,0,0,0.4,1,many"), &["line 2", "`walked`", "`many`"]),
+        (with("ann,1,0,0,0.4,1,20", "ann,1,0,0,0.4,1,\"20,5\""), &["line 2", "point, not a comma"]),
+        (with("ann,1,0,0,0.4,1,20", "ann,2024-01-03,0,0,0.4,1,20"), &["line 2", "a date or time"]),
+        (with("ann,1,1,", "ann,1,0,"), &["line 3: the same decision of person ann as line 2"]),
+        (with("ann,1,1,", "ann,1,2,"), &["line 3", "decision of the day is 2, expected 0 to 1"]),
+        (with("ann,1,0,0,0.4,1,20", "ann,1.5,0,0,0.4,1,20"), &["line 2", "whole number"]),
+        (with("ann,1,0,0,0.4,1,20", "ann,,0,0,0.4,1,20"), &["line 2", "is missing"]),
+        (with("ann,1,0,0,0.4,1,20", ",1,0,0,0.4,1,20"), &["line 2", "names the person"]),
+        (with("ann,1,0,0,0.4,1,20", "ann,1,0,2,0.4,1,20"), &["line 2: the action is 2"]),
+        (with("ann,1,0,0,0.4,1,20", "ann,1,0,0,1.4,1,20"), &["line 2: the probability is 1.4"]),
+        (with("ann,1,1,1,0.4,1", "ann,1,1,1,0.4,0"), &["line 3: action 1 where available is 0"]),
+        (with("ann,1,0,0,0.4,1,20", "ann,1,0,0,0.4,2,20"), &["available is 2"]),
+        (with("ann,1,0,0,0.4,1,20", "ann,1,0,0,0.4,1"), &["line 2: 6 fields, and line 1 has 7"]),
+        (good.replace(',', ";"), &["separated by semicolons"]),
+        (HEADER.to_owned(), &["at least one row"]),
+        (String::new(), &["the file is empty"]),
+        (
+            with("ann,1,0,0,0.4,1,20", "ann,900000000,0,0,0.4,1,20"),
+            &["`order` must count decisions"],
+        ),
+    ];
+    for (data, expected) in cases {
+        let folder = folder(MODEL, &data);
+        let finished = folder.jitai(FIT).ended(2);
+        for words in expected {
+            assert!(finished.stderr.contains(words), "{words}: {}", finished.stderr);
+        }
+        assert!(!folder.path("fitted").exists());
+    }
+    let folder = folder(MODEL, &good.replace("0.4,1,2", "often,1,x2"));
+    folder
+        .jitai(FIT)
+        .ended(2)
+        .says("`p` has `often`")
+        .says("`walked` has `x2")
+        .says("faults in pilot.csv");
+}
+
+#[test]
+fn faults_of_the_section_have_lines_and_suggestions() {
+    let cases: [(&str, &str, &[&str]); 12] = [
+        ("person      = \"id\"\n", "", &["`person` is missing"]),
+        ("\"walked\"", "\"waked\"", &["no column `waked`", "did you mean `walked`?"]),
+        (
+            "minutes = \"walked\"",
+            "minute = \"walked\"",
+            &["no variable `minute`", "did you mean `minutes`?"],
+        ),
+        ("action      = \"sent\"", "acton      = \"sent\"", &["[fit] has no key `acton`"]),
+        ("columns     =", "method = \"mapp\"\ncolumns     =", &["\"least squares\", \"ridge\""]),
+        (
+            "columns     =",
+            "method = { minuts = \"map\" }\ncolumns     =",
+            &["is no draw that is fitted", "`minutes`"],
+        ),
+        ("columns     =", "effect = { standardized = 1 }\ncolumns     =", &["standardised"]),
+        ("\"walked\"", "\"walked[-1]\"", &["no earlier decisions"]),
+        (
+            "\"walked\"",
+            "\"walked +\"",
+            &["`walked +`: the expression ends where a value is expected"],
+        ),
+        ("action * gain\"", "max(action * gain, 0)\"", &["`g_1`", "is not linear in it"]),
+        (
+            "{ gaussian = [\"base + action * gain\", \"sigma\"] }",
+            "{ gamma = [\"base + action * gain\", \"sigma\"] }",
+            &["a fit knows gaussian"],
+        ),
+        ("[fit]", "[fit.columns]\nslot_now = \"part\"\n[fti]", &["did you mean"]),
+    ];
+    for (from, to, expected) in cases {
+        let folder = folder(&MODEL.replacen(from, to, 1), &data());
+        let finished = folder.jitai(FIT).ended(2);
+        for words in expected {
+            assert!(finished.stderr.contains(words), "{words}: {}", finished.stderr);
+        }
+        assert!(finished.stderr.contains("world.toml"), "{}", finished.stderr);
+    }
+}
+
+#[test]
+fn what_the_data_do_not_say_is_said_with_counts() {
+    // A missing value, a gap, a person with one row, and one with equal values.
+    let mut text = data().replacen("ann,1,0,0,0.4,1,20", "ann,1,0,0,0.4,1,", 1);
+    text = text.replacen("bob,3,0,", "bob,30,0,", 1);
+    text += "cid,1,0,0,0.4,1,7\n";
+    for decision in 0..12 {
+        writeln!(text, "dee,{},{},{},1,1,9", decision / 2, decision % 2, decision % 3 % 2).unwrap();
+    }
+    let folder = folder(MODEL, &text);
+    let finished = folder.jitai(FIT).succeeded();
+    for words in [
+        "decisions of 1 people are no rows of the file",
+        "12 decisions have the probability 0 or 1",
+        "1 without a value",
+        "not more rows than coefficients: not estimated: cid",
+        "all values are equal: cid, dee",
+    ] {
+        assert!(finished.stderr.contains(words), "{words}: {}", finished.stderr);
+    }
+    let people = folder.read("fitted/people.csv");
+    assert!(!people.contains("cid") && people.contains("dee"), "{people}");
+    // Without actions, effects are not identified.
+    let folder = self::folder(MODEL, &data().replace(",1,0.4", ",0,0.4"));
+    let says = folder.jitai(FIT).succeeded().stderr;
+    assert!(
+        says.contains("the action never varies") && says.contains("`g_1` is not identified"),
+        "{says}"
+    );
+    // With a byte-order mark.
+    let folder = self::folder(MODEL, &format!("\u{feff}{}", data()));
+    folder.jitai(FIT).succeeded();
+}
+
+#[test]
+fn nobody_with_estimates_is_an_error_and_writes_nothing() {
+    let rows: Vec<String> = data().lines().take(3).map(|line| format!("{line}\n")).collect();
+    let folder = folder(MODEL, &rows.concat());
+    folder.jitai(FIT).ended(2).says("nobody has estimates of all coefficients");
+    assert!(!folder.path("fitted").exists());
+}
