@@ -6,8 +6,8 @@ use clap::error::{ContextKind, ContextValue};
 use clap::{CommandFactory, Parser, Subcommand};
 
 use crate::cli::{
-    Error, cancel, check, completions, doctor, export, fit, forget, log, manual, merge, optimum, plan,
-    query, report, run, schema, self_test, signals, simulate, status, submit, task, watch,
+    Error, cancel, check, completions, doctor, export, fit, forget, log, manual, merge, optimum,
+    plan, query, report, run, schema, self_test, signals, simulate, status, submit, task, watch,
 };
 use crate::kernel::Isa;
 use crate::kill_point;

@@ -20,7 +20,7 @@ pub use examples::LEARNED;
 use examples::{cell, fill_store, jitai, run};
 use questions::questions;
 
-const DOCUMENTS: [&str; 42] = [
+const DOCUMENTS: [&str; 43] = [
     "README.md",
     "CONTRIBUTING.md",
     "docs/agents.md",

@@ -288,7 +288,7 @@ pub(super) fn rows(
             faults.add(format!("more than {most} rows: fit a part of the people"));
             break;
         }
-        if table.person.len() % 65_536 == 0 && stop() {
+        if table.person.len().is_multiple_of(65_536) && stop() {
             break;
         }
         let line = record.position().map_or(0, csv::Position::line);

@@ -22,6 +22,9 @@ use crate::env::declared::read;
 use crate::env::declared::rows::Numbers;
 use crate::text::{Fault, FaultList, Span, shortened};
 
+/// What a coefficient estimates, and the coefficient.
+type Estimable = (FitTarget, FitCoefficient);
+
 /// People and decisions from which it is found which coefficients are effects.
 const LOOKED_AT: usize = 50;
 
@@ -613,7 +616,7 @@ impl<'a> Assembly<'a> {
                     count - 1.0
                 ));
             }
-            if p < 0.0 || p > 1.0 {
+            if !p.is_nan() && !(0.0..=1.0).contains(&p) {
                 self.faults
                     .add(format!("{line}the probability is {p}, expected a number from 0 to 1"));
             }
@@ -741,7 +744,7 @@ impl<'a> Assembly<'a> {
             let own = values[column].iter().zip(used);
             let known = own.filter(|(value, used)| **used && !value.is_nan());
             let (mean, sd) = mean_and_sd(&known.map(|(value, _)| *value).collect::<Vec<f64>>());
-            if !(sd > 0.0) {
+            if sd <= 0.0 || sd.is_nan() {
                 self.faults
                     .add(format!("`{name}` is the same in all rows: it cannot be standardised"));
             }
@@ -892,7 +895,7 @@ impl<'a> Assembly<'a> {
         clamped: &Clamped,
         effects: &[bool],
         imputed: &[ImputedColumn],
-    ) -> (Vec<(FitTarget, FitCoefficient)>, Vec<(f64, Vec<f64>)>) {
+    ) -> (Vec<Estimable>, Vec<(f64, Vec<f64>)>) {
         let mut rare = Vec::new();
         let mut quantities = Vec::new();
         for (name, _, share) in &self.section.least_share {
@@ -942,7 +945,7 @@ impl<'a> Assembly<'a> {
         &mut self,
         clamped: &Clamped,
         wanted: &[Vec<usize>],
-        coefficients: &[(FitTarget, FitCoefficient)],
+        coefficients: &[Estimable],
         used: &[bool],
     ) -> Vec<FittedDraw> {
         let of_draws = &wanted[..self.plan.draws.len()];
@@ -963,9 +966,8 @@ impl<'a> Assembly<'a> {
                 .predictors
                 .iter()
                 .map(|(.., form)| {
-                    let is_own = |(_, (target, _)): &(usize, &(FitTarget, FitCoefficient))| {
-                        form.linear.contains(target)
-                    };
+                    let is_own =
+                        |(_, (target, _)): &(usize, &Estimable)| form.linear.contains(target);
                     coefficients.iter().enumerate().filter(is_own).map(|(index, _)| index).collect()
                 })
                 .collect();
