@@ -183,7 +183,8 @@ fn export_writes_every_view_with_its_columns_and_rows() {
     );
     let estimate = "[[estimate]]\nname = \"effect\"\nagents = \"reinforce\"\n";
     folder.write("recorded.toml", recorded + estimate);
-    folder.write("learned.toml", crate::docs::LEARNED);
+    let pooled = "days = 5, pooling = [\"full\", \"partial\"]";
+    folder.write("learned.toml", crate::docs::LEARNED.replace("days = 5", pooled));
     folder.jitai(["run", "recorded.toml", "learned.toml", "--quiet"]).succeeded();
     // The results of another machine, which a merge found.
     let conflict = "INSERT INTO recorded_conflict
@@ -195,7 +196,7 @@ fn export_writes_every_view_with_its_columns_and_rows() {
     folder.jitai(["export", "--out", "results/json", "--format", "json"]).succeeded();
     let store = folder.store();
     let views = views(&store);
-    assert_eq!(views.len(), 14);
+    assert_eq!(views.len(), 15);
     for view in &views {
         let columns = columns(&store, view);
         let count = folder.number(&format!("SELECT count(*) FROM {view}"));
