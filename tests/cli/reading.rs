@@ -183,8 +183,7 @@ fn export_writes_every_view_with_its_columns_and_rows() {
     );
     let estimate = "[[estimate]]\nname = \"effect\"\nagents = \"reinforce\"\n";
     folder.write("recorded.toml", recorded + estimate);
-    let pooled = "days = 5, pooling = [\"full\", \"partial\"]";
-    folder.write("learned.toml", crate::docs::LEARNED.replace("days = 5", pooled));
+    folder.write("learned.toml", crate::docs::LEARNED);
     folder.jitai(["run", "recorded.toml", "learned.toml", "--quiet"]).succeeded();
     // The results of another machine, which a merge found.
     let conflict = "INSERT INTO recorded_conflict

@@ -120,7 +120,7 @@ scenarios = ["C"]
 seeds = 1
 environment = { sigma = 0.4, horizon = 5 }
 evaluation = { on = "trial", record_decisions = "test", record_posteriors = true }
-trial = { people = 3, days = 5, update = { every_days = 2 } }
+trial = { people = 3, days = 5, pooling = ["full", "partial"], update = { every_days = 2 } }
 [[agent]]
 name = "thompson"
 algorithm = "linear_thompson"
