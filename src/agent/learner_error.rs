@@ -21,7 +21,7 @@ pub enum LearnerError {
     /// A regression has no posterior in floating-point arithmetic.
     #[error(
         "after {steps} steps the precision of a regression is not positive definite; choose a \
-         prior_sd closer to noise_sd"
+         prior_sd closer to noise_sd, and with partial pooling a smaller person_sd"
     )]
     Singular {
         /// Number of steps learned from.

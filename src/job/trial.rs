@@ -233,32 +233,34 @@ impl Trial {
 
     /// Why an agent never learns in the trial; `None` if it does, or is meant not to.
     pub fn never_learns(&self, calendar: &Calendar) -> Option<&'static str> {
-        let stays = &calendar.stays;
-        let is_of_everybody = self.pooling.is_of_everybody();
-        let is_due = |day: u32| {
-            if !is_of_everybody {
-                return calendar.is_updated(day, u32::MAX);
-            }
-            let entered = stays.iter().filter(|stay| stay.start < day).count() as u32;
-            calendar.is_updated(day, entered) && !calendar.is_outage(day)
-        };
-        let first = stays.iter().map(|stay| stay.start).min().unwrap_or(0);
-        let (start, days) = match self.pooling {
-            Pooling::Full | Pooling::Partial => (first, calendar.days()),
-            Pooling::None => (0, self.days),
-            // The calendar of a group begins with its first person.
-            Pooling::Groups(_) => (0, calendar.days() - first),
-        };
-        let has_data = |day: &u32| day.saturating_sub(self.update_lag_days) > start;
         if self.update_every_days == 0 {
-            None
-        } else if !(1..days).any(is_due) {
-            Some("no update comes before the last person leaves")
-        } else if !(1..days).filter(|day| is_due(*day)).any(|day| has_data(&day)) {
-            Some("no update has data before the last person leaves")
-        } else {
-            None
+            return None;
         }
+        let is_of_everybody = self.pooling.is_of_everybody();
+        let mut is_updated = false;
+        for people in calendar.agents() {
+            let stays = || people.iter().map(|person| &calendar.stays[*person]);
+            let first = stays().map(|stay| stay.start).min().unwrap_or(0);
+            let last = stays().map(|stay| stay.end).max().unwrap_or(0);
+            let is_due = |day: &u32| {
+                let entered = || stays().filter(|stay| stay.start < *day).count() as u32;
+                let is_updated = match is_of_everybody {
+                    true => calendar.is_updated(*day, entered()),
+                    false => calendar.is_updated(day - first, u32::MAX),
+                };
+                is_updated && !calendar.is_outage(*day)
+            };
+            let has_data = |day: u32| day.saturating_sub(self.update_lag_days) > first;
+            let mut due = (first + 1..last).filter(is_due).peekable();
+            is_updated |= due.peek().is_some();
+            if due.any(has_data) {
+                return None;
+            }
+        }
+        Some(match is_updated {
+            true => "no update has data before the last person leaves",
+            false => "no update comes before the last person leaves",
+        })
     }
 
     /// The calendar.

@@ -352,6 +352,23 @@ fn what_does_not_suit_a_trial_is_refused_with_a_sentence() {
             "update = { every_days = 2, first_day = 13 }",
             "no update comes before the last person leaves",
         ),
+        // The calendar of a group ends with its last person, not with the trial.
+        (
+            "update = { every_days = 2 }\npooling = [\"full\", \"none\"]",
+            "update = { every_days = 2, first_day = 9 }\npooling = 2",
+            "no update comes before the last person leaves",
+        ),
+        (
+            "pooling = [\"full\", \"none\"]",
+            "pooling = [\"full\", \"none\"]\noutage = [1, 20]",
+            "no update comes before the last person leaves",
+        ),
+        (
+            "pooling = [\"full\", \"none\"]\n",
+            "pooling = [\"full\", \"partial\"]\n[[estimate]]\nname = \"effect\"\nagents = \"thompson\"\n\
+             standard_errors = \"after_study\"\n",
+            "`standard_errors` = \"after_study\": they are supported for `pooling` = \"full\" and \"none\"",
+        ),
         (
             "update = { every_days = 2 }",
             "update = 2",
@@ -659,4 +676,30 @@ fn a_program_with_another_horizon_than_the_trial_is_an_error_of_the_job() {
             folder.jitai(["check", "--try", "sweep.toml"]).ended(2).says(&says);
         }
     }
+}
+
+#[test]
+fn partial_pooling_without_deviations_is_full_pooling_in_a_whole_trial() {
+    let text = MANIFEST
+        .replace("pooling = [", "update_data = \"in_study\"\ndropout = 0.05\npooling = [")
+        .replace("pooling = [\"full\", \"none\"]", "pooling = [\"full\", \"partial\"]")
+        .replace("prior_sd = 30", "prior_sd = 30\nperson_sd = 0");
+    let folder = folder(&text);
+    folder.jitai(["run", "trial.toml", "--quiet"]).succeeded();
+    let of = |pooling: &str| {
+        format!(
+            "(SELECT d.* , r.seed FROM decision AS d JOIN run_summary AS r USING (job_key)
+              JOIN parameter AS p USING (job_key)
+              WHERE r.agent = 'thompson' AND p.name = 'trial.pooling' AND p.value = '{pooling}')"
+        )
+    };
+    let query = format!(
+        "SELECT count(*) > 100, max(abs(f.action_probability - p.action_probability)) < 1e-9, sum(f.action <> p.action)
+         FROM {} AS f JOIN {} AS p USING (seed, episode, step)",
+        of("full"),
+        of("partial")
+    );
+    let row = |row: &rusqlite::Row<'_>| Ok((row.get(0)?, row.get(1)?, row.get(2)?));
+    let same: (bool, bool, i64) = folder.store().query_row(&query, [], row).unwrap();
+    assert_eq!(same, (true, true, 0));
 }

@@ -79,9 +79,12 @@ const POINTS: usize = 10;
 const CLOSE: f64 = 0.02;
 /// The largest change of the logarithm of a variance between two points.
 const LONGEST: f64 = 3.0;
-/// Estimates stay within these multiples of the standard deviation of a coefficient's prior, and begin with the last.
+/// Estimates stay within these multiples of the scale of a coefficient, and begin with the last.
 const BOUNDS: [f64; 2] = [1e-3, 10.0];
 const FIRST: f64 = 0.1;
+/// From this ratio of a deviation's variance to what is known without it, sums seen through deviations are computed by the
+/// covariance: differences of sums would lose their digits.
+const WIDE: f64 = 1e6;
 
 /// The pooling of one regression.
 #[derive(Clone, Debug)]
@@ -105,13 +108,16 @@ struct Point {
 }
 
 impl Pooled {
-    /// The pooling of a regression with this prior; with these deviations, or else estimated ones.
-    fn new(prior: &Regression, sds: Option<Vec<f64>>) -> Pooled {
+    /// The pooling of a regression with this prior; with these deviations, or else estimated ones. The scale of a
+    /// coefficient is the standard deviation of its prior, unless another scale is given: the posterior of a pilot says how
+    /// well the common coefficients are known, not how people differ.
+    fn new(prior: &Regression, sds: Option<Vec<f64>>, scale: Option<f64>) -> Pooled {
         let of_prior = prior.precision.diagonal().map(|precision| 1.0 / precision.sqrt());
-        let bounds = of_prior.iter().map(|sd| BOUNDS.map(|bound| bound * sd)).collect();
+        let scales = of_prior.map(|sd| scale.unwrap_or(sd));
+        let bounds = scales.iter().map(|sd| BOUNDS.map(|bound| bound * sd)).collect();
         Pooled {
             bounds: sds.is_none().then_some(bounds),
-            sds: sds.unwrap_or_else(|| of_prior.iter().map(|sd| FIRST * sd).collect()),
+            sds: sds.unwrap_or_else(|| scales.iter().map(|sd| FIRST * sd).collect()),
             seen: Seen::default(),
             messages: Vec::new(),
             common: prior.clone(),
@@ -119,13 +125,14 @@ impl Pooled {
         }
     }
 
-    /// The pooling of all regressions with these priors.
-    pub fn all(priors: &[Regression], sds: Option<&[f64]>) -> Vec<Pooled> {
+    /// The pooling of all regressions with these priors; with estimated deviations of this scale, or of the scale of the
+    /// priors.
+    pub fn all(priors: &[Regression], sds: Option<&[f64]>, scale: Option<f64>) -> Vec<Pooled> {
         let mut first = 0;
         let of_one = |prior: &Regression| {
             let own = first..first + prior.information.len();
             first = own.end;
-            Pooled::new(prior, sds.map(|sds| sds[own].to_vec()))
+            Pooled::new(prior, sds.map(|sds| sds[own].to_vec()), scale)
         };
         priors.iter().map(of_one).collect()
     }
@@ -164,18 +171,12 @@ impl Pooled {
         prior: &Regression,
         people: &[&Regression],
     ) -> Result<(), NotPositiveDefinite> {
-        match self.bounds.take() {
-            // One person does not show how people differ.
-            Some(bounds) if people.len() > 1 => {
-                let estimated = self.estimate(prior, people, &bounds);
-                self.bounds = Some(bounds);
-                estimated
-            }
-            bounds => {
-                self.bounds = bounds;
-                self.collect(prior, people).map(|_| ())
-            }
-        }
+        let Some(bounds) = self.bounds.take() else {
+            return self.collect(prior, people).map(|_| ());
+        };
+        let estimated = self.estimate(prior, people, &bounds);
+        self.bounds = Some(bounds);
+        estimated
     }
 
     /// Climbs the marginal likelihood from the last estimate, which stays where the likelihood is flat.
@@ -198,12 +199,13 @@ impl Pooled {
             if farthest < CLOSE {
                 break;
             }
-            let point = self.point(prior, people)?;
-            if point.log_likelihood > best.log_likelihood {
-                (best, share) = (point, 1.0);
-                from.clone_from(&self.sds);
-            } else {
-                share *= 0.25;
+            // A point whose sums are not positive definite is no better than one with a smaller likelihood.
+            match self.point(prior, people) {
+                Ok(point) if point.log_likelihood > best.log_likelihood => {
+                    (best, share) = (point, 1.0);
+                    from.clone_from(&self.sds);
+                }
+                _ => share *= 0.25,
             }
         }
         self.sds = from;
@@ -258,6 +260,11 @@ impl Pooled {
             }
         }
         let step = |index: usize| {
+            // One person does not show how people differ.
+            let has_data = |data: &&&Regression| data.precision[(index, index)] > 0.0;
+            if people.iter().filter(has_data).take(2).count() < 2 {
+                return 0.0;
+            }
             let curvature = self.sds[index] * self.sds[index] * information[index];
             let step = (squares[index] - shares[index]) / curvature;
             // Without data about a coefficient, its deviation stays.
@@ -275,18 +282,43 @@ impl Pooled {
         person: Option<(usize, &Regression)>,
         out: &mut Regression,
     ) -> Result<(), NotPositiveDefinite> {
-        let Some((number, data)) = person else {
-            return self.seen.through(&self.sds, &self.common, out).map(|_| ());
-        };
         self.rest.copy_from(&self.common);
-        self.rest.subtract(&self.messages[number]);
-        self.seen.through(&self.sds, &self.rest, out)?;
-        out.add(data);
+        if let Some((number, _)) = person {
+            self.rest.subtract(&self.messages[number]);
+        }
+        let mut ratios = self.sds.iter().enumerate();
+        if ratios.any(|(index, sd)| sd * sd * self.rest.precision[(index, index)] > WIDE) {
+            through_covariance(&self.sds, &self.rest, out)?;
+        } else {
+            self.seen.through(&self.sds, &self.rest, out)?;
+        }
+        if let Some((_, data)) = person {
+            out.add(data);
+        }
         Ok(())
     }
 }
 
 resumable!([] Pooled { fixed sds });
+
+/// Writes sums seen through deviations, as [`Seen::through`] does, by the covariance of the coefficients.
+///
+/// **Errors**: the precision is not positive definite.
+fn through_covariance(
+    sds: &[f64],
+    sums: &Regression,
+    out: &mut Regression,
+) -> Result<(), NotPositiveDefinite> {
+    let known = Cholesky::new(sums.precision.clone()).ok_or(NotPositiveDefinite)?;
+    let mean = known.solve(&sums.information);
+    let mut covariance = known.inverse();
+    for (index, sd) in sds.iter().enumerate() {
+        covariance[(index, index)] += sd * sd;
+    }
+    out.precision = Cholesky::new(covariance).ok_or(NotPositiveDefinite)?.inverse();
+    out.information = &out.precision * mean;
+    Ok(())
+}
 
 /// Buffers of a view through deviations.
 #[derive(Clone, Debug, Default)]
@@ -421,7 +453,7 @@ mod tests {
     /// The pooling of people, and the posteriors of each and of a person without data.
     fn posteriors(sds: Option<&[f64]>, data: &[Regression]) -> (Pooled, Vec<Regression>) {
         let prior = Regression::prior(&PRIOR.0, &PRIOR.1);
-        let mut pooled = Pooled::all(std::slice::from_ref(&prior), sds).remove(0);
+        let mut pooled = Pooled::all(std::slice::from_ref(&prior), sds, None).remove(0);
         let sums: Vec<&Regression> = data.iter().collect();
         pooled.learn(&prior, &sums).unwrap();
         let known = data.iter().enumerate().map(Some).chain([None]);
@@ -481,6 +513,19 @@ mod tests {
     }
 
     #[test]
+    fn deviations_far_beyond_the_prior_lose_no_digits() {
+        let sds = [0.01; WIDTH];
+        let prior = Regression::prior(&PRIOR.0, &sds);
+        let all = vec![1e6; WIDTH];
+        let mut pooled = Pooled::new(&prior, Some(all), None);
+        let mut newcomer = prior.clone();
+        pooled.person(None, &mut newcomer).unwrap();
+        let variance = 1e12 + 1e-4;
+        let expected = DMatrix::from_diagonal_element(WIDTH, WIDTH, variance);
+        assert_close(&newcomer, &PRIOR.0, &expected);
+    }
+
+    #[test]
     fn estimated_deviations_have_the_largest_marginal_likelihood() {
         let data = people(&[12; 40], [0.8, 0.05, 2.0]);
         let all: Vec<Regression> = data.iter().map(sums).collect();
@@ -506,7 +551,7 @@ mod tests {
         // The likelihood that is climbed is that of the rewards, up to a constant.
         let mut differences = Vec::new();
         for sds in [[0.8, 0.1, 2.0], [0.3, 1.0, 0.0], [5.0, 0.5, 0.5]] {
-            let mut pooled = Pooled::all(std::slice::from_ref(&prior), Some(&sds)).remove(0);
+            let mut pooled = Pooled::all(std::slice::from_ref(&prior), Some(&sds), None).remove(0);
             let ours = pooled.point(&prior, &sums).unwrap().log_likelihood;
             differences.push(ours - dense(&data, &sds).1);
         }
@@ -521,6 +566,10 @@ mod tests {
         let alone: Vec<Regression> = data.iter().map(sums).collect();
         assert_eq!(posteriors(None, &alone).0.sds(), first);
         assert_eq!(posteriors(None, &[]).0.sds(), first);
+        // Nor does one person among others whose decisions do not concern the regression.
+        let none = people(&[12, 0, 0], [0.8, 0.05, 2.0]);
+        let one_of_three: Vec<Regression> = none.iter().map(sums).collect();
+        assert_eq!(posteriors(None, &one_of_three).0.sds(), first);
         // A feature that is always 0 says nothing about its coefficient.
         let mut data = people(&[12; 9], [0.8, 0.05, 2.0]);
         data.iter_mut().for_each(|(rows, _)| rows.column_mut(1).fill(0.0));

@@ -21,8 +21,8 @@ use crate::kernel::Isa;
 use crate::rng::Stream;
 use crate::state::resumable;
 
-/// A bandit in a trial: one for everybody, one for each person or group, or one in which people deviate. An update starts from the prior and the data that
-/// count, so that the data of people who have left can be forgotten.
+/// A bandit in a trial: one for everybody, one for each person or group, or one in which people deviate. An update starts
+/// from the prior and the data that count, so that the data of people who have left can be forgotten.
 pub struct LinearThompsonStudy {
     sampler: Sampler,
     design: Design,
@@ -160,7 +160,9 @@ impl LinearThompsonStudy {
         let mut pooled = (sharing == Sharing::Partial).then(|| {
             let sizes = regressors(parameters, shape);
             let sds = parameters.person_sd.of_coefficients(sizes, shape.inputs);
-            Pooled::all(prior.regressions(), sds.as_deref())
+            // Where the prior is a posterior, the noise of rewards is the scale of deviations.
+            let scale = (!parameters.prior_from.is_none()).then_some(parameters.noise_sd);
+            Pooled::all(prior.regressions(), sds.as_deref(), scale)
         });
         let mut newcomer = prior.clone();
         for (pooled, out) in pooled.iter_mut().flatten().zip(newcomer.regressions_mut()) {
@@ -216,12 +218,13 @@ impl LinearThompsonStudy {
         Isa::chosen().run(Sum { posterior, all, people, before })
     }
 
-    /// Updates the posteriors of all people, with the data of these people before a step, \[people\].
-    fn update_people(&mut self, people: &[bool], before: u32) -> Result<(), LearnerError> {
+    /// Updates the posteriors of all people, with the data of these people before a step, \[people\]; returns the number
+    /// of their decisions.
+    fn update_people(&mut self, people: &[bool], before: u32) -> Result<u64, LearnerError> {
         // The sum counts the decisions of the people.
         let (_, steps) = self.posterior(people, before);
         let learned = self.learn_deviations(people);
-        learned.map_err(|_| LearnerError::Singular { steps })
+        learned.map(|()| steps).map_err(|_| LearnerError::Singular { steps })
     }
 
     /// Keeps the posteriors of an update, if they are kept.
@@ -276,12 +279,12 @@ impl LinearThompsonStudy {
     /// of each person, and `person_sd`, the deviations.
     fn weights_of_people(&mut self) -> Result<Weights, LearnerError> {
         let everybody = vec![true; self.people.len()];
-        self.update_people(&everybody, self.time)?;
+        let steps = self.update_people(&everybody, self.time)?;
         let mut newcomer = self.prior.clone();
         let pooled = self.pooled.iter_mut().flatten();
         for (pooled, out) in pooled.zip(newcomer.regressions_mut()) {
             let found = pooled.person(None, out);
-            found.map_err(|_| LearnerError::Singular { steps: u64::from(self.time) })?;
+            found.map_err(|_| LearnerError::Singular { steps })?;
         }
         let mut weights = newcomer.weights();
         let shape = weights.doubles["mean"].shape.clone();
@@ -354,8 +357,8 @@ impl Actor for LinearThompsonStudy {
 impl StudyAgent for LinearThompsonStudy {
     fn update(&mut self, update: &StudyUpdate<'_>) -> Result<(), LearnerError> {
         if self.pooled.is_some() {
-            self.update_people(update.people, update.before)?;
-            return self.keep_people().map_err(|_| LearnerError::Singular { steps: 0 });
+            let steps = self.update_people(update.people, update.before)?;
+            return self.keep_people().map_err(|_| LearnerError::Singular { steps });
         }
         let (posterior, steps) = self.posterior(update.people, update.before);
         let acting = &mut self.acting[update.agent.unwrap_or(0)];

@@ -2,7 +2,8 @@
 
 use std::collections::HashSet;
 
-use crate::job::{EstimateDeclaration, Job, STEP, StandardErrors, Treatment};
+use crate::job::{EstimateDeclaration, Job, Pooling, STEP, StandardErrors, Treatment};
+use crate::key::{Constraint, KeyType, Parameter, Violation};
 use crate::manifest::declared::Manifest;
 use crate::manifest::draft::Draft;
 use crate::manifest::estimate::declared::{DeclaredEstimate, EstimateDraft};
@@ -14,6 +15,18 @@ use crate::text::{Fault, FaultList};
 
 /// The most numbers of all people that the estimates of a job may hold: 400 MB.
 const MOST_NUMBERS: u64 = 50_000_000;
+
+/// Agents whose people share some of what they learn.
+const SHARED: Constraint = Constraint {
+    parameters: &[POOLING],
+    violation: |assignment| match Pooling::from_value(assignment.value(POOLING)?)? {
+        Pooling::Partial | Pooling::Groups(_) => {
+            Some(Violation::Contradiction("people share a part of what they learn".to_owned()))
+        }
+        Pooling::Full | Pooling::None => None,
+    },
+};
+const POOLING: Parameter = Parameter::Trial("pooling");
 
 impl Reader<'_> {
     /// Reads `[[estimate]]`.
@@ -105,10 +118,15 @@ impl Checked<'_> {
         let reason = match declaration.is_of_reward() {
             false => Some("they are known for `outcome` = \"reward\" and \"gross_reward\" alone"),
             true => {
-                let estimated = self.grids.iter().filter(|grid| self.is_estimated(grid));
-                let mut jobs = estimated.filter_map(|grid| Some(grid.job(&grid.first()?)));
+                let estimated = || self.grids.iter().filter(|grid| self.is_estimated(grid));
+                let mut jobs = estimated().filter_map(|grid| Some(grid.job(&grid.first()?)));
                 let is_without = jobs.any(|job| job.trial.is_none());
-                is_without.then_some("they are for an agent that learns in a [trial]")
+                let is_shared = estimated().any(|grid| grid.violation(&SHARED).is_some());
+                match (is_without, is_shared) {
+                    (true, _) => Some("they are for an agent that learns in a [trial]"),
+                    (_, true) => Some("they are supported for `pooling` = \"full\" and \"none\""),
+                    (false, false) => None,
+                }
             }
         };
         if let Some(reason) = reason {
