@@ -89,7 +89,7 @@ pub struct Fit {
     pub parameters: Vec<(String, f64)>,
 }
 
-/// How a fit is told to stop, and tells how far it is.
+/// The signal that stops a fit, and the receiver of its progress.
 pub struct Fitting<'a> {
     /// Whether to stop.
     pub stop: &'a AtomicBool,

@@ -236,24 +236,15 @@ impl Trial {
         if self.update_every_days == 0 {
             return None;
         }
-        let is_of_everybody = self.pooling.is_of_everybody();
         let mut is_updated = false;
         for people in calendar.agents() {
             let stays = || people.iter().map(|person| &calendar.stays[*person]);
             let first = stays().map(|stay| stay.start).min().unwrap_or(0);
             let last = stays().map(|stay| stay.end).max().unwrap_or(0);
-            let is_due = |day: &u32| {
-                let entered = || stays().filter(|stay| stay.start < *day).count() as u32;
-                let is_updated = match is_of_everybody {
-                    true => calendar.is_updated(*day, entered()),
-                    false => calendar.is_updated(day - first, u32::MAX),
-                };
-                is_updated && !calendar.is_outage(*day)
-            };
-            let has_data = |day: u32| day.saturating_sub(self.update_lag_days) > first;
-            let mut due = (first + 1..last).filter(is_due).peekable();
+            let mut due =
+                (first + 1..last).filter(|day| calendar.is_updated(&people, *day)).peekable();
             is_updated |= due.peek().is_some();
-            if due.any(has_data) {
+            if due.any(|day| day.saturating_sub(self.update_lag_days) > first) {
                 return None;
             }
         }
@@ -360,17 +351,26 @@ impl Calendar {
         people.chunks(size.max(1)).map(<[usize]>::to_vec).collect()
     }
 
-    /// Whether an agent is updated before the first decision of a day of its own calendar: the trial's if it
-    /// is of everybody, or that of its person or group. `entered` is the number of people who entered before the day.
-    pub fn is_updated(&self, day: u32, entered: u32) -> bool {
+    /// Whether the agent of these people is updated before the first decision of a day: by the calendar of the trial if the
+    /// agent is of everybody, else by a calendar that begins with the first of the people.
+    pub fn is_updated(&self, people: &[usize], day: u32) -> bool {
+        if self.is_outage(day) {
+            return false;
+        }
         let Trial { update_every_days: every, update_first_day, .. } = self.trial;
         let first = if update_first_day == 0 { every } else { update_first_day };
-        let is_due = every > 0 && day >= first && (day - first).is_multiple_of(every);
-        is_due && entered >= self.trial.update_first_with_people
+        let is_due = |day: u32| every > 0 && day >= first && (day - first).is_multiple_of(every);
+        let stays = || people.iter().map(|person| &self.stays[*person]);
+        if self.trial.pooling.is_of_everybody() {
+            let entered = || stays().filter(|stay| stay.start < day).count();
+            return is_due(day) && entered() >= self.trial.update_first_with_people as usize;
+        }
+        let start = stays().map(|stay| stay.start).min().unwrap_or(0);
+        stays().any(|stay| stay.contains(day)) && is_due(day - start)
     }
 
     /// Whether there is an outage on a calendar day.
-    pub fn is_outage(&self, day: u32) -> bool {
+    fn is_outage(&self, day: u32) -> bool {
         match self.trial.outage[..] {
             [first, last] => (first..=last).contains(&day),
             [only] => only == day,
@@ -418,16 +418,26 @@ mod tests {
     fn updates_come_when_they_are_due() {
         let weekly = Trial { update_every_days: 7, update_first_with_people: 3, ..trial(9) };
         let calendar = weekly.calendar().unwrap();
-        let updated = |entered| -> Vec<u32> {
-            (0..30).filter(|day| calendar.is_updated(*day, entered)).collect()
+        let updated = |people: &[usize]| -> Vec<u32> {
+            (0..30).filter(|day| calendar.is_updated(people, *day)).collect()
         };
-        let (three, two) = (updated(3), updated(2));
+        let (three, two) = (updated(&[0, 1, 2]), updated(&[0, 1]));
         assert_eq!((three, two), (vec![7, 14, 21, 28], Vec::new()));
         let sundays = Trial { update_every_days: 7, update_first_day: 10, ..trial(9) };
         let calendar = sundays.calendar().unwrap();
-        assert!((0..30).filter(|day| calendar.is_updated(*day, 1)).eq([10, 17, 24]));
+        assert!((0..30).filter(|day| calendar.is_updated(&[0], *day)).eq([10, 17, 24]));
         let never = Trial { update_every_days: 0, ..trial(9) }.calendar().unwrap();
-        assert!(!(0..30).any(|day| never.is_updated(day, 9)));
+        assert!(!(0..30).any(|day| never.is_updated(&[0], day)));
+        // The calendar of a group begins with its first person, and an outage is of the trial.
+        let entry = Content::read(&STAYS, "start_day,end_day\n5,15\n9,19\n0,9\n").unwrap();
+        let pooling = Pooling::Groups(2);
+        let grouped = Trial { update_every_days: 4, pooling, entry, outage: vec![12], ..trial(3) };
+        let grouped = grouped.calendar().unwrap();
+        let of_group = |people: &[usize]| -> Vec<u32> {
+            (0..30).filter(|day| grouped.is_updated(people, *day)).collect()
+        };
+        assert_eq!(grouped.agents(), [vec![2, 0], vec![1]]);
+        assert_eq!((of_group(&[2, 0]), of_group(&[1])), (vec![4, 8], vec![13, 17]));
         let out = Trial { outage: vec![3, 5], ..trial(9) }.calendar().unwrap();
         assert!((0..9).filter(|day| out.is_outage(*day)).eq([3, 4, 5]));
         let out = Trial { outage: vec![3], ..trial(9) }.calendar().unwrap();

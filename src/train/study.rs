@@ -183,9 +183,7 @@ impl Study {
             }
         }
         let before = self.policies[0];
-        if !self.calendar.is_outage(day) {
-            self.update(day, agent)?;
-        }
+        self.update(day, agent)?;
         self.is_updated = self.trial.pooling.is_of_everybody() && self.policies[0] > before;
         let entering = self.entering.iter_mut().zip(&self.stays);
         entering.for_each(|(enters, stay)| *enters = stay.start == day);
@@ -224,7 +222,7 @@ impl Study {
     fn update(&mut self, day: u32, agent: &mut dyn StudyAgent) -> Result<(), LearnerError> {
         let before = self.data_before(day);
         for number in 0..self.agents.len() {
-            if !self.is_due(number, day) {
+            if !self.calendar.is_updated(&self.agents[number], day) {
                 continue;
             }
             self.counting.fill(false);
@@ -242,18 +240,6 @@ impl Study {
             self.policies[number] += 1;
         }
         Ok(())
-    }
-
-    /// Whether an agent is updated on a day.
-    fn is_due(&self, number: usize, day: u32) -> bool {
-        let stays = || self.agents[number].iter().map(|person| &self.stays[*person]);
-        if self.trial.pooling.is_of_everybody() {
-            let entered = stays().filter(|stay| stay.start < day).count() as u32;
-            return self.calendar.is_updated(day, entered);
-        }
-        // The calendar of the agent begins with its first person.
-        let first = stays().map(|stay| stay.start).min().unwrap_or(0);
-        stays().any(|stay| stay.contains(day)) && self.calendar.is_updated(day - first, u32::MAX)
     }
 
     /// Ends a step, after which people have these numbers of steps, \[people\].

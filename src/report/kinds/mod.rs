@@ -34,6 +34,18 @@ pub(super) struct Sheet<'s> {
     pub style: &'s Style,
 }
 
+impl Sheet<'_> {
+    /// Scenes with the stems of their files, which are numbered if there are several.
+    fn numbered(&self, scenes: Vec<Scene>) -> Vec<(String, Scene)> {
+        let is_single = scenes.len() == 1;
+        let stem = |index: usize| match is_single {
+            true => self.stem.to_owned(),
+            false => format!("{}-{}", self.stem, index + 1),
+        };
+        scenes.into_iter().enumerate().map(|(index, scene)| (stem(index), scene)).collect()
+    }
+}
+
 /// The presentation of a kind of finding.
 pub(super) trait Drawn {
     /// Its figures, with the stems of their files, in a layout that [`Style::set`] scales.

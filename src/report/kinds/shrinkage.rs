@@ -27,12 +27,7 @@ impl Drawn for ShrinkageFigure {
         let x = ("people, by their learned effect".to_owned(), NumberFormat::Plain, scale);
         let y = ("effect of the message".to_owned(), NumberFormat::Plain);
         let axes = axes_of(&charts, x, y, sheet.style);
-        let stem = |index: usize| match charts.len() {
-            1 => sheet.stem.to_owned(),
-            _ => format!("{}-{}", sheet.stem, index + 1),
-        };
-        let scenes = draw(&charts, &axes, sheet.style);
-        scenes.into_iter().enumerate().map(|(index, scene)| (stem(index), scene)).collect()
+        sheet.numbered(draw(&charts, &axes, sheet.style))
     }
 
     fn table(&self, title: &str, _: Measure, names: &Names) -> DataTable {

@@ -210,8 +210,6 @@ struct FitPlan {
     coefficients: Vec<FitTarget>,
     /// Columns that no parameter is linear in, with the draw and parameter.
     nonlinear: BTreeMap<usize, (usize, usize)>,
-    /// A draw with its own standard deviation: the parameter of the model.
-    notes: Vec<String>,
 }
 
 struct PlannedDraw {
@@ -482,7 +480,7 @@ impl<'a> Assembly<'a> {
         table: &'a RecordedRows,
         calendar: Calendar,
     ) -> Assembly<'a> {
-        let mut notes = plan.notes.clone();
+        let mut notes = Vec::new();
         let (skipped, people) = calendar.skipped();
         if skipped > 0 {
             notes.push(format!("{skipped} decisions of {people} people are no rows of the file; they are missing decisions"));
