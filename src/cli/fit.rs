@@ -8,7 +8,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use crate::cli::counting::Counting;
 use crate::cli::{Error, Exit, folder, signals};
 use crate::env::declared::{EffectSource, Pilot, PilotError};
-use crate::fit::{Fit, Fitting, files, notes};
+use crate::fit::{Check, DrawnFrom, Fit, Fitting, Standing, draws, files, notes, page};
 use crate::key::quoted;
 use crate::text::Source;
 
@@ -28,18 +28,29 @@ pub(super) struct Arguments {
     /// Output folder; created if it does not exist
     #[arg(long, value_name = "DIR", value_hint = clap::ValueHint::DirPath)]
     out: PathBuf,
+    /// Number of simulated pilots with which the page compares the data
+    #[arg(long, value_name = "N", default_value_t = 200, value_parser = clap::value_parser!(u32).range(20..=100_000))]
+    simulations: u32,
+    /// Also write N files of people whose coefficients are as uncertain as their estimates, draw-1.csv to draw-N.csv
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=10_000))]
+    draws: Option<u32>,
+    /// Draw whole people of the pilot with replacement instead
+    #[arg(long, requires = "draws")]
+    bootstrap: bool,
+    /// Seed of simulated pilots and of drawn people
+    #[arg(long, default_value_t = 1)]
+    seed: u64,
 }
 
 pub(super) fn run(arguments: &Arguments) -> Result<Exit, Error> {
     let stop = signals::stop_flag()?;
     signals::end_in_time(std::sync::Arc::clone(&stop), || {})?;
     let Some(pilot) = pilot(arguments, &stop)? else { return Ok(Exit::Interrupted) };
-    let mut counting: Option<Counting> = None;
-    let mut progress = |done, of| {
-        counting.get_or_insert_with(|| Counting::new(of, "fits done")).advance(done, of);
-    };
-    let fitted = Fit::new(&pilot, &mut Fitting { stop: &stop, progress: &mut progress });
-    drop(counting);
+    if arguments.bootstrap && pilot.pooled {
+        let says = "--bootstrap draws people, and with `pooled = true` all people are the same";
+        return Err(Error::Usage(says.to_owned()));
+    }
+    let fitted = counted("fits done", &stop, |fitting| Fit::new(&pilot, fitting));
     let Some(fitted) = fitted else { return Ok(Exit::Interrupted) };
     if !pilot.draws.is_empty() && fitted.is_complete.iter().all(|complete| !complete) {
         say_notes(&pilot, &fitted)?;
@@ -47,16 +58,39 @@ pub(super) fn run(arguments: &Arguments) -> Result<Exit, Error> {
                     `method = \"map\"`, or `pooled = true` in [fit]";
         return Err(Error::Usage(says.to_owned()));
     }
+    let simulations = (arguments.seed, arguments.simulations);
+    let check = counted("pilots simulated", &stop, |fitting| {
+        Check::new(&pilot, &fitted, simulations, fitting)
+    });
+    let Some(check) = check else { return Ok(Exit::Interrupted) };
+    let environment = environment(arguments, &pilot, &fitted);
+    let mut all = files(&pilot, &fitted);
+    let from = if arguments.bootstrap { DrawnFrom::People } else { DrawnFrom::Estimates };
+    if let Some(number) = arguments.draws {
+        all.extend(draws(&pilot, &fitted, number, from, arguments.seed));
+    }
+    all.extend(page(&pilot, &fitted, &check, &environment));
     folder::make(&arguments.out)?;
-    for file in files(&pilot, &fitted) {
+    for file in all {
         file.write(&arguments.out).map_err(|source| Error::Io {
             what: format!("write `{}`", arguments.out.join(&file.name).display()),
             source,
         })?;
     }
     say_notes(&pilot, &fitted)?;
-    write!(io::stdout(), "{}", environment(arguments, &pilot, &fitted))?;
+    if let Standing::NotFitted(why) = Standing::of(&pilot, &fitted, &check) {
+        why.iter().try_for_each(|why| writeln!(io::stderr(), "warning: not fitted: {why}"))?;
+    }
+    write!(io::stdout(), "{environment}")?;
     Ok(Exit::Done)
+}
+
+/// Runs a part of the work and shows its progress.
+fn counted<T>(what: &'static str, stop: &AtomicBool, run: impl FnOnce(&mut Fitting<'_>) -> T) -> T {
+    let mut counting: Option<Counting> = None;
+    let mut progress =
+        |done, of| counting.get_or_insert_with(|| Counting::new(of, what)).advance(done, of);
+    run(&mut Fitting { stop, progress: &mut progress })
 }
 
 /// Reads the model and the data; `None` if it was stopped.

@@ -72,6 +72,13 @@ impl GroupFit {
         let refused = [FitNote::FewRows, FitNote::Separated, FitNote::NotConverged];
         !self.notes.iter().any(|note| refused.contains(note))
     }
+
+    /// The standard error of a coefficient, by its index in the pilot; `None` if it has none.
+    pub fn error_of(&self, coefficient: usize) -> Option<f64> {
+        let slot = self.free.iter().position(|one| *one == coefficient)?;
+        let variance = self.covariance.get(slot * self.free.len() + slot)?;
+        Some(variance.sqrt()).filter(|error| error.is_finite())
+    }
 }
 
 /// The estimates of all coefficients.
@@ -291,6 +298,8 @@ pub(super) struct Group<'a> {
     /// The coefficients that are estimated.
     free: Vec<usize>,
     notes: Vec<FitNote>,
+    /// The only start of a search, by coefficient of the pilot; `None` for the usual ones.
+    start: Option<&'a [f64]>,
 }
 
 impl<'a> Group<'a> {
@@ -318,7 +327,12 @@ impl<'a> Group<'a> {
                 free.push(index);
             }
         }
-        Group { draw, person, rows, free, notes }
+        Group { draw, person, rows, free, notes, start: None }
+    }
+
+    /// The group with estimates of nearly the same rows, from which a search starts.
+    pub fn from(self, start: &'a [f64]) -> Group<'a> {
+        Group { start: Some(start).filter(|start| start.iter().all(|x| x.is_finite())), ..self }
     }
 
     /// The column of a coefficient in a parameter; `None` if the parameter does not have it.
@@ -535,6 +549,9 @@ impl<'a> Group<'a> {
 
     /// Where searches start. Functions that bend upwards everywhere have one start.
     fn starts(&self) -> Vec<Vec<f64>> {
+        if let Some(start) = self.start {
+            return vec![self.free.iter().map(|index| start[*index]).collect()];
+        }
         let outcome = &self.draw.outcome[self.rows.clone()];
         let count = outcome.len().max(1) as f64;
         let mean = outcome.iter().sum::<f64>() / count;
@@ -602,18 +619,44 @@ impl<'a> Group<'a> {
 struct Likelihood<'a> {
     draw: &'a FittedDraw,
     rows: Range<usize>,
-    /// By parameter, the place of each of its coefficients among the free ones.
-    slots: Vec<Vec<Option<usize>>>,
+    /// By parameter.
+    parts: Vec<LinearPart>,
     /// By free coefficient: what its square is multiplied with, twice.
     precision: Vec<f64>,
     constant: f64,
 }
 
+/// The free coefficients of a parameter.
+struct LinearPart {
+    /// Their places among all free coefficients.
+    slots: Vec<usize>,
+    /// \[rows, slots\].
+    design: Vec<f64>,
+}
+
+impl LinearPart {
+    /// The numbers of a row of the group.
+    fn row(&self, row: usize) -> &[f64] {
+        let width = self.slots.len();
+        &self.design[row * width..(row + 1) * width]
+    }
+}
+
 impl<'a> Likelihood<'a> {
     fn new(group: &Group<'a>, method: FitMethod) -> Likelihood<'a> {
         let draw = group.draw;
-        let slot = |index: &usize| group.free.iter().position(|one| one == index);
-        let slots = draw.predictors.iter().map(|one| one.coefficients.iter().map(slot).collect());
+        let part = |predictor: &DrawPredictor| {
+            let slot = |index: &usize| group.free.iter().position(|one| one == index);
+            let own = predictor.coefficients.iter().enumerate();
+            let own: Vec<(usize, usize)> =
+                own.filter_map(|(column, index)| Some((column, slot(index)?))).collect();
+            let width = predictor.coefficients.len();
+            let mut design = Vec::with_capacity(group.rows.len() * own.len());
+            for row in group.rows.clone() {
+                design.extend(own.iter().map(|(column, _)| predictor.design[row * width + column]));
+            }
+            LinearPart { slots: own.into_iter().map(|(_, slot)| slot).collect(), design }
+        };
         let is_level = |index: &usize| {
             let column = |parameter| group.column(parameter, *index);
             { (0..draw.predictors.len()).filter_map(column) }
@@ -629,7 +672,7 @@ impl<'a> Likelihood<'a> {
         Likelihood {
             draw,
             rows: group.rows.clone(),
-            slots: slots.collect(),
+            parts: draw.predictors.iter().map(part).collect(),
             precision: group.free.iter().map(precision).collect(),
             constant: constant.sum(),
         }
@@ -637,18 +680,44 @@ impl<'a> Likelihood<'a> {
 
     /// The parameters of a row's draw.
     fn parameters(&self, row: usize, at: &[f64]) -> Vec<f64> {
-        let mut out = vec![0.0; self.draw.predictors.len()];
+        let mut out = vec![0.0; self.parts.len()];
         self.fill(row, at, &mut out);
         out
     }
 
     fn fill(&self, row: usize, at: &[f64], out: &mut [f64]) {
-        for ((predictor, slots), out) in self.draw.predictors.iter().zip(&self.slots).zip(out) {
-            let width = slots.len();
-            let design = &predictor.design[row * width..(row + 1) * width];
-            *out = predictor.offset[row];
-            for (x, slot) in design.iter().zip(slots) {
-                *out += slot.map_or(0.0, |slot| x * at[slot]);
+        for ((predictor, part), out) in self.draw.predictors.iter().zip(&self.parts).zip(out) {
+            let mut sum = predictor.offset[row];
+            for (x, slot) in part.row(row - self.rows.start).iter().zip(&part.slots) {
+                sum += x * at[*slot];
+            }
+            *out = sum;
+        }
+    }
+
+    /// Adds a row to the derivatives, of which the curvature is complete below its diagonal.
+    fn derive(
+        &self,
+        row: usize,
+        (first, second): (&[f64], &[f64]),
+        (gradient, curvature): (&mut [f64], &mut [f64]),
+    ) {
+        let size = gradient.len();
+        for (k, part) in self.parts.iter().enumerate() {
+            for (x, slot) in part.row(row).iter().zip(&part.slots) {
+                gradient[*slot] -= first[k] * x;
+                for (l, other) in self.parts.iter().enumerate() {
+                    let factor = second[k * self.parts.len() + l] * x;
+                    if factor == 0.0 {
+                        continue;
+                    }
+                    let column = &mut curvature[slot * size..(slot + 1) * size];
+                    for (y, to) in other.row(row).iter().zip(&other.slots) {
+                        if to >= slot {
+                            column[*to] -= factor * y;
+                        }
+                    }
+                }
             }
         }
     }
@@ -664,7 +733,7 @@ impl Objective for Likelihood<'_> {
         at: &[f64],
         mut derivatives: Option<(&mut DVector<f64>, &mut DMatrix<f64>)>,
     ) -> f64 {
-        let count = self.draw.predictors.len();
+        let (count, size) = (self.parts.len(), self.size());
         let mut parameters = vec![0.0; count];
         let (mut first, mut second) = (vec![0.0; count], vec![0.0; count * count]);
         if let Some((gradient, curvature)) = &mut derivatives {
@@ -676,28 +745,9 @@ impl Objective for Likelihood<'_> {
             self.fill(row, at, &mut parameters);
             let y = self.draw.outcome[row];
             value -= likelihood::row(self.draw.law, y, &parameters, &mut first, &mut second);
-            let Some((gradient, curvature)) = &mut derivatives else { continue };
-            for (k, slots) in self.slots.iter().enumerate() {
-                let width = slots.len();
-                let own = &self.draw.predictors[k].design[row * width..(row + 1) * width];
-                for (x, slot) in own.iter().zip(slots) {
-                    let Some(slot) = *slot else { continue };
-                    gradient[slot] -= first[k] * x;
-                    for (l, others) in self.slots.iter().enumerate() {
-                        let factor = second[k * count + l] * x;
-                        if factor == 0.0 {
-                            continue;
-                        }
-                        let width = others.len();
-                        let other = &self.draw.predictors[l].design[row * width..(row + 1) * width];
-                        let mut column = curvature.column_mut(slot);
-                        for (y, other) in other.iter().zip(others) {
-                            if let Some(other) = *other {
-                                column[other] -= factor * y;
-                            }
-                        }
-                    }
-                }
+            if let Some((gradient, curvature)) = &mut derivatives {
+                let to = (gradient.as_mut_slice(), curvature.as_mut_slice());
+                self.derive(row - self.rows.start, (&first, &second), to);
             }
         }
         for (index, precision) in self.precision.iter().enumerate() {
@@ -705,6 +755,9 @@ impl Objective for Likelihood<'_> {
             if let Some((gradient, curvature)) = &mut derivatives {
                 gradient[index] += precision * at[index];
                 curvature[(index, index)] += precision;
+                for other in index + 1..size {
+                    curvature[(index, other)] = curvature[(other, index)];
+                }
             }
         }
         if value.is_nan() { f64::INFINITY } else { value }

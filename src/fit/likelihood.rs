@@ -88,11 +88,10 @@ pub(super) fn constant(law: FitLaw, y: f64) -> f64 {
     }
 }
 
-/// The mean of a draw by its parameters; of a categorical draw the mean index, and of a lognormal one that of its values.
+/// The mean of a draw by its parameters; of a categorical draw the mean index, and of a lognormal one that of logarithms.
 pub(super) fn mean(law: FitLaw, at: &[f64]) -> f64 {
     match law {
-        FitLaw::Normal => at[0],
-        FitLaw::Lognormal => math::exp(at[0] + 0.5 * at[1] * at[1]),
+        FitLaw::Normal | FitLaw::Lognormal => at[0],
         FitLaw::Bernoulli => sigmoid(at[0]),
         FitLaw::Poisson => math::exp(at[0]),
         FitLaw::ZeroInflatedPoisson => sigmoid(-at[0]) * math::exp(at[1]),

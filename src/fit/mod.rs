@@ -3,12 +3,18 @@
 //! In: a [`Pilot`](crate::env::declared::Pilot), the decisions in the terms of a model. Out: coefficients of everybody with
 //! standard errors, what the data do not say, and files that a manifest names. The module reads no model and no file.
 
+mod check;
+mod draws;
 mod estimate;
 mod likelihood;
 mod newton;
 mod output;
+mod page;
 mod prior;
 mod solve;
 
+pub use check::{Check, CheckedNumber, HeldOut};
+pub use draws::{DrawnFrom, draws};
 pub use estimate::{Fit, FitNote, Fitting, GroupFit};
 pub use output::{files, notes};
+pub use page::{Standing, page};

@@ -62,17 +62,23 @@ pub(super) fn minimise(objective: &dyn Objective, start: &[f64]) -> Minimum {
         let slope = gradient.dot(&step);
         let mut share = 1.0;
         let mut has_moved = false;
-        for _ in 0..MOST_HALVINGS {
+        for halvings in 0..MOST_HALVINGS {
             let next = &at + share * &step;
-            let decreased = objective.evaluate(next.as_slice(), None);
+            // Most steps are taken whole, and then need the derivatives.
+            let is_whole = halvings == 0;
+            let derivatives = Some((&mut next_gradient, &mut next_curvature));
+            let mut decreased =
+                objective.evaluate(next.as_slice(), derivatives.filter(|_| is_whole));
             let is_lower = decreased <= value + SUFFICIENT * share * slope;
             let is_level = (decreased - value).abs() <= 1e-12 * value.abs().max(1.0);
             if decreased.is_finite() && (is_lower || is_level) {
-                let derivatives = Some((&mut next_gradient, &mut next_curvature));
-                let next_value = objective.evaluate(next.as_slice(), derivatives);
+                if !is_whole {
+                    let derivatives = Some((&mut next_gradient, &mut next_curvature));
+                    decreased = objective.evaluate(next.as_slice(), derivatives);
+                }
                 if is_lower || next_gradient.norm() < norm {
                     has_moved = next != at;
-                    (at, value) = (next, next_value);
+                    (at, value) = (next, decreased);
                     std::mem::swap(&mut gradient, &mut next_gradient);
                     std::mem::swap(&mut curvature, &mut next_curvature);
                     break;

@@ -24,7 +24,7 @@ pub fn files(pilot: &Pilot, fit: &Fit) -> Vec<ReportFile> {
 }
 
 /// The rows of a CSV file.
-fn csv_of(rows: impl IntoIterator<Item = Vec<String>>) -> Vec<u8> {
+pub(super) fn csv_of(rows: impl IntoIterator<Item = Vec<String>>) -> Vec<u8> {
     let mut writer = csv::Writer::from_writer(Vec::new());
     for row in rows {
         // Memory takes every row.
@@ -100,11 +100,7 @@ pub(super) fn residuals(pilot: &Pilot, fit: &Fit) -> Vec<u8> {
 
 /// The value minus its mean; of a lognormal draw, of logarithms.
 fn residual(draw: &FittedDraw, row: usize, values: &[f64]) -> f64 {
-    let law = match draw.law {
-        crate::env::declared::FitLaw::Lognormal => crate::env::declared::FitLaw::Normal,
-        law => law,
-    };
-    draw.outcome[row] - likelihood::mean(law, &parameters(draw, row, values))
+    draw.outcome[row] - likelihood::mean(draw.law, &parameters(draw, row, values))
 }
 
 /// The counted tables, as a model writes them.

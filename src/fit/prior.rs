@@ -28,6 +28,8 @@ pub(super) fn prior(pilot: &Pilot) -> String {
         pilot.used[*decision]
             && observed[..=features.len()].iter().all(|values| !values[*decision].is_nan())
             && !pilot.actions[0][*decision].is_nan()
+            // An agent learns only where it could choose.
+            && pilot.actions[2][*decision] != 0.0
     };
     let width = features.len() + 1;
     let varies = |people: &mut dyn Iterator<Item = usize>| {

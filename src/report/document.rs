@@ -306,7 +306,7 @@ fn write_finding(shown: &ShownFinding<'_>, files: &mut Vec<ReportFile>) {
 }
 
 /// Adds the files of a figure.
-fn write_figure(stem: &str, scene: &Scene, files: &mut Vec<ReportFile>) {
+pub fn write_figure(stem: &str, scene: &Scene, files: &mut Vec<ReportFile>) {
     let mut push = |extension: &str, bytes: Vec<u8>| {
         files.push(ReportFile { name: format!("figures/{stem}.{extension}"), bytes });
     };
@@ -328,7 +328,7 @@ fn write_race(ShownRace { race, stem, scenes }: &ShownRace<'_>, files: &mut Vec<
 }
 
 /// Adds a table for readers, and its data as CSV.
-fn write_table(stem: &str, table: &DataTable, files: &mut Vec<ReportFile>) {
+pub fn write_table(stem: &str, table: &DataTable, files: &mut Vec<ReportFile>) {
     let mut push = |extension: &str, text: String| {
         let name = format!("{stem}.{extension}");
         files.push(ReportFile { name, bytes: text.into_bytes() });

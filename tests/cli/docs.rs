@@ -20,7 +20,7 @@ pub use examples::LEARNED;
 use examples::{cell, fill_store, jitai, run};
 use questions::questions;
 
-const DOCUMENTS: [&str; 43] = [
+const DOCUMENTS: [&str; 44] = [
     "README.md",
     "CONTRIBUTING.md",
     "docs/agents.md",
@@ -40,6 +40,7 @@ const DOCUMENTS: [&str; 43] = [
     "docs/fidelity-bots.md",
     "docs/fidelity.md",
     "docs/fit.md",
+    "docs/pilot.md",
     "docs/index.md",
     "docs/install.md",
     "docs/manifest.md",

@@ -1,8 +1,9 @@
 //! `jitai fit`: the files that it writes, faults of models and data, and stops.
 
 use std::fmt::Write;
+use std::time::{Duration, Instant};
 
-use crate::support::Folder;
+use crate::support::{Folder, assert_prompt};
 
 const MODEL: &str = r#"format = 1
 title = "Walks"
@@ -233,4 +234,128 @@ fn nobody_with_estimates_is_an_error_and_writes_nothing() {
     let folder = folder(MODEL, &rows.concat());
     folder.jitai(FIT).ended(2).says("nobody has estimates of all coefficients");
     assert!(!folder.path("fitted").exists());
+}
+
+/// The page without its tags.
+fn page(folder: &Folder) -> String {
+    folder
+        .read("fitted/index.html")
+        .split('<')
+        .filter_map(|part| Some(part.split_once('>')?.1))
+        .collect()
+}
+
+#[test]
+fn the_page_leads_with_what_the_data_do_not_say_and_compares_simulated_pilots() {
+    let folder = folder(MODEL, &data());
+    let fitted = folder.jitai(FIT).succeeded();
+    assert!(!fitted.stderr.contains("not fitted"), "{}", fitted.stderr);
+    let page = page(&folder);
+    let place = |words: &str| page.find(words).unwrap_or_else(|| panic!("{words} is missing"));
+    assert!(page.contains("Fitted: 2 of 2 people have all coefficients."), "{page}");
+    assert!(place("What the data do not say") < place("The model against its data"));
+    for words in [
+        "share of zeros",
+        "variance between people",
+        "autocorrelation at lag 1",
+        "decision 1 of the day",
+        "are expected.",
+        "The effect of an action",
+        "Held-out days",
+        "Stability of the recursion",
+        "family = \"declared\"",
+    ] {
+        place(words);
+    }
+    for file in
+        ["figures/weeks.svg", "figures/people.pdf", "tables/against.csv", "tables/effect.csv"]
+    {
+        assert!(folder.path(&format!("fitted/{file}")).exists(), "{file}");
+    }
+    // A model without an identified effect is not called fitted.
+    folder.write("pilot.csv", data().replace(",1,0.4", ",0,0.4"));
+    folder
+        .jitai(FIT)
+        .succeeded()
+        .says("warning: not fitted: the effect `g_1` is not identified for 2 of 2 fits");
+    assert!(self::page(&folder).contains("Not fitted: 2 of 2"));
+}
+
+#[test]
+fn imputed_effects_carry_their_name_wherever_they_matter() {
+    let model = MODEL.replace(
+        "columns     =",
+        "effect = { standardised = 0.5, negative = [\"g_1\"] }\ncolumns     =",
+    );
+    let folder = folder(&model, &data());
+    folder.jitai(FIT).succeeded().says("imputed, not estimated: g_1");
+    let page = page(&folder);
+    assert!(page.matches("imputed, not estimated: g_1").count() >= 5, "{page}");
+    assert!(!page.contains("fitted effect"), "{page}");
+    let people = folder.read("fitted/people.csv");
+    let header: Vec<&str> = people.lines().next().unwrap().split(',').collect();
+    let effect = header.iter().position(|name| *name == "g_1").unwrap();
+    let of = |line: &str| line.split(',').nth(effect).unwrap().parse::<f64>().unwrap();
+    let effects: Vec<f64> = people.lines().skip(1).map(of).collect();
+    assert!(effects.iter().all(|effect| *effect < 0.0 && *effect == effects[0]), "{people}");
+}
+
+#[test]
+fn a_recursion_that_explodes_is_not_called_fitted() {
+    let model = MODEL
+        .replace("\"dose\", \"slot_now\"", "\"last\", \"slot_now\"")
+        .replace("minutes  =", "last = \"default(minutes[-1], 0)\"\nminutes  =")
+        .replace("days = 20", "days = 200");
+    let mut text = HEADER.to_owned();
+    let mut walked = 1.0;
+    for decision in 0..12 {
+        walked = 1.3 * walked + f64::from(decision * decision % 5) / 5.0;
+        let sent = decision * 7 % 3 % 2;
+        writeln!(text, "ann,{},{},{sent},0.4,1,{walked}", decision / 2, decision % 2).unwrap();
+    }
+    let folder = folder(&model, &text);
+    folder.jitai(FIT).succeeded().says("warning: not fitted: the recursion explodes");
+}
+
+#[test]
+fn drawn_people_are_swept_by_a_manifest() {
+    let folder = folder(MODEL, &data());
+    let with =
+        |more: &[&'static str]| FIT.into_iter().chain(more.iter().copied()).collect::<Vec<_>>();
+    let environment = folder.jitai(with(&["--draws", "3"])).succeeded().stdout;
+    let read = || [1, 2, 3].map(|number| folder.read(&format!("fitted/draw-{number}.csv")));
+    let drawn = read();
+    assert!(drawn[0] != drawn[1] && drawn[1] != drawn[2]);
+    let header = folder.read("fitted/people.csv").lines().next().unwrap().to_owned();
+    assert!(drawn.iter().all(|text| text.starts_with(&header) && text.lines().count() == 3));
+    folder.jitai(with(&["--draws", "3"])).succeeded();
+    assert_eq!(drawn, read());
+    let swept = "people = [\"fitted/draw-1.csv\", \"fitted/draw-2.csv\", \"fitted/draw-3.csv\"]";
+    let manifest = format!(
+        "format = 1\nname = \"next\"\nscenarios = \"all\"\nseeds = 1\n{}[trial]\npeople = 10\ndays = 20\ndecisions_per_day = 2\n\
+         [evaluation]\non = \"trial\"\n[[agent]]\nname = \"random\"\nalgorithm = \"rule\"\nrule = \"random\"\n",
+        environment.replace("people = \"fitted/people.csv\"", swept)
+    );
+    folder.write("next.toml", manifest);
+    folder.jitai(["run", "next.toml"]).succeeded().says("3 completed");
+    folder.jitai(with(&["--draws", "2", "--bootstrap"])).succeeded();
+    let all = folder.read("fitted/people.csv");
+    let own: Vec<&str> = all.lines().collect();
+    assert!(folder.read("fitted/draw-1.csv").lines().all(|line| own.contains(&line)));
+    folder.jitai(with(&["--bootstrap"])).ended(2).says("--draws");
+}
+
+#[test]
+fn a_stop_ends_a_long_fit_promptly_and_writes_nothing() {
+    let folder = folder(MODEL, &data());
+    let mut words = FIT.to_vec();
+    words.extend(["--simulations", "100000"]);
+    let running = folder.start(words);
+    std::thread::sleep(Duration::from_millis(500));
+    let asked = Instant::now();
+    running.signal("INT");
+    let finished = running.wait();
+    assert_prompt(asked);
+    assert!(finished.code == Some(130) || finished.code == Some(0), "{:?}", finished.code);
+    assert!(finished.code == Some(0) || !folder.path("fitted/people.csv").exists());
 }

@@ -8,7 +8,7 @@ use std::sync::atomic::AtomicBool;
 
 use jitai::env::declared::{Pilot, PilotError};
 use jitai::env::{Action, EpisodeStatus, LaneSet, LaneStreams, VectorEnvironment};
-use jitai::fit::{Fit, FitNote, Fitting, GroupFit};
+use jitai::fit::{DrawnFrom, Fit, FitNote, Fitting, GroupFit, draws, files};
 use jitai::rng::{Purpose, Stream};
 
 use crate::models::world;
@@ -286,4 +286,30 @@ fn simulated_pilots_of_models_that_ship_give_their_coefficients_back() {
         &text("experiments/oralytics/synthetic_v1.csv"),
         "",
     );
+}
+
+#[test]
+fn the_people_of_heartsteps_that_ship_are_those_of_a_fit() {
+    let model = text("experiments/heartsteps/trial_log.toml");
+    let (pilot, fit) = fitted(&model, &text("experiments/heartsteps/trial_log.csv"));
+    let drawn = draws(&pilot, &fit, 10, DrawnFrom::Estimates, 1);
+    let mut compared = 0;
+    for file in files(&pilot, &fit).into_iter().chain(drawn) {
+        // Everything else is made by the command of docs/pilot.md.
+        if file.name != "fit.json" {
+            let shipped = text(&format!("experiments/heartsteps/fitted/{}", file.name));
+            assert!(shipped.as_bytes() == file.bytes, "{} is another one", file.name);
+            compared += 1;
+        }
+    }
+    assert_eq!(compared, 13);
+    // The manifest has the keys of the prior and the standard deviation.
+    let manifest = text("experiments/heartsteps/next_trial.toml");
+    for line in text("experiments/heartsteps/fitted/prior.toml")
+        .lines()
+        .filter(|line| !line.starts_with('#'))
+    {
+        assert!(manifest.contains(line), "{line}");
+    }
+    assert!(manifest.contains(&format!("sigma = {:?}", fit.parameters[0].1)));
 }

@@ -30,7 +30,8 @@ pub use family::{DeclaredModel, FAMILY};
 pub use model::ModelFile;
 pub use pilot::{
     DataFaults, DrawCounts, DrawPredictor, EffectSource, FitCoefficient, FitLaw, FitMethod,
-    FittedDraw, ImputedColumn, Pilot, PilotError, PilotPerson,
+    FittedDraw, ImputedColumn, LongRun, Pilot, PilotError, PilotPerson, PilotWorld,
+    SimulatedDecisions,
 };
 pub use rolled::Rolled;
 pub use world::World;

@@ -2,7 +2,7 @@
 //!
 //! Figures are inline SVG, tables are HTML tables. The script only adds sorting, tooltips and hiding.
 
-mod parts;
+pub mod parts;
 
 use maud::{DOCTYPE, Markup, PreEscaped, Render, html};
 use parts::{figure_card, html_table, provenance};
@@ -43,6 +43,11 @@ pub fn index(
             (provenance(&experiments, store, hosts))
         }
     };
+    whole(&title, &body)
+}
+
+/// A page with this title and body.
+pub fn whole(title: &str, body: &Markup) -> String {
     let page = html! {
         (DOCTYPE)
         html lang="en" {

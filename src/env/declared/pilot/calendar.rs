@@ -3,8 +3,8 @@
 use std::collections::HashMap;
 use std::ops::Range;
 
-use crate::env::declared::pilot::PilotPerson;
 use crate::env::declared::pilot::file::{ColumnFormula, DataFaults, RecordedRows};
+use crate::env::declared::pilot::terms::PilotPerson;
 use crate::text::shortened;
 
 /// Stands for a decision that the file skips.

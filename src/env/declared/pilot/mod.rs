@@ -1,194 +1,25 @@
 //! A pilot: recorded decisions in the terms of a model, ready to be fitted.
 //!
 //! In: the text of a model with `[fit]`, and a CSV file of decisions. Out: for every draw that the data have, its values
-//! and what its parameters are linear in, computed by the model's own program. `docs/fit.md` describes the section.
-//! The module estimates nothing.
+//! and what its parameters are linear in, computed by the model's own program; and simulated pilots of the people of a
+//! fit. `docs/fit.md` describes the section. The module estimates nothing.
 
+mod assembly;
 mod calendar;
 mod design;
 mod file;
 mod linear_form;
+mod plan;
 mod read;
 mod section;
+mod simulated;
+mod sources;
+mod terms;
 
-use std::ops::Range;
-
-use crate::env::declared::model::ModelFile;
-use crate::text::FaultList;
-
-use design::Clamped;
 pub use file::DataFaults;
 pub use section::{EffectSource, FitMethod};
-
-/// Why decisions cannot be read.
-#[derive(Debug)]
-pub enum PilotError {
-    /// The model or its section `[fit]` has faults.
-    Model(FaultList),
-    /// The file has.
-    Data(DataFaults),
-    /// The caller asked to stop.
-    Stopped,
-}
-
-/// The distribution of a fitted draw, with its parameters as a fit sees them.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum FitLaw {
-    /// Mean and standard deviation.
-    Normal,
-    /// Mean and standard deviation of the logarithm.
-    Lognormal,
-    /// The logit of 1.
-    Bernoulli,
-    /// The logarithm of the mean.
-    Poisson,
-    /// The logit of a certain 0, and the logarithm of the mean otherwise.
-    ZeroInflatedPoisson,
-    /// Logarithms of weights.
-    Categorical,
-}
-
-/// A person of the file.
-#[derive(Clone, Debug, PartialEq)]
-pub struct PilotPerson {
-    /// The name in the file.
-    pub name: String,
-    /// The person's decisions; those that the file skips are among them.
-    pub decisions: Range<usize>,
-}
-
-/// A number that a fit estimates.
-#[derive(Clone, Debug, PartialEq)]
-pub struct FitCoefficient {
-    /// The column of people, or the parameter.
-    pub name: String,
-    /// Whether it is a parameter of the model instead of a column of people.
-    pub is_parameter: bool,
-    /// Whether it matters only where an action is taken.
-    pub is_effect: bool,
-    /// The variables of its terms that need a share of both values, by their index in the pilot.
-    pub rare: Vec<usize>,
-}
-
-/// A parameter of a fitted draw.
-#[derive(Clone, Debug)]
-pub struct DrawPredictor {
-    /// The name of the parameter.
-    pub key: &'static str,
-    /// The coefficients that it is linear in, by their index in the pilot.
-    pub coefficients: Vec<usize>,
-    /// What it is with all of them 0, \[rows\].
-    pub offset: Vec<f64>,
-    /// \[rows, coefficients\].
-    pub design: Vec<f64>,
-    /// The parameter of the model that is the whole of it.
-    pub parameter: Option<String>,
-}
-
-/// A draw whose values the data have.
-#[derive(Clone, Debug)]
-pub struct FittedDraw {
-    /// The variable.
-    pub name: String,
-    /// The distribution.
-    pub law: FitLaw,
-    /// How it is fitted.
-    pub method: FitMethod,
-    /// By parameter of the distribution.
-    pub predictors: Vec<DrawPredictor>,
-    /// The rows that are used, by the numbers of their decisions.
-    pub decisions: Vec<u32>,
-    /// Its values, \[rows\]; of a lognormal draw their logarithms.
-    pub outcome: Vec<f64>,
-    /// \[people\]: their rows.
-    pub people: Vec<Range<usize>>,
-    /// The number of decisions without a value, and without a feature.
-    pub without: [usize; 2],
-}
-
-/// A draw of a table whose values the data have.
-#[derive(Clone, Debug, PartialEq)]
-pub struct DrawCounts {
-    /// The variable.
-    pub name: String,
-    /// Each combination of what is given and of the value, in ascending order, with its number of decisions.
-    pub counts: Vec<(Vec<f64>, usize)>,
-}
-
-/// A column of people whose number the data do not determine.
-#[derive(Clone, Debug, PartialEq)]
-pub struct ImputedColumn {
-    /// The column.
-    pub name: String,
-    /// The draw and the parameter that it is in, by their indices.
-    pub of: (usize, usize),
-    /// Its sign, or 0 where another column has the whole effect.
-    pub sign: f64,
-}
-
-/// Recorded decisions in the terms of a model.
-#[derive(Debug)]
-pub struct Pilot {
-    clamped: Clamped,
-    /// The people in the order of the file.
-    pub people: Vec<PilotPerson>,
-    /// What is estimated.
-    pub coefficients: Vec<FitCoefficient>,
-    /// The draws that are fitted.
-    pub draws: Vec<FittedDraw>,
-    /// The draws that are counted.
-    pub counts: Vec<DrawCounts>,
-    /// Where effects come from.
-    pub effect: EffectSource,
-    /// What is imputed.
-    pub imputed: Vec<ImputedColumn>,
-    /// Whether everybody has the same coefficients.
-    pub pooled: bool,
-    /// Variables of which 0 and 1 must each have more than this share of a person's rows, with their values by decision.
-    pub rare: Vec<(f64, Vec<f64>)>,
-    /// The needed columns of people, and for those that the data give, their numbers by person.
-    pub columns: Vec<(String, Option<Vec<f64>>)>,
-    /// The names and means and standard deviations of standardised variables.
-    pub scales: Vec<(String, f64, f64)>,
-    /// The action of each decision, the probability of a message, and whether one could be sent; NaN where unknown.
-    pub actions: [Vec<f64>; 3],
-    /// Whether a decision is a row of the file that `where` admits.
-    pub used: Vec<bool>,
-    /// Lines about what was read.
-    pub notes: Vec<String>,
-}
-
-impl Pilot {
-    /// The title of the model, and the unit of its outcome.
-    pub fn title(&self) -> (&str, &str) {
-        let model = self.model();
-        (&model.title, model.unit.as_deref().unwrap_or("outcome"))
-    }
-
-    fn model(&self) -> &ModelFile {
-        &self.clamped.model
-    }
-
-    /// The parameters of the model with their defaults.
-    pub fn parameters(&self) -> impl Iterator<Item = (&str, f64)> {
-        self.model().parameters.iter().map(|one| (one.name.as_str(), one.default))
-    }
-
-    /// The columns of the model's rows, each with its numbers by decision.
-    pub fn replayed(&self) -> Vec<(&str, Vec<f64>)> {
-        self.clamped.replayed()
-    }
-
-    /// The number of actions, and the names of the features that agents may observe.
-    pub fn actions_and_features(&self) -> (usize, Vec<&str>) {
-        let model = self.model();
-        let names = model.roles.features.iter().map(|feature| feature.name.as_str());
-        (model.actions.len(), names.collect())
-    }
-
-    /// By decision: the features that agents may observe, then the reward and the outcome; NaN where the data do not
-    /// determine them.
-    pub fn observed(&self) -> Vec<Vec<f64>> {
-        self.clamped.observed()
-    }
-}
+pub use simulated::{LongRun, PilotWorld, SimulatedDecisions};
+pub use terms::{
+    DrawCounts, DrawPredictor, FitCoefficient, FitLaw, FittedDraw, ImputedColumn, Pilot,
+    PilotError, PilotPerson,
+};
