@@ -263,7 +263,7 @@ fn the_page_leads_with_what_the_data_do_not_say_and_compares_simulated_pilots() 
         "The effect of an action",
         "Held-out days",
         "Stability of the recursion",
-        "family = \"declared\"",
+        "family = &quot;declared&quot;",
     ] {
         place(words);
     }
@@ -288,9 +288,9 @@ fn imputed_effects_carry_their_name_wherever_they_matter() {
         "effect = { standardised = 0.5, negative = [\"g_1\"] }\ncolumns     =",
     );
     let folder = folder(&model, &data());
-    folder.jitai(FIT).succeeded().says("imputed, not estimated: g_1");
+    folder.jitai(FIT).succeeded().says("imputed, not estimated: b_dose, g_1");
     let page = page(&folder);
-    assert!(page.matches("imputed, not estimated: g_1").count() >= 5, "{page}");
+    assert!(page.matches("imputed, not estimated: b_dose, g_1").count() >= 5, "{page}");
     assert!(!page.contains("fitted effect"), "{page}");
     let people = folder.read("fitted/people.csv");
     let header: Vec<&str> = people.lines().next().unwrap().split(',').collect();

@@ -98,7 +98,7 @@ fn shipped() -> Vec<(&'static str, u64)> {
         ("experiments/bandits.toml", 920),
         ("experiments/models/trial.toml", 60),
         ("experiments/models/noisy_dose_trial.toml", 10),
-        ("experiments/heartsteps/next_trial.toml", 1800),
+        ("experiments/heartsteps/next_trial.toml", 540),
         ("experiments/heartsteps/uncertain.toml", 3300),
         ("experiments/external/outside.toml", 21),
         ("experiments/external/cartpole.toml", 12),
