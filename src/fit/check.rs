@@ -84,8 +84,12 @@ pub struct Check {
     pub slots: Vec<CheckedNumber>,
     /// Each person's mean.
     pub people: Vec<CheckedNumber>,
+    /// Each person's variance, without zeros.
+    pub variances: Vec<CheckedNumber>,
     /// The effect of an action by weighted and centred least squares, and its standard error in the pilot.
     pub effect: Option<(CheckedNumber, f64)>,
+    /// Whether chance chose an action at some decision.
+    pub has_randomised: bool,
     /// Errors on held-out days.
     pub held_out: Vec<HeldOut>,
     /// A simulation of the days of the model, or why it failed.
@@ -152,13 +156,14 @@ impl Check {
             Err(_) => true,
         }
     }
+}
 
-    /// The number of people whose mean lies outside of its own interval, and of all.
-    pub fn people_outside(&self) -> (usize, usize) {
-        let is_outside =
-            |one: &&CheckedNumber| one.pilot < one.interval.0 || one.pilot > one.interval.1;
-        (self.people.iter().filter(is_outside).count(), self.people.len())
-    }
+/// How many of these numbers of people lie outside of their own intervals, and how many have one.
+pub(super) fn outside(numbers: &[CheckedNumber]) -> (usize, usize) {
+    let known = || numbers.iter().filter(|one| (one.pilot - one.mean).is_finite());
+    let is_outside =
+        |one: &&CheckedNumber| one.pilot < one.interval.0 || one.pilot > one.interval.1;
+    (known().filter(is_outside).count(), known().count())
 }
 
 /// Numbers of pilots that are simulated together.
@@ -190,10 +195,11 @@ struct Frame {
 }
 
 /// The numbers of all people, in the order of [`Frame::numbers`].
-const NAMES: [&str; 9] = [
+const NAMES: [&str; 10] = [
     "share of zeros",
     "mean",
     "variance within people",
+    "variance within people, without zeros",
     "variance between people",
     "lower quartile of people",
     "median of people",
@@ -262,13 +268,13 @@ impl Frame {
         })
     }
 
-    /// The numbers of a pilot: those of [`NAMES`], the means by week, by decision of the day and by person, the effect of an
-    /// action and its standard error.
+    /// The numbers of a pilot: those of [`NAMES`], the means by week, by decision of the day and by person, the variance of each
+    /// person without zeros, the effect of an action and its standard error.
     fn numbers(&self, outcomes: &[f64], actions: &[f64], features: &[Vec<f64>]) -> Vec<f64> {
         let weeks = self.weeks.iter().max().map_or(0, |last| last + 1);
         let mut by_week = vec![[0.0; 2]; weeks];
         let mut by_slot = vec![[0.0; 2]; self.per_day];
-        let mut means = Vec::new();
+        let (mut means, mut variances) = (Vec::new(), Vec::new());
         let (mut zeros, mut sum, mut count) = (0.0, 0.0, 0.0);
         let (mut within, mut of_within) = (0.0, 0.0);
         let [mut lagged, mut squares, mut trend, mut of_weeks] = [0.0; 4];
@@ -302,7 +308,13 @@ impl Frame {
                 of_within += 1.0;
             }
             means.push(mean);
+            let others: Vec<f64> = { own.iter().map(|one| outcomes[*one]) }
+                .filter(|outcome| *outcome != 0.0)
+                .collect();
+            let sd = if others.len() > 1 { with_sd(&others).1 } else { f64::NAN };
+            variances.push(sd * sd);
         }
+        let known: Vec<f64> = variances.iter().copied().filter(|one| one.is_finite()).collect();
         let mut sorted: Vec<f64> = means.iter().copied().filter(|mean| mean.is_finite()).collect();
         sorted.sort_by(f64::total_cmp);
         let at = |share: f64| quantile(&sorted, share).unwrap_or(f64::NAN);
@@ -311,6 +323,7 @@ impl Frame {
             zeros / count,
             sum / count,
             within / of_within,
+            known.iter().sum::<f64>() / known.len() as f64,
             between * between,
             at(0.25),
             at(0.5),
@@ -320,6 +333,7 @@ impl Frame {
         ];
         all.extend(by_week.iter().chain(&by_slot).map(|[sum, count]| sum / count));
         all.extend(means);
+        all.extend(variances);
         all.extend(self.effect(outcomes, actions, features));
         all
     }
@@ -377,6 +391,7 @@ impl Frame {
         let slots =
             take((0..self.per_day).map(|slot| format!("decision {slot} of the day")).collect());
         let people = take(self.names.clone());
+        let variances = take(self.names.clone());
         let effect = take(vec!["effect of an action".to_owned()]).pop();
         let error = recorded.last().copied().unwrap_or(f64::NAN);
         let largest = { self.people.iter().flatten() }
@@ -388,6 +403,8 @@ impl Frame {
             weeks: by_week,
             slots,
             people,
+            variances,
+            has_randomised: self.randomised().next().is_some(),
             effect: effect.filter(|one| one.pilot.is_finite()).map(|one| (one, error)),
             held_out: Vec::new(),
             long_run,

@@ -1,7 +1,7 @@
 //! The page of a fit: what the data do not say, then the model against its data.
 
 use crate::env::declared::{EffectSource, Pilot};
-use crate::fit::check::{Check, CheckedNumber};
+use crate::fit::check::{Check, CheckedNumber, outside};
 use crate::fit::estimate::Fit;
 use crate::fit::output::{self, notes};
 use crate::report::{
@@ -58,6 +58,9 @@ fn fit_count(fit: &Fit) -> String {
 fn rounded(value: f64) -> String {
     if !value.is_finite() {
         return "no number".to_owned();
+    }
+    if value == 0.0 {
+        return "0".to_owned();
     }
     let digits = 3 - value.abs().max(1e-9).log10().floor() as i32;
     format!("{value:.*}", digits.clamp(0, 9) as usize)
@@ -178,8 +181,7 @@ fn against(pilot: &Pilot, check: &Check, unit: &str) -> PlainSection {
             TableEntry::text(mark),
         ]);
     }
-    let (outside, all) = check.people_outside();
-    let expected = 0.05 * all as f64;
+    let ((means, all), (variances, known)) = (outside(&check.people), outside(&check.variances));
     let words = vec![
         format!(
             "{} pilots of these people at the recorded decisions, under the pilot's own probabilities{}. The error of a number is \
@@ -188,7 +190,9 @@ fn against(pilot: &Pilot, check: &Check, unit: &str) -> PlainSection {
             imputed_words(pilot)
         ),
         format!(
-            "{outside} of {all} people have a mean outcome outside of their own 95 % interval; {expected:.1} are expected."
+            "{means} of {all} people have a mean outcome outside of their own 95 % interval, and {variances} of {known} a variance \
+             without zeros; {:.1} of {all} are expected.",
+            0.05 * all as f64
         ),
     ];
     let point = |x: i32, y: f64, interval| PlainPoint { x: f64::from(x), y, interval };
@@ -243,10 +247,13 @@ fn effect(pilot: &Pilot, check: &Check, unit: &str) -> PlainSection {
     let mut section =
         PlainSection { heading: "The effect of an action".to_owned(), ..PlainSection::default() };
     let Some((effect, error)) = &check.effect else {
-        section.words.push(format!(
-            "The pilot has no randomised actions, so that it says nothing about an effect{}.",
-            imputed_words(pilot)
-        ));
+        let why = match check.has_randomised {
+            true => {
+                "The pilot has too few people for the effect of an action and its standard error"
+            }
+            false => "The pilot has no randomised actions, so that it says nothing about an effect",
+        };
+        section.words.push(format!("{why}{}.", imputed_words(pilot)));
         return section;
     };
     let columns = [("of", "Of"), ("effect", "Effect"), ("error", "Standard error")];
@@ -357,7 +364,7 @@ fn coefficients(pilot: &Pilot, fit: &Fit) -> PlainSection {
         let value = fit.imputed.first().map_or(f64::NAN, |own| own[index]);
         table.rows.push(vec![
             TableEntry::text(one.name.clone()),
-            TableEntry::text(format!("imputed: {}", output::effect(pilot.effect))),
+            TableEntry::text(output::effect(pilot.effect)),
             TableEntry::number(pilot.people.len() as f64, 0),
             number(value),
             number(0.0),

@@ -33,8 +33,13 @@ const HEADER: &str = "id,day,part,sent,p,free,walked\n";
 
 /// Two people with 12 decisions each.
 fn data() -> String {
+    data_of(&[("ann", 20), ("bob", 30)])
+}
+
+/// People with these levels and 12 decisions each.
+fn data_of(people: &[(&str, i32)]) -> String {
     let mut text = HEADER.to_owned();
-    for (person, level) in [("ann", 20), ("bob", 30)] {
+    for (person, level) in people {
         for decision in 0..12 {
             let (day, part) = (decision / 2 + 1, decision % 2);
             let sent = decision * 7 % 3 % 2;
@@ -247,19 +252,21 @@ fn page(folder: &Folder) -> String {
 
 #[test]
 fn the_page_leads_with_what_the_data_do_not_say_and_compares_simulated_pilots() {
-    let folder = folder(MODEL, &data());
+    let people = [("ann", 20), ("bob", 30), ("cem", 25), ("dot", 15), ("eve", 40), ("fay", 35)];
+    let data = data_of(&people);
+    let folder = folder(MODEL, &data);
     let fitted = folder.jitai(FIT).succeeded();
     assert!(!fitted.stderr.contains("not fitted"), "{}", fitted.stderr);
     let page = page(&folder);
     let place = |words: &str| page.find(words).unwrap_or_else(|| panic!("{words} is missing"));
-    assert!(page.contains("Fitted: 2 of 2 people have all coefficients."), "{page}");
+    assert!(page.contains("Fitted: 6 of 6 people have all coefficients."), "{page}");
     assert!(place("What the data do not say") < place("The model against its data"));
     for words in [
         "share of zeros",
         "variance between people",
         "autocorrelation at lag 1",
         "decision 1 of the day",
-        "are expected.",
+        "a variance without zeros; 0.3 of 6 are expected.",
         "The effect of an action",
         "Held-out days",
         "Stability of the recursion",
@@ -272,13 +279,17 @@ fn the_page_leads_with_what_the_data_do_not_say_and_compares_simulated_pilots() 
     {
         assert!(folder.path(&format!("fitted/{file}")).exists(), "{file}");
     }
+    // Two people have no standard error of an effect.
+    folder.write("pilot.csv", self::data());
+    folder.jitai(FIT).succeeded();
+    assert!(self::page(&folder).contains("The pilot has too few people for the effect"));
     // A model without an identified effect is not called fitted.
-    folder.write("pilot.csv", data().replace(",1,0.4", ",0,0.4"));
+    folder.write("pilot.csv", data.replace(",1,0.4", ",0,0.4"));
     folder
         .jitai(FIT)
         .succeeded()
-        .says("warning: not fitted: the effect `g_1` is not identified for 2 of 2 fits");
-    assert!(self::page(&folder).contains("Not fitted: 2 of 2"));
+        .says("warning: not fitted: the effect `g_1` is not identified for 6 of 6 fits");
+    assert!(self::page(&folder).contains("Not fitted: 6 of 6"));
 }
 
 #[test]
