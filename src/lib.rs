@@ -55,6 +55,7 @@
 //!
 //! - [`experiment`] declares and runs jobs.
 //! - [`results`] reads results and makes reports.
+//! - [`fits`] estimates the people of a model from data.
 //! - [`findings`] holds the numbers that reports draw, and [`statistics`] the functions that compute
 //!   them.
 //! - [`environment`] and [`policy`] simulate without a store.
@@ -229,6 +230,13 @@ pub mod algorithm {
         Assignment, CanonicalError, Constraint, Key, KeyType, Keyed, Kind, Parameter, SectionName,
         SettingError, Size, Value, Violation,
     };
+}
+
+/// Fits: the people of a model, estimated from the decisions of a pilot.
+pub mod fits {
+    pub use crate::env::declared::Pilot;
+    pub use crate::fit::{DrawnFrom, FitRequest, Fitted, NoFit, NoPilot, Standing, read};
+    pub use crate::report::{PlainPage, ReportFigure, ReportFile, plain_figures};
 }
 
 /// Findings: the results of declared analyses, as reports draw them.

@@ -5,8 +5,7 @@ use crate::fit::check::{Check, CheckedNumber, outside};
 use crate::fit::estimate::Fit;
 use crate::fit::output::{self, notes};
 use crate::report::{
-    DataTable, PlainFigure, PlainLine, PlainPage, PlainPoint, PlainSection, ReportFile, TableEntry,
-    plain_page,
+    DataTable, PlainFigure, PlainLine, PlainPage, PlainPoint, PlainSection, TableEntry,
 };
 
 /// Errors from which a number is marked.
@@ -73,8 +72,8 @@ fn number(value: f64) -> TableEntry {
     }
 }
 
-/// The files of the page.
-pub fn page(pilot: &Pilot, fit: &Fit, check: &Check, environment: &str) -> Vec<ReportFile> {
+/// The page.
+pub(super) fn page(pilot: &Pilot, fit: &Fit, check: &Check, environment: &str) -> PlainPage {
     let (title, unit) = pilot.title();
     let standing = Standing::of(pilot, fit, check);
     let complete = fit.is_complete.iter().filter(|complete| **complete).count();
@@ -102,7 +101,7 @@ pub fn page(pilot: &Pilot, fit: &Fit, check: &Check, environment: &str) -> Vec<R
         },
     ];
     let kicker = "jitai fit".to_owned();
-    plain_page(&PlainPage { kicker, title: title.to_owned(), lead, sections })
+    PlainPage { kicker, title: title.to_owned(), lead, sections }
 }
 
 /// Words on imputed effects, for whatever rests on them.

@@ -36,7 +36,9 @@ pub use environment_words::Words;
 pub use escape::{defused, unused_stem};
 pub use letters::undrawn;
 pub use page::Hosts;
-pub use plain::{PlainFigure, PlainLine, PlainPage, PlainPoint, PlainSection, plain_page};
+pub use plain::{
+    PlainFigure, PlainLine, PlainPage, PlainPoint, PlainSection, plain_figures, plain_page,
+};
 pub use race::ReportedRace;
 pub use section::{ReportedExperiment, no_experiment};
 pub use split::splits;

@@ -3,13 +3,13 @@
 use maud::{Markup, PreEscaped, html};
 
 use super::data_table::DataTable;
-use super::document::{ReportFile, write_figure, write_table};
+use super::document::{ReportFigure, ReportFile, write_figure, write_table};
 use super::figure::{
     AxisScale, COLORS, Chart, Line, Look, Marker, NumberFormat, PlottedPoint, Spread, Style,
     axes_of, draw,
 };
 use super::page::{parts::html_table, whole};
-use super::scene::{Color, Facets, Scene, inline_svg};
+use super::scene::{Color, Facets, Scene, inline_svg, svg};
 
 /// A page.
 pub struct PlainPage {
@@ -99,6 +99,21 @@ pub fn plain_page(page: &PlainPage) -> Vec<ReportFile> {
     let bytes = whole(&page.title, &markup).into_bytes();
     files.insert(0, ReportFile { name: "index.html".to_owned(), bytes });
     files
+}
+
+/// The figures of a page.
+pub fn plain_figures(page: &PlainPage) -> Vec<ReportFigure> {
+    let figure = |one: &PlainFigure| {
+        let figure = |scene: &Scene| ReportFigure {
+            experiment: page.title.clone(),
+            analysis: "fit".to_owned(),
+            name: one.stem.clone(),
+            svg: svg(scene),
+            caption: one.caption.clone(),
+        };
+        scenes(one).iter().map(figure).collect::<Vec<ReportFigure>>()
+    };
+    page.sections.iter().flat_map(|section| &section.figures).flat_map(figure).collect()
 }
 
 fn body(section: &PlainSection, scenes: &[(&PlainFigure, Vec<Scene>)]) -> Markup {

@@ -62,7 +62,7 @@ const TABLE: &[(&str, &[&str])] = &[
         &["text", "key", "env", "optimum", "job", "manifest", "plan", "record", "store", "analyse"],
     ),
     // What a model's people are, from a pilot's decisions; its files are those of a report.
-    ("fit", &["rng", "kernel", "env", "estimate", "analyse", "report"]),
+    ("fit", &["rng", "kernel", "text", "key", "env", "estimate", "analyse", "report"]),
     (
         "cli",
         &[
