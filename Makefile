@@ -74,6 +74,7 @@ FEATURES := --no-default-features --features burn-flex
 
 test-slow: ## whole trainings of ten seeds, of both engines and against an independent port, and optima (minutes)
 	JITAI_EPISODES=100000 $(CARGO) test --release --quiet $(FEATURES) --test library optimum::
+	JITAI_PILOTS=200 $(CARGO) test --release $(FEATURES) --test library fit::simulated -- --nocapture
 	$(CARGO) test --release $(FEATURES) --test slow -- learning:: --nocapture --test-threads 1
 
 test-features: export RUST_TEST_THREADS ?= 4

@@ -200,7 +200,7 @@ impl Asked {
 }
 
 /// The exception for manifests with faults.
-fn faulty(faulty: Vec<Faults>) -> PyErr {
+pub(crate) fn faulty(faulty: Vec<Faults>) -> PyErr {
     let message = faulty.iter().map(ToString::to_string).collect::<Vec<_>>().join("\n");
     let error = ManifestError::new_err(message);
     let list: Vec<Json> = faulty

@@ -1,4 +1,4 @@
-//! The native part of the Python module `jitai`: environments, experiments, stores and policies as Python objects.
+//! The native part of the Python module `jitai`: environments, experiments, fits, stores and policies as Python objects.
 //!
 //! In: Python values and NumPy arrays. Out: the same. The library computes everything; this crate converts
 //! values, checks inputs, and maps errors to Python exceptions. The package around it, `package/jitai/`,
@@ -7,6 +7,7 @@
 mod declaration;
 mod errors;
 mod experiment;
+mod fit;
 mod info;
 mod interrupt;
 mod lane;
@@ -25,6 +26,8 @@ mod _jitai {
     use crate::declaration::Declaration;
     #[pymodule_export]
     use crate::experiment::{ManifestError, check, figures, plan, report, run};
+    #[pymodule_export]
+    use crate::fit::{FittedPilot, fit};
     #[pymodule_export]
     use crate::lane::Lane;
     #[pymodule_export]

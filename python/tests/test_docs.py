@@ -67,3 +67,13 @@ def test_the_examples_of_experiments_run(tmp_path, monkeypatch):
     for block in blocks_of(NOTEBOOKS):
         exec(compile(block, str(NOTEBOOKS), "exec"), names)
     assert len(names["means"]) == 4 and (tmp_path / "first" / "index.html").is_file()
+
+
+def test_the_example_of_a_fit_runs(tmp_path, monkeypatch):
+    pytest.importorskip("pandas")
+    (tmp_path / "experiments").symlink_to(ROOT / "experiments")
+    monkeypatch.chdir(tmp_path)
+    [block] = blocks_of(ROOT / "docs" / "fit.md")
+    names: dict = {}
+    exec(compile(block, "docs/fit.md", "exec"), names)
+    assert len(names["fitted"].people) == 32 and names["environment"]["people"].startswith("brushing")

@@ -156,73 +156,100 @@ fn least_squares_of_heartsteps_are_the_published_coefficients() {
     assert_eq!(effects, ["sent_1", "sent_variation", "sent_home", "sent_dosage"]);
 }
 
-/// A pilot of people of a model, with actions at random: a CSV file of the recorded variables.
-fn simulated(model: &str, people: &str, replay: &str, count: usize) -> String {
-    let environment = world([model, people, replay], &[]);
-    let mut lanes = environment.testing(&"all".parse().unwrap(), 1, count);
-    let person = |person| Stream::of_person(7, Purpose::Person, person);
-    let mut streams = LaneStreams::PerLane((0..count as u32).map(person).collect());
-    let mut choices = Stream::new(7, Purpose::Exploration);
-    lanes.assign(&(0..count as u32).collect::<Vec<_>>());
-    lanes.reset(LaneSet::All, &mut streams);
-    let mut out = format!("person,decision,sent,{}\n", environment.state_names().join(","));
-    let mut rewards = vec![0.0; count];
-    while lanes.any_running() {
-        let choose = |()| Action::from_index(choices.below(2) as usize).unwrap();
-        let actions: Vec<Action> = vec![(); count].into_iter().map(choose).collect();
-        let running: Vec<bool> =
-            lanes.statuses().iter().map(|status| *status == EpisodeStatus::Running).collect();
-        let times = lanes.times().to_vec();
-        let mut states = vec![Vec::new(); count];
-        for (lane, state) in states.iter_mut().enumerate() {
-            lanes.record_state(lane, state);
-        }
-        lanes.step(&actions, &mut rewards, &mut streams);
-        for (lane, state) in states.iter_mut().enumerate().filter(|(lane, _)| running[*lane]) {
-            lanes.complete(lane, rewards[lane], state, &mut 0.0);
-            let numbers: Vec<String> = state.iter().map(|number| format!("{number:?}")).collect();
-            let (time, action) = (times[lane], actions[lane].index());
-            writeln!(out, "p{lane},{time},{action},{}", numbers.join(",")).unwrap();
-        }
-    }
-    assert_eq!(environment.failure(), None);
-    out
+/// A model whose pilots are simulated and fitted.
+struct Case<'a> {
+    model: &'a str,
+    /// The section [fit] without what all have in common.
+    fit: &'a str,
+    people: &'a str,
+    replay: &'a str,
+    /// Columns of people that the data have.
+    known: &'a [&'a str],
 }
 
-/// Fits a pilot that is simulated with known coefficients, and compares them in units of standard errors.
-fn recover(model: &str, fit: &str, people: &str, replay: &str) -> (Pilot, Fit) {
-    let truth = rows(&uncommented(people));
-    let data = simulated(model, people, replay, truth.len());
-    let (pilot, fit) = fitted(
-        &format!(
-            "{model}\n[fit]\nperson = \"person\"\norder = \"decision\"\naction = \"sent\"\n{fit}"
-        ),
-        &data,
-    );
-    let (mut squares, mut count) = (0.0, 0.0);
-    let usable = fit.groups.iter().flatten().filter(|group| group.is_usable());
-    assert!(2 * usable.clone().count() > truth.len().min(fit.groups[0].len()), "{fit:?}");
-    for group in usable {
-        let size = group.free.len();
-        for (slot, (name, value)) in group
-            .free
-            .iter()
-            .map(|one| &pilot.coefficients[*one].name)
-            .zip(&group.values)
-            .enumerate()
-        {
-            let sd = group.covariance[slot * size + slot].sqrt();
-            let true_value: f64 = truth[group.person.unwrap_or(0)][name].parse().unwrap();
-            let z = (value - true_value) / sd;
-            assert!(z.abs() < 5.0, "{name}: {value} ± {sd} {true_value}");
-            squares += z * z;
-            count += 1.0;
+impl Case<'_> {
+    /// A pilot with actions at random: a CSV file of the recorded variables.
+    fn simulated(&self, seed: u64) -> String {
+        let truth = rows(&uncommented(self.people));
+        let count = truth.len();
+        let environment = world([self.model, self.people, self.replay], &[]);
+        let mut lanes = environment.testing(&"all".parse().unwrap(), 1, count);
+        let person = |person| Stream::of_person(seed, Purpose::Person, person);
+        let mut streams = LaneStreams::PerLane((0..count as u32).map(person).collect());
+        let mut choices = Stream::new(seed, Purpose::Exploration);
+        lanes.assign(&(0..count as u32).collect::<Vec<_>>());
+        lanes.reset(LaneSet::All, &mut streams);
+        let names = environment.state_names().join(",");
+        let known: String = self.known.iter().map(|name| format!(",{name}")).collect();
+        let mut out = format!("person,decision,sent,{names}{known}\n");
+        let mut rewards = vec![0.0; count];
+        while lanes.any_running() {
+            let could: Vec<bool> = (0..count).map(|lane| lanes.can_send(lane)).collect();
+            let mut choose = |could: &bool| {
+                let index = choices.below(2) as usize;
+                Action::from_index(if *could { index } else { 0 }).unwrap()
+            };
+            let actions: Vec<Action> = could.iter().map(&mut choose).collect();
+            let running: Vec<bool> =
+                lanes.statuses().iter().map(|status| *status == EpisodeStatus::Running).collect();
+            let times = lanes.times().to_vec();
+            let mut states = vec![Vec::new(); count];
+            for (lane, state) in states.iter_mut().enumerate() {
+                lanes.record_state(lane, state);
+            }
+            lanes.step(&actions, &mut rewards, &mut streams);
+            for (lane, state) in states.iter_mut().enumerate().filter(|(lane, _)| running[*lane]) {
+                lanes.complete(lane, rewards[lane], state, &mut 0.0);
+                let numbers: Vec<String> =
+                    state.iter().map(|number| format!("{number:?}")).collect();
+                let (time, action) = (times[lane], actions[lane].index());
+                write!(out, "p{lane},{time},{action},{}", numbers.join(",")).unwrap();
+                self.known.iter().for_each(|name| write!(out, ",{}", truth[lane][*name]).unwrap());
+                out.push('\n');
+            }
         }
+        assert_eq!(environment.failure(), None);
+        out
     }
-    // The mean square of standard normal numbers is 1, with this standard deviation.
-    let off = (squares / count - 1.0) / f64::sqrt(2.0 / count);
-    assert!(off.abs() < 4.0, "{count} coefficients have a mean square of {}", squares / count);
-    (pilot, fit)
+
+    /// Fits pilots that are simulated with known coefficients: the coefficients lie within five standard errors, and their 95 %
+    /// intervals cover them. Returns the share of intervals that do, their number and the last fit.
+    fn recover(&self, pilots: u64) -> (f64, usize, Pilot, Fit) {
+        let truth = rows(&uncommented(self.people));
+        let common = "[fit]\nperson = \"person\"\norder = \"decision\"\naction = \"sent\"";
+        let known = |name: &&str| format!("{name} = {{ first = \"{name}\" }}");
+        let known: Vec<String> = self.known.iter().map(known).collect();
+        let known = format!("people = {{ {} }}", known.join(", "));
+        let model = format!("{}\n{common}\n{known}\n{}", self.model, self.fit);
+        let (mut covered, mut count, mut last) = (0, 0, None);
+        for seed in 0..pilots {
+            let (pilot, fit) = fitted(&model, &self.simulated(7 + seed));
+            let usable = fit.groups.iter().flatten().filter(|group| group.is_usable());
+            assert!(2 * usable.clone().count() > truth.len().min(fit.groups[0].len()), "{fit:?}");
+            for group in usable {
+                for (index, value) in group.free.iter().zip(&group.values) {
+                    let (name, sd) =
+                        (&pilot.coefficients[*index].name, group.error_of(*index).unwrap());
+                    let of_person = &truth[group.person.unwrap_or(0)];
+                    let z = (value - of_person[name].parse::<f64>().unwrap()) / sd;
+                    assert!(z.abs() < 6.0, "{name}: {value} ± {sd}, seed {seed}");
+                    covered += usize::from(z.abs() < 1.959964);
+                    count += 1;
+                }
+            }
+            last = Some((pilot, fit));
+        }
+        let share = covered as f64 / count as f64;
+        let error = (0.95f64 * 0.05 / count as f64).sqrt();
+        assert!((share - 0.95).abs() < f64::max(0.03, 4.0 * error), "{share} of {count}");
+        let (pilot, fit) = last.unwrap();
+        (share, count, pilot, fit)
+    }
+}
+
+/// The number of simulated pilots of each model; `JITAI_PILOTS` overrides it.
+fn pilots() -> u64 {
+    std::env::var("JITAI_PILOTS").map_or(2, |n| n.parse().unwrap())
 }
 
 /// The same person many times, with other names.
@@ -240,8 +267,10 @@ fn a_simulated_pilot_gives_the_coefficients_of_every_distribution_back() {
              level = \"base + action * gain\"\ny = {{ {draw} }}\n{names}[roles]\noutcome = \"y\"\nfeatures = [\"x\"]\n"
         )
     };
-    let fit = "columns = { x = \"x\", y = \"y\" }\n";
     let people = copies("b_x,b_1,g_x,g_1,s,z", "0.3,0.5,-0.2,0.4,0.7,-0.5", 20);
+    let recover = |model: &str, fit: &str| {
+        Case { model, fit, people: &people, replay: "", known: &[] }.recover(1)
+    };
     for draw in [
         "gaussian = [\"level\", \"s\"]",
         "lognormal = [\"level\", \"s\"]",
@@ -252,40 +281,126 @@ fn a_simulated_pilot_gives_the_coefficients_of_every_distribution_back() {
         "zero_inflated_poisson = [\"z\", \"1 + level\"]",
         "categorical = { logits = [0, \"level\", \"z\"] }",
     ] {
-        recover(&model(draw, ""), fit, &people, "");
+        recover(&model(draw, ""), "columns = { x = \"x\", y = \"y\" }\n");
     }
     // One fit for everybody.
-    let (pilot, fit) = recover(
-        &model("bernoulli = { logit = \"level\" }", ""),
-        "columns = { x = \"x\", y = \"y\" }\npooled = true\n",
-        &people,
-        "",
-    );
+    let pooled = "columns = { x = \"x\", y = \"y\" }\npooled = true\n";
+    let (.., pilot, fit) = recover(&model("bernoulli = { logit = \"level\" }", ""), pooled);
     assert_eq!((fit.groups[0].len(), pilot.people.len()), (1, 20));
 }
 
+/// Compares the coefficients of simulated pilots of a model, and says how many intervals cover them.
+fn covers(name: &str, case: &Case<'_>) {
+    let (share, count, ..) = case.recover(pilots());
+    println!(
+        "{name}: {pilots} pilots, {:.1} % of {count} intervals",
+        100.0 * share,
+        pilots = pilots()
+    );
+}
+
+/// The names of columns with a prefix.
+fn names_of<'a>(people: &'a str, prefixes: &[&str]) -> Vec<&'a str> {
+    let header = people.lines().find(|line| !line.starts_with('#')).unwrap();
+    let is_known = |name: &&str| prefixes.iter().any(|prefix| name.starts_with(prefix));
+    header.split(',').filter(is_known).collect()
+}
+
 #[test]
-fn simulated_pilots_of_models_that_ship_give_their_coefficients_back() {
+fn simulated_pilots_of_models_without_a_pilot_give_their_coefficients_back() {
     let dose = text("experiments/models/noisy_dose.toml").replace("days = 50", "days = 300");
     let dose =
         dose.replace("\"steps\"", "\"steps\"\nstate = [\"load\", \"dose\", \"seen\", \"steps\"]");
-    recover(
-        &dose,
-        "columns = { dose = \"dose\", seen = \"seen\", steps = \"steps\" }\n",
-        &text("experiments/models/noisy_dose_people.csv"),
-        &text("experiments/models/noisy_dose_rows.csv"),
-    );
-    // No parameter is linear in the effects of Oralytics V1, which are known here.
+    let case = Case {
+        model: &dose,
+        fit: "columns = { dose = \"dose\", seen = \"seen\", steps = \"steps\" }\n",
+        people: &text("experiments/models/noisy_dose_people.csv"),
+        replay: &text("experiments/models/noisy_dose_rows.csv"),
+        known: &[],
+    };
+    covers("noisy_dose", &case);
+    // No parameter is linear in the effects of Oralytics, which are known here, and no rate of a count is bounded.
     let v1 = text("experiments/oralytics/v1.toml").replace("days = 70", "days = 200");
-    let v1 = v1.replace("state    = [", "state = [\"quality\", \"q\", ");
-    let v1 = v1.replace("max(e_b * state, 0)", "0").replace("max(e_p * state, 0)", "0");
-    recover(
-        &v1.replace("\"quality\", ", "\"quality\", \"weekend\", "),
-        "columns = { quality = \"quality\", q = \"q\" }\n\
-         people = { first_weekend = { min = \"if(weekend, step, missing)\" } }\n",
-        &text("experiments/oralytics/synthetic_v1.csv"),
-        "",
-    );
+    let people = text("experiments/oralytics/synthetic_v1.csv");
+    let case = Case {
+        model: &v1.replace("state    = [", "state = [\"quality\", \"q\", "),
+        fit: "columns = { quality = \"quality\", q = \"q\" }\n",
+        people: &people,
+        replay: "",
+        known: &names_of(&people, &["e_", "first_weekend"]),
+    };
+    covers("v1", &case);
+    let people = text("experiments/oralytics/synthetic_v4.csv");
+    let v4 = text("experiments/oralytics/v4.toml").replace("days = 70", "days = 200");
+    let state = "state = [\"opened\", \"brushes\", \"count\", \"q\", ";
+    let given =
+        "columns = { opened = \"opened\", brushes = \"brushes\", count = \"count\", q = \"q\" }\n";
+    let case = Case {
+        model: &v4.replace("state    = [", state).replace("min(log_mean, 10)", "log_mean"),
+        fit: given,
+        people: &people,
+        replay: "",
+        known: &names_of(&people, &["effect_", "app_open"]),
+    };
+    covers("v4", &case);
+    // The people whose seconds are a count.
+    let people = text("experiments/oralytics/synthetic_v2.csv");
+    let sigma = |line: &str| line.split(',').nth(13).is_some_and(str::is_empty);
+    let is_kept = |line: &&str| line.starts_with("person") || sigma(line);
+    let people: String = people.lines().filter(is_kept).map(|line| format!("{line}\n")).collect();
+    let v2 = text("experiments/oralytics/v2.toml").replace("days = 70", "days = 200");
+    let v2 = v2.replace("default(0 * sigma, -1) == 0", "0").replace("default(sigma, 0)", "1");
+    let case = Case {
+        model: &v2.replace("state    = [", state).replace("min(mean_amount, 10)", "mean_amount"),
+        fit: given,
+        people: &people,
+        replay: "",
+        known: &names_of(&people, &["effect_"]),
+    };
+    covers("v2", &case);
+}
+
+#[test]
+fn simulated_pilots_of_fitted_people_give_their_coefficients_back() {
+    for (name, folder, data, given, known) in [
+        ("zip", "robas", "robas_2_data", "quality = \"quality\", brushed = \"brushed\"", true),
+        (
+            "log",
+            "robas",
+            "robas_2_data",
+            "brushes = \"brushes\", seconds = \"seconds\", brushed = \"brushed\"",
+            true,
+        ),
+        ("contexts", "heartsteps", "contexts", "steps = \"steps\"", false),
+        (
+            "trial_log",
+            "heartsteps",
+            "trial_log",
+            "steps = \"steps\", reachable = \"reachable\"",
+            false,
+        ),
+    ] {
+        let model = text(&format!("experiments/{folder}/{name}.toml"));
+        let (pilot, fit) = fitted(&model, &text(&format!("experiments/{folder}/{data}.csv")));
+        let made = files(&pilot, &fit);
+        let file = |name: &str| {
+            let file = made.iter().find(|file| file.name == name).unwrap();
+            String::from_utf8(file.bytes.clone()).unwrap()
+        };
+        let (people, replay) = (file("people.csv"), file("residuals.csv"));
+        let simulation = model.split("[fit]").next().unwrap();
+        let simulation =
+            simulation.replace("days = 70", "days = 200").replace("days = 42", "days = 80");
+        let known = if known { names_of(&people, &["e_", "first_weekend"]) } else { Vec::new() };
+        let case = Case {
+            model: &simulation,
+            fit: &format!("columns = {{ {given} }}\n"),
+            people: &people,
+            replay: if known.is_empty() { &replay } else { "" },
+            known: &known,
+        };
+        covers(name, &case);
+    }
 }
 
 #[test]

@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     from jitai._environment import Env, StepCountEnv
     from jitai._experiment import Checked, ManifestError, Plan, Report, Run, check, plan, report, run
     from jitai._figures import Figure, Figures
+    from jitai._fit import Fit, fit
     from jitai._policy import Policy
     from jitai._registration import make, make_vec
     from jitai._store import Store, open
@@ -25,6 +26,7 @@ __all__ = [
     "Env",
     "Figure",
     "Figures",
+    "Fit",
     "ManifestError",
     "Plan",
     "Policy",
@@ -36,6 +38,7 @@ __all__ = [
     "VectorEnv",
     "__version__",
     "check",
+    "fit",
     "make",
     "make_vec",
     "open",
@@ -54,6 +57,8 @@ _LAZY = {
     ),
     "Figure": "jitai._figures",
     "Figures": "jitai._figures",
+    "Fit": "jitai._fit",
+    "fit": "jitai._fit",
     "Policy": "jitai._policy",
     "Store": "jitai._store",
     "open": "jitai._store",

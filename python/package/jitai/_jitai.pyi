@@ -29,6 +29,29 @@ def figures(
     arguments: dict[str, Any],
 ) -> tuple[list[tuple[str, str, str, str]], list[str]]: ...
 
+def fit(
+    model: tuple[str, str],
+    data: tuple[str, bytes],
+    simulations: int,
+    draws: int,
+    bootstrap: bool,
+    seed: int,
+    on_progress: Callable[[str, int, int], object] | None,
+) -> FittedPilot: ...
+
+class FittedPilot:
+    """A pilot with its fit."""
+
+    @property
+    def notes(self) -> list[str]: ...
+    @property
+    def why_not(self) -> list[str]: ...
+    @property
+    def parameters(self) -> list[tuple[str, float]]: ...
+    def environment(self, folder: str) -> str: ...
+    def files(self, environment: str) -> list[tuple[str, bytes]]: ...
+    def figures(self) -> list[tuple[str, str, str, str]]: ...
+
 class Declaration:
     """An environment and its observations."""
 
