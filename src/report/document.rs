@@ -196,8 +196,10 @@ impl Stems {
 fn merged(experiments: &[ReportedExperiment]) -> Reproduction {
     let mut merged = Reproduction::default();
     fn cell(one: &Comparison) -> impl PartialEq {
-        let Comparison { subject, metric, agent, scenario, settings, published, .. } = one;
-        (subject, metric, agent, scenario, settings, published)
+        let Comparison {
+            subject, competitor, metric, agent, scenario, settings, published, ..
+        } = one;
+        (subject, competitor, metric, agent, scenario, settings, published)
     }
     for one in experiments.iter().filter_map(|experiment| experiment.reproduction.as_ref()) {
         for comparison in &one.comparisons {

@@ -17,8 +17,9 @@ pub fn reproduction(reproduction: &Reproduction) -> Vec<String> {
         (total > 0).then(|| format!("{inside} of {total} {subject}s{open}"))
     });
     let counts: Vec<String> = counts.collect();
+    let competitors = competitors(reproduction);
     if counts.is_empty() {
-        return Vec::new();
+        return competitors.into_iter().collect();
     }
     let distances = subjects.iter().flat_map(|subject| {
         reproduction.distances(subject).into_iter().map(move |by| distance(subject, &by))
@@ -55,7 +56,21 @@ pub fn reproduction(reproduction: &Reproduction) -> Vec<String> {
             equivalent.join(", ")
         ));
     }
+    sentences.extend(competitors);
     sentences
+}
+
+/// How our numbers compare with those of other algorithms, in a sentence.
+fn competitors(reproduction: &Reproduction) -> Option<String> {
+    let [higher, lower, open] = reproduction.competitors();
+    let all = higher + lower + open;
+    (all > 0).then(|| {
+        format!(
+            "Beside {} of other algorithms, ours is higher {higher} times, lower {lower} times, and {open} times the joint \
+             95 % interval of the difference includes 0.",
+            counted(all, "number")
+        )
+    })
 }
 
 /// The overall distance of an agent's numbers from the published numbers.
@@ -83,6 +98,7 @@ mod tests {
         let interval = Interval { low: difference - 30.0, high: difference + 30.0 };
         Comparison {
             subject: "heat-map tile".into(),
+            competitor: String::new(),
             metric: Some(MEAN_RETURN),
             return_unit: "steps",
             agent: "reinforce".into(),
@@ -97,6 +113,27 @@ mod tests {
             agreement: Ok(Agreement { difference, interval, verdict, equivalence_bound: 80.0 }),
             margin: None,
         }
+    }
+
+    #[test]
+    fn numbers_of_other_algorithms_stand_beside_ours() {
+        let beside = |difference, verdict| Comparison {
+            competitor: "another".to_owned(),
+            ..tile(difference, verdict)
+        };
+        let comparisons = vec![
+            beside(44.0, Verdict::Outside),
+            beside(-40.0, Verdict::Outside),
+            beside(-41.0, Verdict::Outside),
+            beside(4.0, Verdict::Inside),
+        ];
+        let says = "Beside 4 numbers of other algorithms, ours is higher 1 times, lower 2 times, and 1 times the joint 95 % \
+                    interval of the difference includes 0.";
+        assert_eq!(reproduction(&Reproduction { comparisons: comparisons.clone() }), [says]);
+        let with_ours = [comparisons, vec![tile(-4.0, Verdict::Inside)]].concat();
+        let sentences = reproduction(&Reproduction { comparisons: with_ours });
+        assert!(sentences.iter().any(|one| one.contains("1 of 1 heat-map tiles")), "{sentences:?}");
+        assert_eq!(sentences.last().map(String::as_str), Some(says));
     }
 
     #[test]

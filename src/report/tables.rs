@@ -73,6 +73,7 @@ pub fn no_interval(seeds: usize) -> Undefined {
 pub fn reproduction(reproduction: &Reproduction) -> DataTable {
     let columns = [
         ("subject", "Subject"),
+        ("competitor", "Published for"),
         ("agent", "Agent"),
         ("scenario", "Scenario"),
         ("settings", "At"),
@@ -103,6 +104,10 @@ fn comparison(one: &Comparison) -> Vec<TableEntry> {
     let interval = one.agreement.as_ref().map(|agreement| agreement.interval).map_err(|e| *e);
     vec![
         TableEntry::text(&one.subject),
+        match one.competitor.as_str() {
+            "" => TableEntry::Missing("ours".to_owned()),
+            name => TableEntry::text(name),
+        },
         TableEntry::text(&one.agent),
         TableEntry::text(&one.scenario),
         TableEntry::text(settings.collect::<Vec<_>>().join(" ")),
@@ -118,9 +123,14 @@ fn comparison(one: &Comparison) -> Vec<TableEntry> {
         low(interval),
         high(interval),
         TableEntry::text(match &one.agreement {
-            Ok(agreement) => match agreement.verdict {
-                Verdict::Inside => "inside".to_owned(),
-                Verdict::Outside => "outside".to_owned(),
+            Ok(agreement) => match (agreement.verdict, one.competitor.is_empty()) {
+                (Verdict::Inside, true) => "inside".to_owned(),
+                (Verdict::Outside, true) => "outside".to_owned(),
+                (Verdict::Inside, false) => "no difference shown".to_owned(),
+                (Verdict::Outside, false) if agreement.difference > 0.0 => {
+                    "ours is higher".to_owned()
+                }
+                (Verdict::Outside, false) => "ours is lower".to_owned(),
             },
             Err(reason) => reason.to_string(),
         }),

@@ -26,5 +26,6 @@ pub(super) fn rows<'p>(
                 along.contains(&name.as_str()) || value(name) == Some(stated)
             })
     };
-    published.into_iter().flat_map(|published| &published.rows).filter(is_meant).collect()
+    let rows = published.into_iter().flat_map(|published| &published.rows);
+    rows.filter(|row| row.competitor.is_empty()).filter(is_meant).collect()
 }

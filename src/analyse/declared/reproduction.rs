@@ -29,6 +29,8 @@ pub struct Reproduction {
 pub struct Comparison {
     /// The kind of number, as the published file calls it.
     pub subject: String,
+    /// Another algorithm than ours that has the published number; empty if ours should have it, too.
+    pub competitor: String,
     /// The metric; `None` for an error rate.
     pub metric: Option<MetricName>,
     /// The unit of returns.
@@ -63,6 +65,11 @@ impl Comparison {
         self.metric.is_none_or(|metric| metric.unit() == MetricUnit::Share)
     }
 
+    /// Whether our number should be the published one.
+    fn is_of_ours(&self) -> bool {
+        self.competitor.is_empty()
+    }
+
     /// Whether both numbers are equivalent within the declared margin.
     pub fn is_equivalent(&self) -> Option<bool> {
         let margin = self.margin?;
@@ -94,7 +101,8 @@ impl Reproduction {
     /// Numbers of comparisons of a subject whose verdict is inside, outside and undefined.
     pub fn counts(&self, subject: &str) -> (usize, usize, usize) {
         let mut counts = (0, 0, 0);
-        for comparison in self.comparisons.iter().filter(|one| one.subject == subject) {
+        let is_of = |one: &&Comparison| one.subject == subject && one.is_of_ours();
+        for comparison in self.comparisons.iter().filter(is_of) {
             match &comparison.agreement {
                 Ok(Agreement { verdict: Verdict::Inside, .. }) => counts.0 += 1,
                 Ok(Agreement { verdict: Verdict::Outside, .. }) => counts.1 += 1,
@@ -107,7 +115,8 @@ impl Reproduction {
     /// Of the comparisons of a subject whose margin is declared: the margin, the number that is equivalent, and
     /// the number compared; `None` if no margin is declared.
     pub fn equivalent(&self, subject: &str) -> Option<(f64, usize, usize)> {
-        let of_subject = || self.comparisons.iter().filter(|one| one.subject == subject);
+        let is_of = |one: &&Comparison| one.subject == subject && one.is_of_ours();
+        let of_subject = || self.comparisons.iter().filter(is_of);
         let margin = of_subject().find_map(|one| one.margin)?;
         let verdicts = || of_subject().filter_map(Comparison::is_equivalent);
         Some((margin, verdicts().filter(|is| *is).count(), verdicts().count()))
@@ -118,7 +127,10 @@ impl Reproduction {
     pub fn distances(&self, subject: &str) -> Vec<Distance> {
         let mut agents: BTreeMap<(&str, &'static str), Vec<f64>> = BTreeMap::new();
         let is_of = |one: &&Comparison| {
-            one.subject == subject && !one.is_rate() && one.published_p.is_none()
+            one.subject == subject
+                && one.is_of_ours()
+                && !one.is_rate()
+                && one.published_p.is_none()
         };
         for one in self.comparisons.iter().filter(is_of) {
             if let Ok(ours) = one.ours {
@@ -138,6 +150,20 @@ impl Reproduction {
             }
         };
         agents.into_iter().map(distance).collect()
+    }
+
+    /// Of the numbers of other algorithms: how many of ours are higher, lower and not different by the joint interval.
+    pub fn competitors(&self) -> [usize; 3] {
+        let mut counts = [0; 3];
+        for one in self.comparisons.iter().filter(|one| !one.is_of_ours()) {
+            let Ok(agreement) = &one.agreement else { continue };
+            counts[match agreement.verdict {
+                Verdict::Inside => 2,
+                Verdict::Outside if agreement.difference > 0.0 => 0,
+                Verdict::Outside => 1,
+            }] += 1;
+        }
+        counts
     }
 
     /// Among effects with a published p below 0.01: the number whose sign equals ours, and the number
@@ -175,6 +201,7 @@ pub fn reproduce(
         let settings = row.parameters.iter();
         Some(Comparison {
             subject: row.subject.clone(),
+            competitor: row.competitor.clone(),
             metric: row.metric,
             return_unit,
             agent: row.agent.clone(),
@@ -333,6 +360,7 @@ fn unlabelled(
 ) -> Comparison {
     Comparison {
         subject: String::new(),
+        competitor: String::new(),
         metric: None,
         return_unit: "",
         agent: String::new(),

@@ -21,8 +21,9 @@ use crate::text::{Fault, Faults, Span};
 const MOST_BYTES: u64 = 10_000_000;
 
 /// Columns besides those of parameters.
-const COLUMNS: [&str; 11] = [
+const COLUMNS: [&str; 12] = [
     "subject",
+    "competitor",
     "agent",
     "scenario",
     "metric",
@@ -47,6 +48,8 @@ pub struct Published {
 pub struct PublishedRow {
     /// The kind of number, as tables name it.
     pub subject: String,
+    /// Another algorithm than ours that has the number; empty if ours should have it, too.
+    pub competitor: String,
     /// The agent, or `first - second` for a difference of two agents; empty for a rate of errors.
     pub agent: String,
     /// The scenario, or `first - second` for a difference of two scenarios; empty for a rate of errors.
@@ -243,6 +246,7 @@ fn row(
     let n = optional("n", |n| n >= 1.0 && n.fract() == 0.0, "a whole number above 0")?;
     let mut row = PublishedRow {
         subject: cell("subject").unwrap_or_default().to_owned(),
+        competitor: cell("competitor").unwrap_or_default().to_owned(),
         agent: cell("agent").unwrap_or_default().to_owned(),
         scenario: cell("scenario").unwrap_or_default().to_owned(),
         parameters: given.collect::<Result<_, _>>()?,
