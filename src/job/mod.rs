@@ -36,8 +36,8 @@ pub use implied::{ImpliedParameter, implied_parameters};
 pub use metric::{Measure, MetricName, MetricPlace, MetricUnit};
 pub use named::{PlannedJob, counted, shown, value_of};
 pub use outcome::{
-    ActionCount, CurvePoint, DataPart, Decision, Failure, FailureKind, Metric, Outcome,
-    ParticipantValue, Phase, Provenance, RecordedPosterior, Results, Score, TestEpisode,
+    ActionCount, CurvePoint, DataPart, Decision, Failure, FailureKind, HeldDeviation, Metric,
+    Outcome, ParticipantValue, Phase, Provenance, RecordedPosterior, Results, Score, TestEpisode,
 };
 pub use participant_range::ParticipantRange;
 pub use runnable::{RunnableJob, UnknownFile};

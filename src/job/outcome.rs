@@ -5,7 +5,7 @@
 use std::fmt;
 
 use super::{EstimateDeclaration, Estimates, MetricName, ParticipantRange};
-use crate::agent::features_of_state;
+use crate::agent::{PersonSd, features_of_state};
 use crate::key::choices;
 
 /// A named number about a completed run.
@@ -183,6 +183,43 @@ impl RecordedPosterior {
         let features = features_of_state(state, self.deviation.len())?;
         let squares = features.iter().zip(&self.deviation).map(|(one, sd)| (one * sd).powi(2));
         Some(squares.sum::<f64>().sqrt())
+    }
+}
+
+impl RecordedPosterior {
+    /// Where the deviations that matter in a state are held, if they were estimated with these scales, \[features\].
+    pub fn held(&self, state: &[f64], scales: &[f64]) -> Vec<HeldDeviation> {
+        let features = features_of_state(state, self.deviation.len()).unwrap_or_default();
+        let all = features.iter().zip(&self.deviation).zip(scales);
+        let matters = all.filter(|((feature, _), _)| **feature != 0.0);
+        matters.filter_map(|((_, sd), scale)| HeldDeviation::of(*sd, *scale)).collect()
+    }
+}
+
+/// Where an estimated deviation is not free.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum HeldDeviation {
+    /// At its first value: fewer than two people have data about the coefficient, or the likelihood is flat.
+    First,
+    /// At its smallest value: people do not differ as far as the agent can see.
+    Least,
+    /// At its largest value.
+    Most,
+}
+
+impl HeldDeviation {
+    /// All, each with its name.
+    pub const NAMED: [(HeldDeviation, &'static str); 3] = [
+        (HeldDeviation::First, "at its first value"),
+        (HeldDeviation::Least, "at its smallest value"),
+        (HeldDeviation::Most, "at its largest value"),
+    ];
+
+    /// Where an estimated deviation with this scale is held; `None` if it is free.
+    pub fn of(sd: f64, scale: f64) -> Option<HeldDeviation> {
+        let mut values = PersonSd::HELD.into_iter().zip(HeldDeviation::NAMED);
+        let is_there = |value: f64| (sd / (value * scale) - 1.0).abs() < 1e-9;
+        values.find(|(value, _)| is_there(*value)).map(|(_, (held, _))| held)
     }
 }
 

@@ -35,6 +35,7 @@ pub fn hints(manifest: &Manifest) -> Vec<String> {
         let of = format!("agent {}", printable(&agent.name));
         hints.extend(missing_programs(manifest, &of, &agent.parameters));
     }
+    hints.extend(poolings_without_effect(manifest));
     hints.extend(missing_programs(
         manifest,
         "the environment",
@@ -64,6 +65,32 @@ fn large_sigma(manifest: &Manifest) -> Option<String> {
          feature says next to nothing; {large} % is written {}",
         share(large)
     ))
+}
+
+/// Hints for groups of everybody, and for posteriors that are recorded of nobody.
+fn poolings_without_effect(manifest: &Manifest) -> Vec<String> {
+    let people = manifest.sections[SectionName::Trial].get("people").unwrap_or_default();
+    let fewest = people.iter().min_by(by_size);
+    let mut hints = Vec::new();
+    let of_everybody = |value: &Value| matches!((value, fewest), (Value::Integer(size), Some(Value::Integer(fewest))) if size >= fewest);
+    if is_pooled(manifest, of_everybody) {
+        hints.push(
+            "a group of `pooling` in [trial] that has everybody is `pooling = \"full\"`".to_owned(),
+        );
+    }
+    let recorded = manifest.sections[SectionName::Evaluation].get("record_posteriors");
+    let shares = |value: &Value| matches!(value, Value::Choice("full" | "partial"));
+    if recorded.is_some_and(|values| values.contains(&Value::Flag(true)))
+        && is_pooled(manifest, |_| true)
+        && !is_pooled(manifest, shares)
+    {
+        hints.push(
+            "`record_posteriors` has no effect with an agent for each person or group: it needs \
+             `pooling = \"full\"` or `\"partial\"`"
+                .to_owned(),
+        );
+    }
+    hints
 }
 
 /// A hint for trials without an effect that are too few to judge others.
@@ -310,11 +337,21 @@ const CONDITIONAL: &[Conditional] = &[
         },
         says: "where a message can be sent at every step",
     },
+    Conditional {
+        key: "person_sd",
+        has_effect: |manifest, _| is_pooled(manifest, |value| *value == Value::Choice("partial")),
+        says: "without `pooling = \"partial\"` in [trial]",
+    },
     Conditional { key: "first_update", has_effect: updates, says: UPDATES },
     Conditional { key: "update_interval", has_effect: updates, says: UPDATES },
 ];
 
 const UPDATES: &str = "with `update = \"once\"` or `posterior = \"reset\"`";
+
+/// Whether a trial has such a pooling.
+fn is_pooled(manifest: &Manifest, is_met: impl Fn(&Value) -> bool) -> bool {
+    manifest.sections[SectionName::Trial].get("pooling").unwrap_or_default().iter().any(is_met)
+}
 
 /// Whether any value of a key meets a condition.
 fn any(agent: &DeclaredAgent, key: &str, is_met: impl Fn(&Value) -> bool) -> bool {
@@ -412,6 +449,33 @@ mod tests {
         assert_eq!(hints_for("layers = [8, 8]\nlayers_before_gru = 2"), [other]);
         for line in ["units = 64", "batch = 8", "recurrent = [\"none\", \"gru\"]\nunits = 32"] {
             assert!(hints_for(line).is_empty(), "{line}");
+        }
+    }
+
+    #[test]
+    fn poolings_that_change_nothing_are_named() {
+        let hints_for = |trial: &str, agent: &str| {
+            let text = format!(
+                "format = 1\nname = \"t\"\nscenarios = [\"P\"]\nseeds = 1\nenvironment.sigma = 1.0\n\
+                 trial = {{ people = 6, days = 25, decisions_per_day = 2{trial} }}\n[evaluation]\non = \"trial\"\n\
+                 record_posteriors = true\n[[agent]]\nname = \"a\"\nalgorithm = \"linear_thompson\"\n{agent}\n"
+            );
+            hints(&parse("t", text.as_bytes()).unwrap())
+        };
+        for (trial, agent, says) in [
+            (
+                "",
+                "person_sd = 1",
+                Some("`person_sd` of agent a has no effect without `pooling = \"partial\"`"),
+            ),
+            (", pooling = \"partial\"", "person_sd = 1", None),
+            (", pooling = \"none\"", "", Some("`record_posteriors` has no effect")),
+            (", pooling = [3, \"full\"]", "", None),
+            (", pooling = [6, \"full\"]", "", Some("is `pooling = \"full\"`")),
+        ] {
+            let found = hints_for(trial, agent);
+            assert_eq!(found.len(), usize::from(says.is_some()), "{trial} {agent}: {found:?}");
+            assert!(says.is_none_or(|says| found[0].contains(says)), "{found:?}");
         }
     }
 

@@ -114,19 +114,20 @@ pub(super) fn describe_bandit(stored: &StoredWeights, weights: &Weights, deviate
     choice["bias"] = json!(bias);
     choice["pi_min"] = json!(of.pi_min);
     choice["deviates"] = json!(deviates.chunks_exact(actions).collect::<Vec<_>>());
-    describe_job_with(
-        stored,
-        json!({
-            "posterior": {
-                "features": of.features.word(),
-                "action_centring": of.action_centring,
-                "one_hot": job.task().observations().one_hot,
-                "mean": rows("mean"),
-                "precision": precisions.chunks_exact(width).collect::<Vec<_>>(),
-            },
-            "choice": choice,
-        }),
-    )
+    let mut posterior = json!({
+        "features": of.features.word(),
+        "action_centring": of.action_centring,
+        "one_hot": job.task().observations().one_hot,
+        "mean": rows("mean"),
+        "precision": precisions.chunks_exact(width).collect::<Vec<_>>(),
+    });
+    // With partial pooling, the posterior is that of a person of whom nothing is known.
+    if weights.doubles.contains_key("person_sd") {
+        let (means, regressions) = (rows("person_mean"), rows("mean").len().max(1));
+        posterior["person_sd"] = json!(rows("person_sd"));
+        posterior["person_mean"] = json!(means.chunks_exact(regressions).collect::<Vec<_>>());
+    }
+    describe_job_with(stored, json!({ "posterior": posterior, "choice": choice }))
 }
 
 /// The description of a policy, which refers to its other files, the weights and the graph.

@@ -703,3 +703,35 @@ fn partial_pooling_without_deviations_is_full_pooling_in_a_whole_trial() {
     let same: (bool, bool, i64) = folder.store().query_row(&query, [], row).unwrap();
     assert_eq!(same, (true, true, 0));
 }
+
+#[test]
+fn a_trial_after_partial_pooling_begins_without_the_deviations_of_the_first() {
+    let text = MANIFEST
+        .replace("pooling = [\"full\", \"none\"]", "pooling = \"partial\"")
+        .replace("seeds = 2", "seeds = 1")
+        .replace("prior_sd = 30", "prior_sd = 30\nperson_sd = 10");
+    let folder = folder(&text);
+    folder.jitai(["run", "trial.toml", "--quiet"]).succeeded();
+    let key: String = folder
+        .store()
+        .query_row("SELECT job_key FROM run_summary WHERE agent = 'thompson'", [], |row| row.get(0))
+        .unwrap();
+    folder.jitai(["export", "--policy", &key, "--out", "pilot"]).succeeded();
+    let policy: serde_json::Value =
+        serde_json::from_str(&folder.read("pilot/policy.json")).unwrap();
+    let posterior = &policy["posterior"];
+    let width = posterior["mean"][0].as_array().unwrap().len();
+    let sds = posterior["person_sd"][0].as_array().unwrap();
+    assert!(sds.len() == width && sds.iter().all(|sd| *sd == 10.0), "{sds:?}");
+    let means = posterior["person_mean"].as_array().unwrap();
+    assert_eq!((means.len(), means[0][0].as_array().unwrap().len()), (6, width));
+    // From a file and from the store, it is the same job.
+    for prior in ["pilot/policy.json", &format!("run:{key}")] {
+        let next = text
+            .replace("name = \"trial\"", "name = \"next\"")
+            .replace("prior_sd = 30\n", &format!("prior_from = {prior:?}\n"));
+        folder.write("next.toml", next);
+        folder.jitai(["run", "next.toml"]).succeeded();
+    }
+    assert_eq!(folder.number("SELECT count(*) FROM run_summary WHERE experiment = 'next'"), 2);
+}

@@ -30,6 +30,9 @@ pub enum PersonSd {
 }
 
 impl PersonSd {
+    /// The first, the smallest and the largest value of an estimated deviation, as multiples of its scale.
+    pub const HELD: [f64; 3] = [FIRST, BOUNDS[0], BOUNDS[1]];
+
     /// The values of the key.
     pub const KIND: Kind = Kind::AnyOf(&[
         Kind::Choice(&["estimated"]),
@@ -491,6 +494,54 @@ mod tests {
     }
 
     #[test]
+    fn posteriors_are_those_of_numpy() {
+        #[derive(serde::Deserialize)]
+        struct File {
+            mean: Vec<f64>,
+            prior_sd: Vec<f64>,
+            noise_sd: f64,
+            rows: Vec<Vec<Vec<f64>>>,
+            rewards: Vec<Vec<f64>>,
+            cases: Vec<Case>,
+        }
+        #[derive(serde::Deserialize)]
+        struct Case {
+            person_sd: Vec<f64>,
+            people: Vec<Known>,
+        }
+        #[derive(serde::Deserialize)]
+        struct Known {
+            mean: Vec<f64>,
+            covariance: Vec<Vec<f64>>,
+        }
+        let file = include_str!("../../../tests/data/partial/posterior.json");
+        let file: File = serde_json::from_str(file).unwrap();
+        let prior = Regression::prior(&file.mean, &file.prior_sd);
+        let sums = |(rows, rewards): (&Vec<Vec<f64>>, &Vec<f64>)| {
+            let mut sums = prior.clone();
+            sums.clear();
+            for (row, reward) in rows.iter().zip(rewards) {
+                sums.learn(row, *reward, file.noise_sd * file.noise_sd);
+            }
+            sums
+        };
+        let data: Vec<Regression> = file.rows.iter().zip(&file.rewards).map(sums).collect();
+        let people: Vec<&Regression> = data.iter().collect();
+        for Case { person_sd, people: known } in &file.cases {
+            let mut pooled = Pooled::new(&prior, Some(person_sd.clone()), None);
+            pooled.learn(&prior, &people).unwrap();
+            let all = data.iter().enumerate().map(Some).chain([None]);
+            assert_eq!(known.len(), data.len() + 1);
+            for (person, Known { mean, covariance }) in all.zip(known) {
+                let mut ours = prior.clone();
+                pooled.person(person, &mut ours).unwrap();
+                let entry = |row: usize, column: usize| covariance[row][column];
+                assert_close(&ours, mean, &DMatrix::from_fn(WIDTH, WIDTH, entry));
+            }
+        }
+    }
+
+    #[test]
     fn without_deviations_people_are_one_person_and_with_large_ones_strangers() {
         let data = people(&[4, 30, 7], [0.5, 0.5, 0.5]);
         let all: Vec<Regression> = data.iter().map(sums).collect();
@@ -577,5 +628,14 @@ mod tests {
         let (pooled, _) = posteriors(None, &all);
         assert_eq!(pooled.sds()[1], first[1]);
         assert_ne!(pooled.sds()[0], first[0]);
+        // People who are alike reach the smallest value.
+        let data = people(&[40; 30], [0.0; WIDTH]);
+        let all: Vec<Regression> = data.iter().map(sums).collect();
+        let (mut pooled, _) = posteriors(None, &all);
+        let prior = Regression::prior(&PRIOR.0, &PRIOR.1);
+        let sums: Vec<&Regression> = all.iter().collect();
+        (0..5).for_each(|_| pooled.learn(&prior, &sums).unwrap());
+        let least = |index: usize| pooled.sds()[index] == PersonSd::HELD[1] * PRIOR.1[index];
+        assert!((0..WIDTH).any(least), "{:?}", pooled.sds());
     }
 }

@@ -69,9 +69,22 @@ pub struct Posterior {
 impl Posterior {
     /// The prior of an agent whose states have this number of features.
     pub fn prior(parameters: &LinearThompson, features: Shape) -> Self {
+        Self::prior_of(parameters, features, Prior::regressions)
+    }
+
+    /// The prior of what people have in common.
+    pub fn common_prior(parameters: &LinearThompson, features: Shape) -> Self {
+        Self::prior_of(parameters, features, Prior::common)
+    }
+
+    fn prior_of(
+        parameters: &LinearThompson,
+        features: Shape,
+        earlier: fn(&Prior) -> &[Regression],
+    ) -> Self {
         let (count, width) = regressors(parameters, features);
         let regressions = match parameters.prior_from.parsed::<Prior>() {
-            Some(earlier) => earlier.regressions().to_vec(),
+            Some(prior) => earlier(&prior).to_vec(),
             None => vec![prior(parameters, features.inputs, width); count],
         };
         Posterior {

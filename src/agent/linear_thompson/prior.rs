@@ -31,7 +31,13 @@ pub struct Prior {
     /// Means, \[regressions, regressors\].
     means: Vec<Vec<f64>>,
     regressions: Vec<Regression>,
+    /// After partial pooling: the standard deviations of people around the common coefficients, \[regressions, regressors\],
+    /// and the posterior of the common coefficients.
+    common: Option<Common>,
 }
+
+/// Standard deviations, \[regressions, regressors\], and regressions.
+type Common = (Vec<Vec<f64>>, Vec<Regression>);
 
 /// A file, of which other keys are not read.
 #[derive(Deserialize)]
@@ -64,6 +70,7 @@ struct Posterior {
     mean: Vec<Vec<f64>>,
     precision: Option<Matrices>,
     covariance: Option<Matrices>,
+    person_sd: Option<Vec<Vec<f64>>>,
 }
 
 /// A square matrix per regression.
@@ -117,6 +124,37 @@ impl Posterior {
         };
         self.mean.iter().zip(matrices).enumerate().map(regression).collect()
     }
+
+    /// After partial pooling, the regressions are those of a person without data, θ + u; those of θ have the variances
+    /// of the deviations less.
+    ///
+    /// **Errors**: the deviations have another shape, or are not smaller than what is known without them.
+    fn common(&self, regressions: &[Regression]) -> Result<Option<Common>, String> {
+        let Some(sds) = &self.person_sd else { return Ok(None) };
+        let is_of_shape = sds.len() == self.mean.len()
+            && sds.iter().zip(&self.mean).all(|(sds, mean)| sds.len() == mean.len());
+        if !is_of_shape {
+            return Err("`posterior.person_sd`: expected a number for each of `mean`".to_owned());
+        }
+        let common = |(index, (regression, sds)): (usize, (&Regression, &Vec<f64>))| {
+            let says = || {
+                format!(
+                    "`posterior.person_sd`: the covariance of regression {} has smaller variances",
+                    index + 1
+                )
+            };
+            let root = Cholesky::new(regression.precision.clone()).ok_or_else(says)?;
+            let mut covariance = root.inverse();
+            for (index, sd) in sds.iter().enumerate() {
+                covariance[(index, index)] -= sd * sd;
+            }
+            let precision = Cholesky::new(covariance).ok_or_else(says)?.inverse();
+            let information = &precision * root.solve(&regression.information);
+            Ok(Regression { precision, information })
+        };
+        let all = regressions.iter().zip(sds).enumerate().map(common);
+        Ok(Some((sds.clone(), all.collect::<Result<Vec<Regression>, String>>()?)))
+    }
 }
 
 impl Prior {
@@ -154,13 +192,15 @@ impl Prior {
         let width = Design::of(design, features.len(), posterior.one_hot).width();
         let shape = Design::regressors(width, actions, posterior.action_centring);
         let shown = (features.len() + posterior.one_hot, actions);
+        let regressions = posterior.regressions(shape, shown)?;
         Ok(Prior {
+            common: posterior.common(&regressions)?,
             features,
             one_hot: posterior.one_hot,
             actions,
             design,
             is_centred: posterior.action_centring,
-            regressions: posterior.regressions(shape, shown)?,
+            regressions,
             means: posterior.mean,
         })
     }
@@ -175,21 +215,25 @@ impl Prior {
         });
         let means =
             self.means.iter().map(|mean| mean.iter().map(|x| x + 0.0).collect::<Vec<f64>>());
-        json!({
-            "features": names,
-            "actions": self.actions,
-            "posterior": {
-                "features": self.design.word(),
-                "action_centring": self.is_centred,
-                "one_hot": self.one_hot,
-                "mean": means.collect::<Vec<_>>(),
-                "precision": precisions.collect::<Vec<_>>(),
-            },
-        })
-        .to_string()
+        let mut posterior = json!({
+            "features": self.design.word(),
+            "action_centring": self.is_centred,
+            "one_hot": self.one_hot,
+            "mean": means.collect::<Vec<_>>(),
+            "precision": precisions.collect::<Vec<_>>(),
+        });
+        if let Some((sds, _)) = &self.common {
+            posterior["person_sd"] = json!(sds);
+        }
+        json!({ "features": names, "actions": self.actions, "posterior": posterior }).to_string()
     }
 
-    /// The regressions, one per action or a shared one.
+    /// The posterior of what people have in common: after partial pooling without their deviations.
+    pub fn common(&self) -> &[Regression] {
+        self.common.as_ref().map_or(&self.regressions, |(_, common)| common)
+    }
+
+    /// The regressions of a person without data, one per action or a shared one.
     pub fn regressions(&self) -> &[Regression] {
         &self.regressions
     }
@@ -323,6 +367,35 @@ mod tests {
                 assert!((&ours.information - information).amax() < 1e-10 * scale);
             }
             assert_eq!(posterior.regressions().len(), count);
+        }
+    }
+
+    #[test]
+    fn the_common_coefficients_of_partial_pooling_have_no_deviations() {
+        let parameters = LinearThompson::default();
+        let posterior = Posterior::prior(&parameters, Shape::of_four(WIDTH));
+        let mut whole = file(&parameters, &posterior);
+        // The prior has a standard deviation of 10.
+        whole["posterior"]["person_sd"] = json!(vec![[6.0, 0.0, 8.0]; 4]);
+        let content = read(&whole).unwrap();
+        let text = content.text().unwrap();
+        assert_eq!(Content::read(&PRIOR, text).unwrap().text(), Some(text));
+        let prior: Arc<Prior> = content.parsed().unwrap();
+        for (common, whole) in prior.common().iter().zip(prior.regressions()) {
+            let covariance = common.precision.clone().try_inverse().unwrap();
+            let expected = [100.0 - 36.0, 100.0, 100.0 - 64.0];
+            for (variance, expected) in covariance.diagonal().iter().zip(expected) {
+                assert!((variance - expected).abs() < 1e-9, "{covariance}");
+            }
+            assert_eq!(whole.precision[(0, 0)], posterior.regressions()[0].precision[(0, 0)]);
+        }
+        for (sds, expected) in [
+            (json!(vec![[6.0, 0.0, 10.0]; 4]), "regression 1 has smaller variances"),
+            (json!(vec![[6.0, 0.0]; 4]), "a number for each of `mean`"),
+        ] {
+            whole["posterior"]["person_sd"] = sds;
+            let says = read(&whole).unwrap_err();
+            assert!(says.contains(expected), "{says}");
         }
     }
 

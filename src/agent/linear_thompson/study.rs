@@ -152,7 +152,10 @@ impl LinearThompsonStudy {
         let design = Design::new(parameters.features, &spec);
         let actions = environment.action_spec().count;
         let shape = Shape { inputs: design.width(), actions };
-        let prior = Posterior::prior(parameters, shape);
+        let prior = match sharing {
+            Sharing::Partial => Posterior::common_prior(parameters, shape),
+            Sharing::Everybody | Sharing::Apart(_) => Posterior::prior(parameters, shape),
+        };
         // Coefficients are drawn for each step: a trial has no episodes that begin together.
         let by_step = LinearThompson { draw: BanditDraw::Step, ..parameters.clone() };
         let person = || Person::new(prior.without_data(), decisions, shape);

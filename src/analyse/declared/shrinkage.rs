@@ -4,7 +4,7 @@ use std::collections::HashSet;
 
 use super::arm::{ArmId, arms};
 use super::learned::OverTrials;
-use crate::job::RecordedPosterior;
+use crate::job::{HeldDeviation, RecordedPosterior, Scalar};
 use crate::manifest::kind::Shrinkage;
 use crate::record::JobRecord;
 
@@ -31,6 +31,8 @@ pub struct ShrinkagePanel {
     /// Over the trials: the mean of the common effect, the deviation of people's effects from the common one that the agent
     /// learned or was given, and the share of its variance that the posteriors of people have resolved.
     pub over: [OverTrials; 3],
+    /// The number of trials in which an estimated deviation is held, as [`HeldDeviation::NAMED`] lists it.
+    pub held: [usize; 3],
 }
 
 /// What a trial learned about people in a state.
@@ -44,6 +46,8 @@ pub struct TrialOfPeople {
     pub deviation: f64,
     /// The posterior means and standard deviations of people's effects, the smallest mean first, with the people's numbers.
     pub people: Vec<(u32, f64, f64)>,
+    /// Where estimated deviations are held.
+    pub held: Vec<HeldDeviation>,
 }
 
 impl TrialOfPeople {
@@ -97,8 +101,32 @@ fn trial(job: &JobRecord, action: u32, state: &[f64]) -> Option<TrialOfPeople> {
     let people = of_last.by_ref().filter(|one| one.person > 0).map(person);
     let mut people: Vec<(u32, f64, f64)> = people.collect::<Option<_>>()?;
     people.sort_by(|one, other| one.1.total_cmp(&other.1));
+    let held = scales(job, common.deviation.len()).map(|scales| common.held(state, &scales));
     let (common, _) = common.effect(state)?;
-    Some(TrialOfPeople { seed: job.seed, common, deviation, people })
+    Some(TrialOfPeople {
+        seed: job.seed,
+        common,
+        deviation,
+        people,
+        held: held.unwrap_or_default(),
+    })
+}
+
+/// The scales of the deviations of effects, \[features\]; `None` if they are not estimated.
+fn scales(job: &JobRecord, features: usize) -> Option<Vec<f64>> {
+    let is_word = |name: &str, word: &str| matches!(job.setting(name), Some(Scalar::Text(text)) if text == word);
+    if !is_word("agent.person_sd", "estimated") {
+        return None;
+    }
+    let same = |name: &str| job.number(name).map(|sd| vec![sd; features]);
+    let scales = match job.setting("agent.effect_sds") {
+        _ if !is_word("agent.prior_from", "none") => same("agent.noise_sd")?,
+        Some(Scalar::Text(list)) if list.len() > 2 => serde_json::from_str(list).ok()?,
+        _ => same("agent.prior_sd")?,
+    };
+    // Without centring, an effect is the difference of two regressions, which are both held.
+    let factor = if job.number("agent.action_centring") == Some(1.0) { 1.0 } else { 2f64.sqrt() };
+    Some(scales.into_iter().map(|scale| factor * scale).collect())
 }
 
 fn panel(name: ArmId, state: &[f64], trials: Vec<TrialOfPeople>) -> Option<ShrinkagePanel> {
@@ -110,9 +138,11 @@ fn panel(name: ArmId, state: &[f64], trials: Vec<TrialOfPeople>) -> Option<Shrin
         over(|trial| trial.deviation)?,
         over(TrialOfPeople::resolved)?,
     ];
+    let held = HeldDeviation::NAMED
+        .map(|(held, _)| trials.iter().filter(|trial| trial.held.contains(&held)).count());
     let count = trials.len();
     let first = trials.into_iter().min_by_key(|trial| trial.seed)?;
-    Some(ShrinkagePanel { name, state: state.to_vec(), trials: count, first, over })
+    Some(ShrinkagePanel { name, state: state.to_vec(), trials: count, first, over, held })
 }
 
 #[cfg(test)]
@@ -122,7 +152,8 @@ mod tests {
     #[test]
     fn what_is_resolved_is_the_share_of_the_variance_that_is_gone() {
         let people = vec![(2, -1.0, 0.5), (1, 0.0, 1.0), (3, 3.0, 0.5)];
-        let trial = TrialOfPeople { seed: 1, common: 0.5, deviation: 2.0, people };
+        let held = Vec::new();
+        let trial = TrialOfPeople { seed: 1, common: 0.5, deviation: 2.0, people, held };
         // (0.25 + 1 + 0.25) / 3 = 0.5 of 4.
         assert_eq!(trial.resolved(), 0.875);
         assert_eq!(trial.apart(), 2);

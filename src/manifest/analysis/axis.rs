@@ -72,7 +72,7 @@ impl Parameter {
         let named = node.get_ref().as_str().and_then(|name| named(reader.family, name));
         let numeric = named.filter(|parameter| {
             matches!(
-                kind_of(*parameter),
+                kind_of(*parameter).map(Kind::of_numbers),
                 Some(
                     Kind::Real { .. }
                         | Kind::PositiveReal { .. }

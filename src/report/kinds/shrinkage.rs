@@ -4,7 +4,7 @@ use super::learned::state_in_words;
 use super::{Drawn, Sheet};
 use crate::analyse::Undefined;
 use crate::analyse::declared::{ArmId, OverTrials, ShrinkageFigure, ShrinkagePanel, TrialOfPeople};
-use crate::job::{Measure, counted, distinct};
+use crate::job::{HeldDeviation, Measure, counted, distinct};
 use crate::report::data_table::{DataTable, TableEntry, shown};
 use crate::report::figure::{
     AxisScale, Chart, FAINT, Line, Look, Marker, NumberFormat, PlottedPoint, Spread, arm_label,
@@ -39,6 +39,7 @@ impl Drawn for ShrinkageFigure {
             ("common_range", "2.5 to 97.5 %"),
             ("deviation", "Deviation of people, median"),
             ("deviation_range", "2.5 to 97.5 %"),
+            ("held", "Trials whose deviation is held"),
             ("resolved", "Known, % of its variance, median"),
             ("resolved_range", "2.5 to 97.5 %"),
             ("people", "People of the first trial"),
@@ -140,6 +141,13 @@ impl ShrinkageFigure {
     }
 }
 
+/// In how many trials an estimated deviation is held, and where.
+fn held(panel: &ShrinkagePanel) -> String {
+    let named = HeldDeviation::NAMED.iter().zip(panel.held).filter(|(_, trials)| *trials > 0);
+    let words: Vec<String> = named.map(|((_, name), trials)| format!("{trials} {name}")).collect();
+    if words.is_empty() { "none".to_owned() } else { words.join(", ") }
+}
+
 fn cells(panel: &ShrinkagePanel, names: &Names) -> Vec<TableEntry> {
     let mut cells = vec![
         arm(&panel.name, names),
@@ -148,6 +156,9 @@ fn cells(panel: &ShrinkagePanel, names: &Names) -> Vec<TableEntry> {
     ];
     for (OverTrials { low, median, high }, factor) in panel.over.iter().zip([1.0, 1.0, 100.0]) {
         let decimals = if factor > 1.0 { 0 } else { DECIMALS };
+        if factor > 1.0 {
+            cells.push(TableEntry::text(held(panel)));
+        }
         cells.push(TableEntry::of(Ok::<_, Undefined>(factor * median), decimals));
         cells.push(TableEntry::text(range(factor * low, factor * high, decimals)));
     }
