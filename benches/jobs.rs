@@ -331,7 +331,9 @@ fn wcls(bencher: Bencher<'_, '_>) {
         name: "effect".to_owned(),
         numerator: 0.3,
         outcome: "reward".to_owned(),
+        policy: None,
         standard_errors: StandardErrors::Nominal,
+        steps: 1,
         treatment: Treatment::Messages(Messages::Any),
         truth: false,
     });

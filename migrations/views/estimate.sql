@@ -17,7 +17,8 @@ SELECT
     declared.canonical AS declaration,
     experiment.name AS experiment,
     held.agent AS agent,
-    recorded.treatment_variance AS treatment_variance
+    recorded.treatment_variance AS treatment_variance,
+    recorded.effective_sample_size AS effective_sample_size
 FROM job
 JOIN run ON run.job = job.id AND run.status = 'completed'
 JOIN recorded_estimate AS recorded ON recorded.run = run.id

@@ -15,7 +15,8 @@ SELECT
     recorded.failure AS failure,
     recorded.number AS number,
     declared.canonical AS declaration,
-    recorded.treatment_variance AS treatment_variance
+    recorded.treatment_variance AS treatment_variance,
+    recorded.effective_sample_size AS effective_sample_size
 FROM job
 JOIN run ON run.job = job.id AND run.status = 'completed'
 JOIN recorded_estimate AS recorded ON recorded.run = run.id

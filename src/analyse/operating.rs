@@ -47,23 +47,33 @@ pub struct Operating {
     pub coverage: Result<MonteCarloMean, Undefined>,
     /// The share of intervals that exclude 0.
     pub power: Result<MonteCarloMean, Undefined>,
+    /// The root of the mean squared difference between the estimate and the true effect of its trial.
+    pub root_mean_square_error: Result<MonteCarloMean, Undefined>,
+    /// The share of estimates with the wrong sign, among those whose interval excludes 0.
+    pub type_s: Result<MonteCarloMean, Undefined>,
+    /// How many times the true effect the mean size of the estimates is, among those whose interval excludes 0.
+    pub exaggeration: Result<MonteCarloMean, Undefined>,
+    /// The mean length of the intervals.
+    pub mean_length: Result<MonteCarloMean, Undefined>,
 }
 
 impl Operating {
     /// The operating characteristics over some trials.
     ///
     /// **Source**: Morris, White and Crowther, "Using simulation studies to evaluate statistical methods", Statistics
-    /// in Medicine 38, 2019, table 6, for the measures; intervals of shares are Wilson's.
+    /// in Medicine 38, 2019, table 6, for the measures; intervals of shares are Wilson's. Gelman and Carlin, "Beyond
+    /// power calculations", Perspectives on Psychological Science 9, 2014, for errors of type S and M.
     pub fn of(trials: &[TrialEstimate]) -> Operating {
         let all =
             |value: fn(&TrialEstimate) -> f64| -> Vec<f64> { trials.iter().map(value).collect() };
         let truths: Option<Vec<f64>> = trials.iter().map(|trial| trial.truth).collect();
         let truths = truths.ok_or(Undefined::NoTruth);
         let truth = truths.as_deref().map_err(|reason| *reason).and_then(mean);
-        let bias = truths.as_deref().map_err(|reason| *reason).and_then(|truths| {
+        let errors = truths.as_deref().map_err(|reason| *reason).map(|truths| {
             let pairs = trials.iter().zip(truths);
-            mean(&pairs.map(|(trial, truth)| trial.value - truth).collect::<Vec<_>>())
+            pairs.map(|(trial, truth)| trial.value - truth).collect::<Vec<f64>>()
         });
+        let bias = errors.as_deref().map_err(|reason| *reason).and_then(mean);
         let coverage =
             truth.and_then(|truth| share(trials, |trial| trial.interval.contains(truth.value)));
         Operating {
@@ -75,6 +85,10 @@ impl Operating {
             mean_error: mean(&all(|trial| trial.standard_error)),
             coverage,
             power: share(trials, |trial| !trial.interval.contains(0.0)),
+            root_mean_square_error: errors.and_then(|errors| root_mean_square(&errors)),
+            type_s: truth.and_then(|truth| wrong_sign(trials, truth.value)),
+            exaggeration: truth.and_then(|truth| exaggeration(trials, truth.value)),
+            mean_length: mean(&all(|trial| trial.interval.high - trial.interval.low)),
         }
     }
 
@@ -90,6 +104,34 @@ impl Operating {
 fn mean(values: &[f64]) -> Result<MonteCarloMean, Undefined> {
     let value = Moments::of(values)?.mean;
     Ok(MonteCarloMean { value, interval: mean_interval(values) })
+}
+
+/// The root of the mean square, with the root of the interval of that mean.
+fn root_mean_square(values: &[f64]) -> Result<MonteCarloMean, Undefined> {
+    let square = mean(&values.iter().map(|value| value * value).collect::<Vec<_>>())?;
+    let root = |ends: Interval| Interval { low: ends.low.max(0.0).sqrt(), high: ends.high.sqrt() };
+    Ok(MonteCarloMean { value: square.value.sqrt(), interval: square.interval.map(root) })
+}
+
+/// The trials whose interval excludes 0; `truth` is the mean true effect.
+fn findings(trials: &[TrialEstimate], truth: f64) -> Result<Vec<f64>, Undefined> {
+    let found = trials.iter().filter(|trial| !trial.interval.contains(0.0));
+    let found: Vec<f64> = found.map(|trial| trial.value).collect();
+    match found.is_empty() {
+        _ if truth == 0.0 => Err(Undefined::NoEffect),
+        true => Err(Undefined::NoFinding),
+        false => Ok(found),
+    }
+}
+
+fn wrong_sign(trials: &[TrialEstimate], truth: f64) -> Result<MonteCarloMean, Undefined> {
+    share(&findings(trials, truth)?, |value| value * truth < 0.0)
+}
+
+/// The interval takes the mean true effect as known.
+fn exaggeration(trials: &[TrialEstimate], truth: f64) -> Result<MonteCarloMean, Undefined> {
+    let found = findings(trials, truth)?;
+    mean(&found.iter().map(|value| (value / truth).abs()).collect::<Vec<_>>())
 }
 
 /// The standard deviation, with its interval by the chi-squared distribution.
@@ -256,6 +298,14 @@ mod tests {
         };
         assert_eq!((found.excess(), wide(28.8)), (None, None));
         assert_eq!(wide(29.0), Some(29.0 / (20.0_f64 / 3.0).sqrt()));
+        // Of 1.5², 0.5², 2² and 4²: R: sqrt(t.test(c(2.25, .25, 4, 16))$conf.int[2]).
+        let off = found.root_mean_square_error.unwrap();
+        assert_eq!(off.value, (22.5_f64 / 4.0).sqrt());
+        let Interval { low, high } = off.interval.unwrap();
+        assert!(low == 0.0 && (high - 4.110_684).abs() < 1e-5, "{low} {high}");
+        // 3, 5 and 7 are found: all above 0, as the true effect of 3 is.
+        assert_eq!((value(&found.type_s), value(&found.exaggeration)), (0.0, 5.0 / 3.0));
+        assert_eq!(value(&found.mean_length), 4.0);
         let error = found.empirical_error.unwrap().interval.unwrap();
         assert!(
             (error.low - 1.462_670).abs() < 1e-5 && (error.high - 9.627_068).abs() < 1e-5,
@@ -272,6 +322,15 @@ mod tests {
             (Err(Undefined::NoTruth), Err(Undefined::NoTruth))
         );
         assert_eq!(found.power.unwrap().value, 0.5);
+        assert_eq!(
+            (found.type_s, found.exaggeration),
+            (Err(Undefined::NoTruth), Err(Undefined::NoTruth))
+        );
+        let of = |trials: &[TrialEstimate]| Operating::of(trials);
+        let wrong = of(&[trial(-5.0, 1.0), trial(9.0, 1.0), trial(1.0, 1.0), trial(3.0, 1.0)]);
+        assert_eq!(wrong.type_s.unwrap().value, 1.0 / 3.0);
+        assert_eq!(of(&[trial(1.0, 1.0)]).type_s, Err(Undefined::NoFinding));
+        assert_eq!(of(&[trial(9.0, 0.0)]).exaggeration, Err(Undefined::NoEffect));
         assert_eq!(Operating::of(&[]).power, Err(Undefined::NoSeeds));
     }
 

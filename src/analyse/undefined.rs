@@ -43,6 +43,12 @@ pub enum Undefined {
          outside program takes part"
     )]
     NoTruth,
+    /// Of the trials whose interval excludes 0 there is none.
+    #[error("no interval excludes 0")]
+    NoFinding,
+    /// The true effect is 0, which has no sign and no size.
+    #[error("the true effect is 0")]
+    NoEffect,
     /// An exact answer would take too long.
     #[error("too many permutations to enumerate")]
     Infeasible,

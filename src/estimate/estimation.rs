@@ -2,16 +2,15 @@
 
 use std::sync::Arc;
 
-use super::student::{t_of_p, two_sided_p};
+use super::effect::{unfinished, with_standard_error};
+use super::layout::Layout;
+use super::together::{Together, Tried};
 use super::wcls::{Correction, NoFit, Sums};
 use crate::job::{
     CONSTANT, Decision, Effect, Estimate, EstimateDeclaration, Estimates, Estimator, Messages,
-    STEP, StateNames, Treatment, counted,
+    StateNames, Treatment, counted,
 };
 use crate::state::resumable;
-
-/// The probability outside of a confidence interval.
-const OUTSIDE: f64 = 0.05;
 
 /// An estimate of the decisions that were read so far.
 #[derive(Clone, Debug)]
@@ -24,6 +23,8 @@ pub struct Estimation {
     /// The features; an error says which is unknown.
     layout: Result<Layout, String>,
     sums: Sums,
+    /// What an estimator that reads all decisions together keeps of them; no checkpoint has it.
+    pub(super) together: Together,
     /// By person, with the state as outcome: the weight of the last decision, its step, and its row. A weight of 0
     /// stands for none.
     last: Vec<f64>,
@@ -38,53 +39,6 @@ pub struct Estimation {
     row: Vec<f64>,
 }
 
-/// Where the numbers of a decision are.
-#[derive(Clone, Debug)]
-pub struct Layout {
-    control: Vec<Feature>,
-    /// The features that the effect depends on.
-    pub moderators: Vec<Feature>,
-    /// The index of the outcome in the state; `None` for the reward.
-    pub outcome: Option<usize>,
-    /// Whether the outcome stands in the state of its own decision, which it follows, and not in that of the next.
-    pub is_own: bool,
-}
-
-/// A number that is known before a decision.
-#[derive(Clone, Copy, Debug)]
-pub enum Feature {
-    /// The number of steps before the decision.
-    Step,
-    /// The number at this index of the state.
-    State(usize),
-}
-
-impl Feature {
-    fn named(name: &str, state_names: &[String]) -> Result<Feature, String> {
-        match state_names.iter().position(|known| known == name) {
-            Some(_) if name == STEP => Err(format!(
-                "`{STEP}` is the number of steps before the decision and a number of the program's state; give that \
-                 another name"
-            )),
-            Some(index) => Ok(Feature::State(index)),
-            None if name == STEP => Ok(Feature::Step),
-            None => {
-                let known: Vec<&str> = state_names.iter().map(String::as_str).collect();
-                let known = known.join(", ");
-                Err(format!("the recorded state has no `{name}`; it has {known} and {STEP}"))
-            }
-        }
-    }
-
-    /// The number before a decision.
-    pub fn of(self, decision: &Decision) -> f64 {
-        match self {
-            Feature::Step => f64::from(decision.step),
-            Feature::State(index) => decision.state[index],
-        }
-    }
-}
-
 /// The weight of a decision and its treatment, from 0; `None` for no message.
 enum Drawn {
     Weighted(f64, Option<usize>),
@@ -94,15 +48,6 @@ enum Drawn {
     Certain,
     /// A probability is not known.
     Unknown,
-}
-
-impl Estimator {
-    /// The sums that are kept of each person, before the first decision. A row has this number of columns.
-    fn sums(self, columns: usize) -> Sums {
-        match self {
-            Estimator::Wcls => Sums { columns, ..Sums::default() },
-        }
-    }
 }
 
 impl Estimation {
@@ -120,8 +65,9 @@ impl Estimation {
         Estimation {
             actions,
             treatments,
+            together: Together::new(&declaration, actions),
             layout,
-            sums: declaration.estimator.sums(columns),
+            sums: Sums { columns, ..Sums::default() },
             last: Vec::new(),
             variances: Vec::new(),
             certain: 0,
@@ -142,9 +88,17 @@ impl Estimation {
         &self.sums
     }
 
-    /// Reads a decision. Decisions of a person, who has the number of the episode, come in the order of steps.
+    /// Reads a decision. Decisions of a person, who has the number of the episode, come in the order of steps. An estimator
+    /// that reads all decisions together has all of one person before those of the next.
     pub fn add(&mut self, decision: &Decision) {
         let Ok(layout) = &self.layout else { return };
+        if self.declaration.estimator == Estimator::Value {
+            return match self.together.follow(layout, &self.declaration, decision) {
+                Tried::Known => {}
+                Tried::Never => self.add_certain(decision),
+                Tried::Unknown => self.unknown += 1,
+            };
+        }
         let person = decision.episode as usize - 1;
         if let Some(outcome) = layout.outcome.filter(|_| !layout.is_own) {
             self.pay(person, decision, decision.state[outcome]);
@@ -155,12 +109,7 @@ impl Estimation {
         let (weight, treatment) = match self.drawn(decision) {
             Drawn::Weighted(weight, treatment) => (weight, treatment),
             Drawn::Other => return,
-            Drawn::Certain => {
-                if self.certain == 0 {
-                    self.first_certain = [decision.episode, decision.step];
-                }
-                return self.certain += 1;
-            }
+            Drawn::Certain => return self.add_certain(decision),
             Drawn::Unknown => return self.unknown += 1,
         };
         self.fill_row(decision, treatment);
@@ -171,6 +120,15 @@ impl Estimation {
         };
         self.vary(person, self.row[1 + self.declaration.control.len()], weight);
         self.sums.add(person, &self.row, weight, outcome);
+        self.together.add(person, &self.row, weight, outcome);
+    }
+
+    /// Counts a decision of a compared action with probability 0 or 1.
+    fn add_certain(&mut self, decision: &Decision) {
+        if self.certain == 0 {
+            self.first_certain = [decision.episode, decision.step];
+        }
+        self.certain += 1;
     }
 
     /// The weight and the row of a decision, with the reward as outcome; `None` if the estimate does not use it.
@@ -268,6 +226,7 @@ impl Estimation {
         let weight = std::mem::take(&mut own[0]);
         if weight > 0.0 && own[1] + 1.0 == f64::from(next.step) {
             self.sums.add(person, &own[2..], weight, outcome);
+            self.together.add(person, &own[2..], weight, outcome);
             let centred = own[3 + self.declaration.control.len()];
             self.vary(person, centred, weight);
         }
@@ -319,6 +278,13 @@ impl Estimation {
         }
         if self.certain > 0 {
             let [person, step] = self.first_certain;
+            if self.declaration.estimator == Estimator::Value {
+                return Err(format!(
+                    "{} at which an action of the policy had probability 0, the first at step {step} of person {person}; \
+                     what it leads to was not tried",
+                    counted(self.certain, "decision")
+                ));
+            }
             return Err(format!(
                 "{} of a compared action with probability 0 or 1, the first at step {step} of person {person}; the \
                  effect needs decisions that are randomised, as with a `pi_min` above 0",
@@ -327,6 +293,13 @@ impl Estimation {
         }
         match self.declaration.estimator {
             Estimator::Wcls => self.least_squares(layout),
+            Estimator::Emee => {
+                // Linear dependence and people are as in least squares.
+                let squares = self.sums.fit(Correction::None);
+                let people = squares.map_err(|why| self.reason(layout, why))?.people;
+                self.together.relative_risks(people, self.sums.rows(), self.treatment_variance())
+            }
+            Estimator::Value => self.together.values(),
         }
     }
 
@@ -339,16 +312,8 @@ impl Estimation {
         let first = 1 + layout.control.len();
         let effect = |index: usize| {
             let effect = Effect {
-                value: fit.coefficients[index],
-                standard_error: f64::NAN,
-                degrees_of_freedom: df,
-                low: f64::NAN,
-                high: f64::NAN,
-                p_value: f64::NAN,
-                decisions: self.sums.rows(),
-                residual_sd: fit.residual_sd,
-                truth: None,
                 treatment_variance: self.treatment_variance(),
+                ..unfinished(fit.coefficients[index], df, self.sums.rows(), fit.residual_sd)
             };
             let standard_error = fit.covariance[index * columns + index].sqrt();
             if standard_error <= fit.rounding[index] {
@@ -388,68 +353,6 @@ impl Estimation {
             }
         }
     }
-}
-
-impl Layout {
-    /// Finds the features and the outcome of a declaration.
-    ///
-    /// **Errors**: a name is unknown, or the environment does not have the treatment.
-    pub fn of(
-        of: &EstimateDeclaration,
-        actions: usize,
-        names: &StateNames,
-    ) -> Result<Layout, String> {
-        let feature = |name: &String| match Feature::named(name, names)? {
-            Feature::State(index) if names.is_late(index) => {
-                Err(format!("`{name}` follows the action: it is an outcome alone"))
-            }
-            feature => Ok(feature),
-        };
-        let features = |list: &[String]| -> Result<Vec<Feature>, String> {
-            list.iter().map(feature).collect()
-        };
-        let outcome = match of.outcome.as_str() {
-            _ if of.is_of_reward() => None,
-            name => match Feature::named(name, names)? {
-                Feature::State(index) => Some(index),
-                Feature::Step => return Err(format!("`{STEP}` is no outcome")),
-            },
-        };
-        match of.treatment {
-            Treatment::Action(action) if usize::from(action) >= actions => {
-                return Err(format!("the environment has no action {action}"));
-            }
-            _ if actions < 2 => return Err("the environment has a single action".to_owned()),
-            _ => {}
-        }
-        let (control, moderators) = (features(&of.control)?, features(&of.moderators)?);
-        let is_own = outcome.is_some_and(|index| names.is_late(index));
-        Ok(Layout { control, moderators, outcome, is_own })
-    }
-}
-
-/// An effect with this standard error, and with the interval and the p-value that follow from it.
-///
-/// **Errors**: the standard error is 0 or not a number, or a number is too large to be stored.
-pub(crate) fn with_standard_error(effect: Effect, standard_error: f64) -> Result<Effect, String> {
-    if standard_error.is_nan() {
-        return Err("its standard error is not a number".to_owned());
-    }
-    if standard_error <= 0.0 {
-        return Err("its standard error is 0".to_owned());
-    }
-    let (value, df) = (effect.value, effect.degrees_of_freedom);
-    let (low, high) = {
-        let half = t_of_p(OUTSIDE, df) * standard_error;
-        (value - half, value + half)
-    };
-    let numbers = [value, standard_error, low, high, effect.residual_sd];
-    // The negation holds for NaN, too.
-    if !numbers.iter().all(|number| number.abs() < 1e300) {
-        return Err("its numbers are too large".to_owned());
-    }
-    let p_value = two_sided_p(value / standard_error, df);
-    Ok(Effect { standard_error, low, high, p_value, ..effect })
 }
 
 resumable!([] Sums { grown numbers });

@@ -55,6 +55,12 @@ pub(super) fn times(triangle: &[f64], vector: &[f64]) -> Vec<f64> {
     (0..vector.len()).map(row).collect()
 }
 
+/// The product of a matrix, \[size, size\], and a vector.
+pub(super) fn product(matrix: &[f64], vector: &[f64]) -> Vec<f64> {
+    let rows = matrix.chunks(vector.len());
+    rows.map(|row| row.iter().zip(vector).map(|(a, b)| a * b).sum()).collect()
+}
+
 /// Solves equations in place, \[size, size\] and \[size\], by elimination with the largest pivot; false if the matrix
 /// is singular.
 pub(super) fn solve(matrix: &mut [f64], right: &mut [f64]) -> bool {

@@ -12,7 +12,11 @@ use crate::job::{
 };
 use crate::state::{Resumable, StateReader, StateWriter};
 
-fn declared(control: &[&str], moderators: &[&str], treatment: Treatment) -> EstimateDeclaration {
+pub(super) fn declared(
+    control: &[&str],
+    moderators: &[&str],
+    treatment: Treatment,
+) -> EstimateDeclaration {
     let texts = |list: &[&str]| list.iter().map(|text| (*text).to_owned()).collect();
     EstimateDeclaration {
         control: texts(control),
@@ -22,17 +26,25 @@ fn declared(control: &[&str], moderators: &[&str], treatment: Treatment) -> Esti
         name: "effect".to_owned(),
         numerator: 0.5,
         outcome: REWARD.to_owned(),
+        policy: None,
         standard_errors: StandardErrors::Nominal,
+        steps: 1,
         treatment,
         truth: false,
     }
 }
 
-const ANY: Treatment = Treatment::Messages(Messages::Any);
+pub(super) const ANY: Treatment = Treatment::Messages(Messages::Any);
 const EACH: Treatment = Treatment::Messages(Messages::Each);
 
 /// A decision between two actions; the probability is that of action 1.
-fn decision(episode: u32, step: u32, action: u8, probability: f64, reward: f64) -> Decision {
+pub(super) fn decision(
+    episode: u32,
+    step: u32,
+    action: u8,
+    probability: f64,
+    reward: f64,
+) -> Decision {
     Decision {
         phase: Phase::Test,
         episode,

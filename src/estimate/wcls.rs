@@ -1,6 +1,6 @@
 //! Weighted and centred least squares, from the sums of each person.
 
-use super::symmetric::{inverse, packed, solve, times};
+use super::symmetric::{inverse, packed, product, solve, times};
 
 /// The sums of a weighted regression by person: X'WX as a packed triangle, X'Wy, the number of rows, the sum of weights, and
 /// y'Wy.
@@ -215,10 +215,4 @@ struct Solved {
     /// X'Wy.
     right: Vec<f64>,
     coefficients: Vec<f64>,
-}
-
-/// The product of a matrix, \[columns, columns\], and a vector.
-fn product(matrix: &[f64], vector: &[f64]) -> Vec<f64> {
-    let rows = matrix.chunks(vector.len());
-    rows.map(|row| row.iter().zip(vector).map(|(a, b)| a * b).sum()).collect()
 }

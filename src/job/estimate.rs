@@ -7,6 +7,8 @@ use serde_json::Value as Json;
 
 use crate::key::choices;
 
+use super::counted;
+
 /// The outcome that is the reward of the step, less the cost of the message.
 pub const REWARD: &str = "reward";
 /// The outcome that is the reward of the step before the cost of the message, as decisions record it.
@@ -17,14 +19,40 @@ pub const STEP: &str = "step";
 pub const CONSTANT: &str = "1";
 
 choices! {
-    /// How an effect is estimated: from which sums follows from the variant.
+    /// What is estimated, and how.
     #[derive(Serialize, Deserialize)]
     #[serde(rename_all = "snake_case")]
     pub enum Estimator {
-        /// Weighted and centred least squares.
+        /// The effect of a treatment, by weighted and centred least squares.
         Wcls = "wcls",
+        /// The log relative risk of a treatment, by the estimator of the marginal excursion effect.
+        Emee = "emee",
+        /// The mean outcome under another policy.
+        Value = "value",
     }
 }
+
+impl Estimator {
+    /// Whether it reads all decisions of a run at the end, and does not add up sums of each person.
+    pub fn reads_all(self) -> bool {
+        match self {
+            Estimator::Wcls => false,
+            Estimator::Emee | Estimator::Value => true,
+        }
+    }
+
+    /// Whether it uses a key of `[[estimate]]`.
+    pub fn uses(self, key: &str) -> bool {
+        match self {
+            Estimator::Wcls => !["policy", "steps"].contains(&key),
+            Estimator::Emee => !["policy", "steps", "standard_errors"].contains(&key),
+            Estimator::Value => !["treatment", "numerator", "standard_errors"].contains(&key),
+        }
+    }
+}
+
+/// The terms of the value of a policy: by inverse probability, self-normalised, and doubly robust.
+pub const VALUE_TERMS: [&str; 3] = ["inverse_probability", "self_normalised", "doubly_robust"];
 
 choices! {
     /// What the standard errors of an estimate account for.
@@ -65,14 +93,60 @@ pub struct EstimateDeclaration {
     pub numerator: f64,
     /// [`REWARD`], [`GROSS_REWARD`], or a name of the recorded state, whose value before the person's next decision is the outcome.
     pub outcome: String,
+    /// The policy whose value is estimated; `None` for an effect.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub policy: Option<TargetPolicy>,
     /// What its standard errors account for.
     #[serde(default, skip_serializing_if = "StandardErrors::is_nominal")]
     pub standard_errors: StandardErrors,
+    /// The number of consecutive decisions that the policy makes.
+    #[serde(default = "one", skip_serializing_if = "is_one")]
+    pub steps: u32,
     /// What is compared with action 0.
     pub treatment: Treatment,
     /// Whether the truth is simulated, too.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     pub truth: bool,
+}
+
+fn one() -> u32 {
+    1
+}
+
+#[expect(clippy::trivially_copy_pass_by_ref, reason = "serde passes a reference")]
+fn is_one(steps: &u32) -> bool {
+    *steps == 1
+}
+
+/// A policy whose value is estimated, with the same probabilities at every decision at which a message can be sent.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(untagged)]
+pub enum TargetPolicy {
+    /// The probability of a message; several messages share it equally.
+    Message(f64),
+    /// The probabilities of all actions, \[actions\]; their sum is 1.
+    Actions(Vec<f64>),
+}
+
+impl TargetPolicy {
+    /// The probabilities in an environment with this number of actions, \[actions\].
+    ///
+    /// **Errors**: the list has another length.
+    pub fn probabilities(&self, actions: usize) -> Result<Vec<f64>, String> {
+        match self {
+            TargetPolicy::Message(probability) => {
+                let each = probability / actions.saturating_sub(1) as f64;
+                let messages = std::iter::repeat_n(each, actions.saturating_sub(1));
+                Ok([1.0 - probability].into_iter().chain(messages).collect())
+            }
+            TargetPolicy::Actions(all) if all.len() == actions => Ok(all.clone()),
+            TargetPolicy::Actions(all) => Err(format!(
+                "`policy` lists {}, and the environment has {}",
+                counted(all.len(), "number"),
+                counted(actions, "action")
+            )),
+        }
+    }
 }
 
 /// What an estimate compares with action 0.
@@ -133,7 +207,11 @@ impl EstimateDeclaration {
     }
 
     /// The terms of the effect in an environment with this number of actions: 1 and the moderators, for each treatment.
+    /// Those of a value are [`VALUE_TERMS`].
     pub fn terms(&self, actions: usize) -> Vec<String> {
+        if self.estimator == Estimator::Value {
+            return VALUE_TERMS.map(str::to_owned).into();
+        }
         let own = || [CONSTANT].into_iter().chain(self.moderators.iter().map(String::as_str));
         match self.treatment {
             Treatment::Messages(Messages::Each) => (1..actions)
@@ -189,6 +267,9 @@ pub struct Effect {
     /// The mean of p (1 - p) over the decisions that the estimate uses, with p the probability of treatment. `None`
     /// if several treatments are compared.
     pub treatment_variance: Option<f64>,
+    /// The number of equally weighted decisions that say as much about a value as the weighted ones do. `None` for an
+    /// effect.
+    pub effective_sample_size: Option<f64>,
 }
 
 impl Effect {
@@ -198,6 +279,7 @@ impl Effect {
         let real = |value: f64| value.abs() < most;
         let positive = |value: f64| (0.0..=most).contains(&value);
         let truth = self.truth.unwrap_or_default();
+        let size = self.effective_sample_size.unwrap_or_default();
         let numbers = [
             ("its value", self.value, real(self.value)),
             ("its standard error", self.standard_error, positive(self.standard_error)),
@@ -211,6 +293,7 @@ impl Effect {
             ("its p-value", self.p_value, (0.0..=1.0).contains(&self.p_value)),
             ("its residual standard deviation", self.residual_sd, positive(self.residual_sd)),
             ("its true value", truth, real(truth)),
+            ("its effective sample size", size, positive(size)),
         ];
         let unusable = numbers.into_iter().find(|(_, _, is_usable)| !is_usable);
         unusable.map(|(name, value, _)| format!("{name} is {value}"))

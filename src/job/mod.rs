@@ -23,7 +23,7 @@ pub use condition::{Condition, Described, short_beside, short_name};
 pub use content::{Job, JobError, NoWeights};
 pub use estimate::{
     CONSTANT, Effect, Estimate, EstimateDeclaration, Estimates, Estimator, GROSS_REWARD, Messages,
-    REWARD, STEP, StandardErrors, Treatment,
+    REWARD, STEP, StandardErrors, TargetPolicy, Treatment, VALUE_TERMS,
 };
 pub use evaluation::{
     EvaluatedOn, Evaluation, RecordedDecisions, RecordedEpisodes, RecordedQuartiles, TestActions,

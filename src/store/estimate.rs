@@ -21,16 +21,18 @@ use super::{Reader, StoreError};
 const COLUMNS: usize = 12;
 
 /// A row of another store: the canonical text of the declaration, its columns, its digest, and the variance of its
-/// treatment, which rows of earlier versions lack.
-pub(super) type Row = [Value; COLUMNS + 3];
+/// treatment and its effective sample size, which rows of earlier versions lack.
+pub(super) type Row = [Value; COLUMNS + 4];
 
 /// The rows of run `?1` in order.
 fn select(connection: &Connection) -> rusqlite::Result<String> {
-    let is_known = has_column(connection, "recorded_estimate", "treatment_variance")?;
-    let variance = if is_known { "treatment_variance" } else { "NULL" };
+    let known = |column: &'static str| -> rusqlite::Result<&str> {
+        Ok(if has_column(connection, "recorded_estimate", column)? { column } else { "NULL" })
+    };
+    let (variance, size) = (known("treatment_variance")?, known("effective_sample_size")?);
     Ok(format!(
         "SELECT canonical, number, term, estimate, standard_error, degrees_of_freedom, low, high, p_value, decisions,
-            residual_sd, truth, failure, sha256, {variance}
+            residual_sd, truth, failure, sha256, {variance}, {size}
          FROM recorded_estimate AS recorded
          JOIN estimate_declaration AS declared ON declared.id = recorded.declaration
          WHERE run = ?1 ORDER BY canonical, number"
@@ -72,11 +74,13 @@ fn rows_of<'e>(job_key: &'e str, estimates: &'e Estimates) -> impl Iterator<Item
                 let decisions = Value::Integer(of.decisions as i64);
                 let real = |number: Option<f64>| number.map_or(Value::Null, Value::Real);
                 let (truth, variance) = (real(of.truth), real(of.treatment_variance));
-                [value, error, freedom, low, high, p_value, decisions, sd, truth, variance]
+                let size = real(of.effective_sample_size);
+                [value, error, freedom, low, high, p_value, decisions, sd, truth, variance, size]
             }
-            Err(_) => [const { Value::Null }; 10],
+            Err(_) => [const { Value::Null }; 11],
         };
-        let [value, error, freedom, low, high, p_value, decisions, sd, truth, variance] = numbers;
+        let [value, error, freedom, low, high, p_value, decisions, sd, truth, variance, size] =
+            numbers;
         let failure = effect.err().map_or(Value::Null, Value::Text);
         let (canonical, term) = (Value::Text(canonical.clone()), Value::Text(term.clone()));
         let mut row = [
@@ -95,6 +99,7 @@ fn rows_of<'e>(job_key: &'e str, estimates: &'e Estimates) -> impl Iterator<Item
             failure,
             Value::Null,
             variance,
+            size,
         ];
         row[COLUMNS + 1] = Value::Blob(digest(job_key, &row).into());
         row
@@ -106,9 +111,9 @@ fn digest(job_key: &str, row: &Row) -> [u8; 32] {
     let mut digest = ResultsDigest::new(job_key);
     row[..=COLUMNS].iter().for_each(|value| digest.add(value.into()));
     // Rows of earlier versions keep their digest.
-    if row[COLUMNS + 2] != Value::Null {
-        digest.add((&row[COLUMNS + 2]).into());
-    }
+    let later = &row[COLUMNS + 2..];
+    let last = later.iter().rposition(|value| *value != Value::Null);
+    later.iter().take(last.map_or(0, |last| last + 1)).for_each(|value| digest.add(value.into()));
     digest.finish()
 }
 
@@ -128,7 +133,7 @@ pub(super) fn insert_copied(
         if connection.prepare_cached(known)?.exists([own, declaration])? {
             continue;
         }
-        let marks = ["?"; COLUMNS + 4].join(", ");
+        let marks = ["?"; COLUMNS + 5].join(", ");
         let mut insert = connection
             .prepare_cached(&format!("INSERT INTO recorded_estimate VALUES ({marks})"))?;
         for row in rows {
@@ -161,7 +166,7 @@ pub(super) fn intact(
     }
     let mut statement = connection.prepare_cached(&select(connection)?)?;
     let rows = statement.query_map([run], |row| {
-        let mut values = [const { Value::Null }; COLUMNS + 3];
+        let mut values = [const { Value::Null }; COLUMNS + 4];
         for (column, value) in values.iter_mut().enumerate() {
             *value = row.get(column)?;
         }
@@ -219,6 +224,7 @@ pub(super) fn of_run(
                 residual_sd: row.get(10)?,
                 truth: row.get(11)?,
                 treatment_variance: row.get(14)?,
+                effective_sample_size: row.get(15)?,
             }),
         };
         let estimate = Estimate { term: row.get(2)?, effect };

@@ -102,6 +102,10 @@ pub(super) const MIGRATIONS: &[Migration] = &[
         name: "0019_record_people",
         sql: include_str!("../../migrations/0019_record_people.sql"),
     },
+    Migration {
+        name: "0020_weigh_estimates",
+        sql: include_str!("../../migrations/0020_weigh_estimates.sql"),
+    },
 ];
 
 /// The version of the schema that this program writes.

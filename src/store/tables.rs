@@ -170,6 +170,7 @@ pub(super) static RESULT_TABLES: [ResultTable; 15] = [
             "failure",
             "sha256",
             "treatment_variance",
+            "effective_sample_size",
         ],
         2,
         14,

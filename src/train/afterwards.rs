@@ -8,6 +8,7 @@ use crate::job::{EstimateDeclaration, Estimates, Job, Pooling, StandardErrors, d
 use crate::train::after_study::{covariance, sums_for};
 use crate::train::excursions::Excursions;
 use crate::train::observers::{ObservedTrial, Observers};
+use crate::train::policy_courses::PolicyCourses;
 use crate::train::trace::{NoTrace, Trace};
 use crate::train::truth::Truth;
 
@@ -36,9 +37,14 @@ pub(super) fn attach(observers: &mut Observers, job: &Job, declared: &[Arc<Estim
     }
     let truths = declared.iter().filter(|declaration| declaration.truth);
     let truths: Vec<Truth<'_>> = truths.filter_map(|one| Truth::new(job, one)).collect();
-    if !truths.is_empty() {
-        let outcomes = distinct(truths.iter().map(Truth::outcome));
+    let courses: Vec<PolicyCourses> = truths.iter().filter_map(|one| one.courses(job)).collect();
+    let effects: Vec<&Truth<'_>> = truths.iter().filter(|one| one.courses(job).is_none()).collect();
+    if !effects.is_empty() {
+        let outcomes = distinct(effects.into_iter().map(Truth::outcome));
         observers.explore(job, Excursions::new(outcomes));
+    }
+    if !courses.is_empty() {
+        observers.follow(job, courses);
     }
     let is_traced = |declaration: &Arc<EstimateDeclaration>| {
         learns_from_everybody(job, declaration) && sums_for(job, declaration).is_ok()
@@ -58,7 +64,7 @@ impl Afterwards {
         let trace = observed.clone().and_then(|observed| Trace::of(job, observed));
         let truths = |declaration: &EstimateDeclaration| -> Option<Vec<f64>> {
             let truth = Truth::new(job, declaration).filter(|_| declaration.truth)?;
-            truth.coefficients(observed.as_ref().ok()?)
+            truth.coefficients(job, observed.as_ref().ok()?)
         };
         let of_estimate = |declaration: &Arc<EstimateDeclaration>| OfEstimate {
             declaration: declaration.clone(),

@@ -1,7 +1,7 @@
 //! Excursions from a trial: what other actions lead to at each of its decisions.
 
 use crate::agent::Rewards;
-use crate::env::{Action, EpisodeStatus, Simulated, VectorEnvironment};
+use crate::env::{Action, EpisodeStatus, Simulated, Simulation, VectorEnvironment};
 use crate::job::Decision;
 use crate::state::resumable;
 use crate::train::decision_log::DecisionObserver;
@@ -16,6 +16,30 @@ pub(super) struct ProximalOutcome {
     pub(super) is_own: bool,
     /// Whether the reward counts the cost of the message.
     pub(super) less_costs: bool,
+}
+
+impl ProximalOutcome {
+    /// The outcome of a lane's last decision, given the rewards of all lanes; NaN if the episode has ended before it. `state`
+    /// is a buffer.
+    pub(super) fn of(
+        self,
+        lanes: &dyn Simulation,
+        lane: usize,
+        rewards: &[f64],
+        state: &mut Vec<f64>,
+    ) -> f64 {
+        match self.index {
+            None if self.less_costs => rewards[lane],
+            None => lanes.outcomes(rewards)[lane],
+            Some(_) if !self.is_own && lanes.statuses()[lane] != EpisodeStatus::Running => f64::NAN,
+            Some(index) => {
+                state.clear();
+                lanes.record_state(lane, state);
+                lanes.complete(lane, rewards[lane], state, &mut 0.0);
+                state[index]
+            }
+        }
+    }
 }
 
 /// The outcomes of every action at the decisions of a trial.
@@ -84,22 +108,7 @@ impl DecisionObserver for Excursions {
             for excursion in &mut self.excursions[first..] {
                 let lane = excursion.episode as usize - 1;
                 for outcome in &self.outcomes {
-                    excursion.values.push(match outcome.index {
-                        None if outcome.less_costs => rewards[lane],
-                        None => copy.outcomes(&rewards)[lane],
-                        Some(_)
-                            if !outcome.is_own
-                                && copy.statuses()[lane] != EpisodeStatus::Running =>
-                        {
-                            f64::NAN
-                        }
-                        Some(index) => {
-                            state.clear();
-                            copy.record_state(lane, &mut state);
-                            copy.complete(lane, rewards[lane], &mut state, &mut 0.0);
-                            state[index]
-                        }
-                    });
+                    excursion.values.push(outcome.of(&*copy, lane, &rewards, &mut state));
                 }
             }
         }

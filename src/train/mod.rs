@@ -16,6 +16,7 @@ mod excursions;
 mod observers;
 mod once_more;
 mod outside;
+mod policy_courses;
 mod progress;
 mod roll;
 mod run;

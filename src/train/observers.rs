@@ -11,12 +11,16 @@ use crate::job::{ActionCount, Decision, EstimateDeclaration, Estimates, Job, Pha
 use crate::state::resumable;
 use crate::train::decision_log::{DecisionLog, DecisionObserver};
 use crate::train::excursions::Excursions;
+use crate::train::policy_courses::PolicyCourses;
 use crate::train::roll::{ChosenStep, LaneObserver};
 use crate::train::sightings::Sightings;
 
 impl DecisionObserver for Estimation {
     fn paid(&mut self, decisions: &[Decision], _: Rewards<'_>) {
-        decisions.iter().for_each(|decision| self.add(decision));
+        // Others read the decisions once the last is made.
+        if !self.declaration().estimator.reads_all() {
+            decisions.iter().for_each(|decision| self.add(decision));
+        }
     }
 }
 
@@ -28,8 +32,10 @@ pub(super) struct Observers {
     /// `None` if the decisions are neither recorded nor observed.
     log: Option<DecisionLog>,
     estimations: Vec<Estimation>,
-    /// `None` if no truth is asked for.
+    /// `None` if no truth of an effect is asked for.
     excursions: Option<Excursions>,
+    /// Courses under the policies whose true value is asked for.
+    courses: Vec<PolicyCourses>,
     /// `None` if no standard error is to account for the learning.
     sightings: Option<Sightings>,
 }
@@ -41,6 +47,8 @@ pub(super) struct ObservedTrial {
     pub(super) decisions: Vec<Decision>,
     /// What other actions lead to, by episode and step.
     pub(super) excursions: Option<Excursions>,
+    /// What policies lead to from every decision.
+    pub(super) courses: Vec<PolicyCourses>,
     /// What the agent saw, by episode and step.
     pub(super) sightings: Option<Sightings>,
 }
@@ -55,6 +63,7 @@ impl Observers {
             log: is_recorded.then(|| DecisionLog::new(job.agent.unavailable(), Phase::Test)),
             estimations: Vec::new(),
             excursions: None,
+            courses: Vec::new(),
             sightings: None,
         }
     }
@@ -75,6 +84,12 @@ impl Observers {
         self.log_decisions(job);
     }
 
+    /// Attaches courses under a policy, from every decision of the trial of a job.
+    pub(super) fn follow(&mut self, job: &Job, courses: Vec<PolicyCourses>) {
+        self.courses = courses;
+        self.log_decisions(job);
+    }
+
     /// Attaches a record of what the agent sees in the trial of a job.
     pub(super) fn see(&mut self, job: &Job) {
         self.sightings = Some(Sightings::default());
@@ -84,7 +99,12 @@ impl Observers {
     /// Logs the decisions, and keeps those that are read again after the trial.
     fn log_decisions(&mut self, job: &Job) {
         let new = || DecisionLog::new(job.agent.unavailable(), Phase::Test);
-        let is_kept = self.is_recorded || self.excursions.is_some() || self.sightings.is_some();
+        let reads_all = |one: &Estimation| one.declaration().estimator.reads_all();
+        let is_kept = self.is_recorded
+            || self.excursions.is_some()
+            || !self.courses.is_empty()
+            || self.sightings.is_some()
+            || self.estimations.iter().any(reads_all);
         let is_observed = is_kept || !self.estimations.is_empty();
         self.log = is_observed.then(|| new().keeping(is_kept));
     }
@@ -110,12 +130,17 @@ impl Observers {
     }
 
     /// The estimates, and what was observed beside them.
-    pub(super) fn finish(self) -> (Vec<Estimates>, ObservedTrial) {
+    pub(super) fn finish(mut self) -> (Vec<Estimates>, ObservedTrial) {
         let (decisions, _) = self.log.map(DecisionLog::finish).unwrap_or_default();
+        let reads_all = |one: &&mut Estimation| one.declaration().estimator.reads_all();
+        for estimation in self.estimations.iter_mut().filter(reads_all) {
+            decisions.iter().for_each(|decision| estimation.add(decision));
+        }
         let excursions = self.excursions.map(Excursions::finish);
         let sightings = self.sightings.map(Sightings::finish);
         let estimates = self.estimations.iter().map(Estimation::finish).collect();
-        (estimates, ObservedTrial { decisions, excursions, sightings })
+        let courses = self.courses.into_iter().map(PolicyCourses::finish).collect();
+        (estimates, ObservedTrial { decisions, excursions, courses, sightings })
     }
 
     /// The log with the observers of its decisions.
@@ -124,8 +149,10 @@ impl Observers {
     ) -> Option<(&mut DecisionLog, impl Iterator<Item = &mut dyn DecisionObserver>)> {
         let estimations = self.estimations.iter_mut().map(|one| one as &mut dyn DecisionObserver);
         let excursions = self.excursions.iter_mut().map(|one| one as &mut dyn DecisionObserver);
+        let courses = self.courses.iter_mut().map(|one| one as &mut dyn DecisionObserver);
         let sightings = self.sightings.iter_mut().map(|one| one as &mut dyn DecisionObserver);
-        Some((self.log.as_mut()?, estimations.chain(excursions).chain(sightings)))
+        let others = excursions.chain(courses).chain(sightings);
+        Some((self.log.as_mut()?, estimations.chain(others)))
     }
 }
 
@@ -148,7 +175,7 @@ impl LaneObserver<Simulated> for Observers {
     }
 }
 
-resumable!([] Observers { parts counts; each log, estimations, excursions, sightings });
+resumable!([] Observers { parts counts; each log, estimations, excursions, courses, sightings });
 
 /// The episodes in progress, and the choices and costs of all episodes.
 pub(super) struct EpisodeCounts {

@@ -331,7 +331,7 @@ mod tests {
     use crate::env::{Action, LaneSet, Simulated, StepCount, VectorEnvironment};
     use crate::job::{
         Estimates, Estimator, EvaluatedOn, Evaluation, Job, Messages, REWARD, RecordedDecisions,
-        StandardErrors, Treatment,
+        StandardErrors, TargetPolicy, Treatment,
     };
     use crate::key::{Keyed, Value};
     use crate::rng::Stream;
@@ -518,7 +518,9 @@ mod tests {
             name: name.to_owned(),
             numerator: 0.5,
             outcome: outcome.to_owned(),
+            policy: None,
             standard_errors: errors,
+            steps: 1,
             treatment: Treatment::Messages(Messages::Any),
             truth: true,
         })
@@ -536,6 +538,37 @@ mod tests {
         let mut training = begun(job);
         assert!(training.estimate(&estimates()));
         training
+    }
+
+    /// The value of a policy over three decisions, from states as they are after each decision.
+    fn value() -> Arc<EstimateDeclaration> {
+        Arc::new(EstimateDeclaration {
+            estimator: Estimator::Value,
+            policy: Some(TargetPolicy::Message(0.6)),
+            steps: 3,
+            ..(*estimate("value", "habituation", StandardErrors::Nominal)).clone()
+        })
+    }
+
+    fn valued(job: &Job) -> Training<'_> {
+        let mut training = begun(job);
+        assert!(training.estimate(&[value()]));
+        training
+    }
+
+    #[test]
+    fn a_value_and_its_truth_survive_interruptions() {
+        let calendar = Trial { people: 30, dropout: 0.1, ..plan() };
+        let job = trial(Agent::of(&RuleParameters::new(DecisionRule::Random)), calendar);
+        let (undisturbed, _) = tested(&job, None, valued).unwrap();
+        for term in &undisturbed.estimates[0].terms {
+            let effect = term.effect.clone().unwrap();
+            let (truth, size) = (effect.truth.unwrap(), effect.effective_sample_size.unwrap());
+            assert!((effect.value - truth).abs() < 4.0 * effect.standard_error, "{effect:?}");
+            assert!(size > 10.0 && size < effect.decisions as f64);
+        }
+        let (results, interruptions) = tested(&job, Some(2), valued).unwrap();
+        assert!(interruptions > 2 && results == undisturbed);
     }
 
     #[test]

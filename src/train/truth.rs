@@ -12,10 +12,13 @@
 //! the effects on f(S) with the weights of the estimand: one weight for every decision at which a message can be sent, as
 //! the probability of the numerator is a constant there.
 
-use crate::estimate::{Layout, Sums};
-use crate::job::{Decision, EstimateDeclaration, Job, Messages, StateNames, Treatment};
+use crate::estimate::{Layout, Rows, Sums};
+use crate::job::{
+    Decision, EstimateDeclaration, Estimator, Job, Messages, StateNames, Treatment, VALUE_TERMS,
+};
 use crate::train::excursions::ProximalOutcome;
 use crate::train::observers::ObservedTrial;
+use crate::train::policy_courses::PolicyCourses;
 
 /// What the truth of an estimate reads of a trial.
 pub(super) struct Truth<'d> {
@@ -48,12 +51,50 @@ impl<'d> Truth<'d> {
     }
 
     /// The coefficients of the effects in a trial, in the order of [`EstimateDeclaration::terms`]; `None` if no decision can
-    /// have the treatment, or if a term is a linear combination of the terms before it.
-    pub(super) fn coefficients(&self, observed: &ObservedTrial) -> Option<Vec<f64>> {
+    /// have the treatment, or if a term is a linear combination of the terms before it. Of a value, each term has the same
+    /// truth, that of courses of its policy.
+    pub(super) fn coefficients(&self, job: &Job, observed: &ObservedTrial) -> Option<Vec<f64>> {
+        match self.declaration.estimator {
+            Estimator::Wcls => {}
+            Estimator::Emee => return self.relative_risks(observed),
+            Estimator::Value => {
+                let wanted = self.courses(job)?;
+                let courses = observed.courses.iter().find(|known| known.equals(&wanted))?;
+                return Some(vec![courses.value(&observed.decisions)?; VALUE_TERMS.len()]);
+            }
+        }
         let mut sums = self.sums();
         self.add_to(&mut sums, 0, observed);
         let coefficients = |sums: &Sums| sums.coefficients().ok().filter(|_| sums.rows() > 0);
         Some(sums.iter().map(coefficients).collect::<Option<Vec<_>>>()?.concat())
+    }
+
+    /// The courses of its policy, before the first; `None` for an effect.
+    pub(super) fn courses(&self, job: &Job) -> Option<PolicyCourses> {
+        let is_value = self.declaration.estimator == Estimator::Value;
+        PolicyCourses::new(job, self.declaration, self.outcome()).filter(|_| is_value)
+    }
+
+    /// The coefficients β of each treatment with Σ f (exp(−f'β) Y₁ − Y₀) = 0 over decisions. They are those of pairs of rows,
+    /// one with the treatment and one without, from whose equations every model without treatment drops out.
+    fn relative_risks(&self, observed: &ObservedTrial) -> Option<Vec<f64>> {
+        let terms = 1 + self.declaration.moderators.len();
+        let new = Rows { columns: 1 + terms, controls: 1, terms, centre: 0.5, numbers: Vec::new() };
+        let mut all = vec![new; self.treatments];
+        let mut row = Vec::new();
+        self.each(observed, |decision, outcomes| {
+            let effects = self.effects(decision, outcomes);
+            for (rows, effect) in all.iter_mut().zip(effects) {
+                for (centred, outcome) in [(0.5, outcomes[0] + effect), (-0.5, outcomes[0])] {
+                    row.clear();
+                    row.extend([1.0, centred]);
+                    row.extend(self.layout.moderators.iter().map(|one| centred * one.of(decision)));
+                    rows.add(0, &row, 1.0, outcome);
+                }
+            }
+        });
+        let coefficients = |rows: &Rows| Some(rows.coefficients().ok()?.split_off(1));
+        Some(all.iter().map(coefficients).collect::<Option<Vec<_>>>()?.concat())
     }
 
     /// Empty sums, one for each treatment.
@@ -65,11 +106,22 @@ impl<'d> Truth<'d> {
     /// Adds the decisions of a trial at which the treatment is possible, as those of one person of the sums: 1 and the
     /// moderators, and the effect of every treatment.
     fn add_to(&self, sums: &mut [Sums], person: usize, observed: &ObservedTrial) {
+        let mut row = Vec::new();
+        self.each(observed, |decision, outcomes| {
+            row.clear();
+            row.push(1.0);
+            row.extend(self.layout.moderators.iter().map(|one| one.of(decision)));
+            let each = sums.iter_mut().zip(self.effects(decision, outcomes));
+            each.for_each(|(sums, effect)| sums.add(person, &row, 1.0, effect));
+        });
+    }
+
+    /// Calls `see` with each decision of a trial at which the treatment is possible, and the outcomes of all actions.
+    fn each(&self, observed: &ObservedTrial, mut see: impl FnMut(&Decision, &[f64])) {
         let ObservedTrial { decisions, excursions: Some(excursions), .. } = observed else {
             return;
         };
         let mut excursions = excursions.by_decision(self.outcome());
-        let mut row = Vec::new();
         for (index, decision) in decisions.iter().enumerate().filter(|(_, one)| one.can_send) {
             let Some((excursion, outcomes)) = excursions.next() else { return };
             assert_eq!((decision.episode, decision.step), (excursion.episode, excursion.step));
@@ -79,11 +131,7 @@ impl<'d> Truth<'d> {
             let is_last = next.is_none_or(|next| next.episode != decision.episode);
             let is_paid = self.layout.outcome.is_none() || self.layout.is_own || !is_last;
             if is_paid && effects.iter().all(|effect| effect.is_finite()) {
-                row.clear();
-                row.push(1.0);
-                row.extend(self.layout.moderators.iter().map(|one| one.of(decision)));
-                let each = sums.iter_mut().zip(effects);
-                each.for_each(|(sums, effect)| sums.add(person, &row, 1.0, effect));
+                see(decision, &outcomes);
             }
         }
     }
@@ -120,7 +168,7 @@ mod tests {
     use crate::estimate::Correction;
     use crate::job::{
         Estimator, EvaluatedOn, Evaluation, Pooling, REWARD, ROWS, RecordedEpisodes, STEP,
-        StandardErrors, Trial, UpdateData,
+        StandardErrors, TargetPolicy, Trial, UpdateData,
     };
     use crate::key::{Content, Keyed, Kind, Value};
     use crate::rng::{Purpose, Stream};
@@ -168,7 +216,7 @@ mod tests {
     /// The truth of an estimate in the trial of a job.
     fn own_truth(job: &Job, declaration: &EstimateDeclaration) -> Option<Vec<f64>> {
         let truth = Truth::new(job, declaration)?;
-        truth.coefficients(&observed(job, &truth))
+        truth.coefficients(job, &observed(job, &truth))
     }
 
     fn job(environment: impl Into<Environment>, agent: Agent, trial: Trial) -> Job {
@@ -208,7 +256,9 @@ mod tests {
             name: "effect".to_owned(),
             numerator: 0.5,
             outcome: REWARD.to_owned(),
+            policy: None,
             standard_errors: StandardErrors::Nominal,
+            steps: 1,
             treatment,
             truth: false,
         }
@@ -407,6 +457,34 @@ mod tests {
         };
         let trial = Trial { decisions_per_day: 2, people_file, ..trial(2, 7) };
         Job { scenario: Scenario::all(), ..job(environment, rule(DecisionRule::Random), trial) }
+    }
+
+    #[test]
+    fn the_value_of_a_policy_by_hand() {
+        // With a message at every decision, as in the first test; and one decision after those of the trial's own rule.
+        let value = |rule, steps: u32, policy: Vec<f64>| {
+            let of = EstimateDeclaration {
+                estimator: Estimator::Value,
+                policy: Some(TargetPolicy::Actions(policy)),
+                steps,
+                ..estimate(ANY, &[])
+            };
+            let job = job(simple(6), rule, trial(4, 6));
+            let truth = Truth::new(&job, &of).unwrap();
+            let courses = vec![truth.courses(&job).unwrap()];
+            let observed = play(&job, |observers| observers.follow(&job, courses), &|| false);
+            truth.coefficients(&job, &observed.unwrap()).unwrap()
+        };
+        let never = || rule(DecisionRule::Never);
+        assert_eq!(value(never(), 6, vec![0.0, 1.0, 0.0, 0.0]), [36.0; 3]);
+        assert_eq!(value(never(), 2, vec![0.0, 1.0, 0.0, 0.0]), [52.0; 3]);
+        let untailored = || rule(DecisionRule::Untailored);
+        assert_eq!(value(untailored(), 1, vec![0.0, 1.0, 0.0, 0.0]), [36.0; 3]);
+        assert_eq!(value(untailored(), 3, vec![1.0, 0.0, 0.0, 0.0]), [0.0; 3]);
+        let half = value(never(), 1, vec![0.5, 0.5, 0.0, 0.0])[0];
+        // So many of 24 decisions had the message.
+        let messages = 24.0 * half / 56.0;
+        assert!((messages - messages.round()).abs() < 1e-9 && messages > 0.0, "{half}");
     }
 
     #[test]

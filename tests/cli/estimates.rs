@@ -251,6 +251,101 @@ fn a_changed_estimate_is_found_left_out_and_computed_again() {
     assert_eq!(estimates(&saved), before);
 }
 
+/// Forty people of a model with a binary outcome, whose risk and whose value under a policy are estimated.
+const BINARY: &str = r#"format = 1
+name = "binary"
+scenarios = "all"
+seeds = 3
+environment = { family = "declared", model = "binary_outcome.toml" }
+evaluation.on = "trial"
+
+[trial]
+people = 40
+days = 30
+
+[[agent]]
+name = "random"
+algorithm = "rule"
+rule = "random"
+
+[[estimate]]
+name = "risk"
+estimator = "emee"
+control = ["share"]
+moderators = ["share"]
+truth = true
+
+[[estimate]]
+name = "value"
+estimator = "value"
+policy = 0.7
+steps = 3
+control = ["share"]
+truth = true
+
+[[estimate]]
+name = "always"
+estimator = "value"
+policy = 1
+steps = 30
+"#;
+
+#[test]
+fn values_and_relative_risks_are_the_same_however_they_are_computed() {
+    let model = std::fs::read_to_string("experiments/models/binary_outcome.toml").unwrap();
+    let with = |manifest: &str| {
+        let folder = Folder::with(manifest);
+        folder.write("binary_outcome.toml", &model);
+        folder.jitai(["run", "sweep.toml"]).succeeded();
+        folder
+    };
+    let folder = with(BINARY);
+    // The last, of thirty decisions one after the other, has too small a sample.
+    assert_eq!(folder.number("SELECT count(*) FROM estimate WHERE failure IS NULL"), 15);
+    let refused = texts(&folder, "SELECT failure FROM estimate WHERE name = 'always'");
+    assert_eq!(refused.len(), 9);
+    for why in refused {
+        assert!(why.starts_with("its effective sample size is "), "{why}");
+        assert!(why.contains(", below 10: the policy seldom takes the actions"), "{why}");
+    }
+    let queried = |what: &str, of: &str| -> f64 {
+        let sql = format!("SELECT {what} FROM estimate WHERE {of}");
+        folder.store().query_row(&sql, [], |row| row.get(0)).unwrap()
+    };
+    let size = queried("min(effective_sample_size)", "name = 'value'");
+    assert!(size > 50.0 && size < 1120.0, "{size}");
+    assert!(queried("count(effective_sample_size)", "name = 'risk'") == 0.0);
+    for of in ["name = 'value'", "name = 'risk' AND term = '1'"] {
+        let (off, error) =
+            (queried("max(abs(estimate - truth))", of), queried("avg(standard_error)", of));
+        assert!(off < 4.0 * error, "{of}: {off}, {error}");
+    }
+    // A policy of 0.7 of 0.8 available decisions, with a mean risk of exp(−1.5 + …) of about 0.4.
+    let truth = queried("avg(truth)", "name = 'value'");
+    assert!(truth > 0.35 && truth < 0.45, "{truth}");
+    // From recorded decisions, and by training again, the numbers are the same.
+    let numbers = "SELECT DISTINCT concat_ws(' ', name, number, estimate, standard_error, truth) FROM estimate ORDER BY 1";
+    let (without, _) = BINARY.split_once("[[estimate]]").unwrap();
+    for recorded in ["", "evaluation.record_decisions = \"test\"\n"] {
+        let on = "evaluation.on = \"trial\"\n";
+        let manifest = |text: &str| text.replace(on, &format!("{on}{recorded}"));
+        let later = with(&manifest(without));
+        later.write("sweep.toml", manifest(BINARY));
+        later
+            .jitai(["run", "sweep.toml"])
+            .succeeded()
+            .says("estimates of 3 completed jobs computed");
+        assert_eq!(texts(&later, numbers), texts(&folder, numbers));
+    }
+    // A relative risk of steps walked is refused.
+    let steps = format!(
+        "{MANIFEST}[[estimate]]\nname = \"risk\"\nestimator = \"emee\"\nagents = \"random\"\n"
+    );
+    let steps = Folder::completed(&steps);
+    let why = texts(&steps, "SELECT failure FROM estimate")[0].clone();
+    assert!(why.contains("a relative risk is of outcomes that are 0 or 1, or counts"), "{why}");
+}
+
 #[test]
 fn a_trial_that_resumes_has_the_estimates_of_one_that_does_not() {
     let manifest = r#"format = 1
@@ -311,6 +406,29 @@ fn faulty_estimates_are_reported_where_they_stand() {
         ("numerator = 1", "`numerator`: expected a probability above 0 and below 1"),
         ("outcome = \"steps\"", "`outcome`: the recorded state has no `steps`"),
         ("estimator = \"gee\"", "`estimator`: expected \"wcls\""),
+        (
+            "estimator = \"value\"",
+            "missing key `policy` in an [[estimate]] with `estimator` = \"value\"",
+        ),
+        (
+            "estimator = \"value\"\npolicy = 1.2",
+            "23:10: `policy`: expected the probability of a message, from 0 to 1, or a list",
+        ),
+        ("estimator = \"value\"\npolicy = [0.5, 0.6, 0, 0]", "whose sum is 1"),
+        (
+            "estimator = \"value\"\npolicy = [0.5, 0.5]",
+            "`policy` lists 2 numbers, and the environment has 4 actions",
+        ),
+        (
+            "estimator = \"value\"\npolicy = 1\nnumerator = 0.3",
+            "24:13: `numerator`: `estimator` = \"value\" does not use it",
+        ),
+        ("policy = 1", "`policy`: `estimator` = \"wcls\" does not use it"),
+        (
+            "estimator = \"emee\"\nstandard_errors = \"after_study\"",
+            "`standard_errors`: `estimator` = \"emee\" does not use it",
+        ),
+        ("estimator = \"emee\"\nsteps = 2", "`steps`: `estimator` = \"emee\" does not use it"),
         ("agents = [\"rule\"]", "`agents`: no agent is called `rule`"),
         ("controls = []", "unknown key `controls` in an [[estimate]]"),
         ("[[estimate]]\nname = \"effect\"", "another [[estimate]] is called `effect`"),
@@ -355,7 +473,7 @@ fn the_view_has_the_declarations_of_the_manifest_as_it_is() {
 fn an_estimator_of_a_newer_release_is_named_and_the_others_are_read() {
     let folder = Folder::completed(&recorded());
     let before = estimates(&folder);
-    let newer = r#"{"control":[],"estimator":"emee","moderators":[],"name":"odds","numerator":0.5,
+    let newer = r#"{"control":[],"estimator":"dcee","moderators":[],"name":"distal","numerator":0.5,
         "outcome":"reward","treatment":"any message"}"#;
     let raw = rusqlite::Connection::open(folder.path("jitai.sqlite")).unwrap();
     raw.execute("INSERT INTO estimate_declaration (canonical) VALUES (?1)", [newer]).unwrap();
@@ -364,7 +482,7 @@ fn an_estimator_of_a_newer_release_is_named_and_the_others_are_read() {
         .jitai(["doctor"])
         .ended(3)
         .prints("or of a newer release of jitai")
-        .prints("the estimator \"emee\" is unknown");
+        .prints("the estimator \"dcee\" is unknown");
     assert_eq!(estimates(&folder), before);
     folder.jitai(["report", "sweep.toml", "--out", "report"]).succeeded();
 }

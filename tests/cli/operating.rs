@@ -89,16 +89,28 @@ fn characteristics_are_those_of_the_rows_of_estimates() {
         let truth = queried("avg(truth)");
         assert!((truth - 64.0).abs() < [40.0, 8.0][index], "{truth}");
         let held = format!("avg({truth:?} BETWEEN low AND high)");
+        let exaggerated =
+            format!("avg(CASE WHEN low > 0 OR high < 0 THEN abs(estimate) END) / {truth:?}");
         for (name, what) in [
             ("truth", "avg(truth)"),
             ("bias", "avg(estimate - truth)"),
             ("mean_error", "avg(standard_error)"),
             ("coverage", held.as_str()),
             ("power", "avg(low > 0 OR high < 0)"),
+            ("mean_length", "avg(high - low)"),
         ] {
             let (found, expected) = (numbers(&csv, name)[index], queried(what));
             assert!((found - expected).abs() < 1e-9, "{name}: {found}, expected {expected}");
         }
+        if *people == "40" {
+            let wrong = "avg(CASE WHEN low > 0 OR high < 0 THEN estimate < 0 END)";
+            let found = column(&csv, "type_s")[index].parse::<f64>().unwrap();
+            assert_eq!((found, queried(wrong)), (0.0, 0.0));
+            let times = column(&csv, "exaggeration")[index].parse::<f64>().unwrap();
+            assert!((times - queried(&exaggerated)).abs() < 1e-9, "{times}");
+        }
+        let square = queried("avg((estimate - truth) * (estimate - truth))");
+        assert!((numbers(&csv, "rmse")[index] - square.sqrt()).abs() < 1e-9, "{square}");
         let errors = [numbers(&csv, "bias_low")[index], numbers(&csv, "bias_high")[index]];
         assert!(errors[0] < 0.0 && errors[1] > 0.0, "an unbiased estimate: {errors:?}");
     }

@@ -94,6 +94,8 @@ fn shipped() -> Vec<(&'static str, u64)> {
         ("experiments/trial.toml", 6),
         ("experiments/trial_design.toml", 320),
         ("experiments/trial_power.toml", 3200),
+        ("experiments/value.toml", 800),
+        ("experiments/relative_risk.toml", 1200),
         ("experiments/at_horizon.toml", 60),
         ("experiments/bandits.toml", 920),
         ("experiments/models/trial.toml", 60),

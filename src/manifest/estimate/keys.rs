@@ -5,9 +5,10 @@ use std::sync::Arc;
 use serde_json::{Value as Json, json};
 
 use crate::job::{
-    CONSTANT, EstimateDeclaration, Estimator, Messages, REWARD, StandardErrors, Treatment,
+    CONSTANT, EstimateDeclaration, Estimator, Messages, REWARD, StandardErrors, TargetPolicy,
+    Treatment,
 };
-use crate::key::{FixedKind, Kind};
+use crate::key::{FixedKind, Kind, Value};
 use crate::manifest::estimate::declared::DeclaredEstimate;
 use crate::manifest::table::{Field, Fields, TableKey, TableReader, fields, name_key};
 use crate::manifest::text::written::{list, quoted};
@@ -24,14 +25,19 @@ pub(in crate::manifest) fn keys() -> Vec<TableKey> {
     [vec![name], EstimateDeclaration::keys(), DeclaredEstimate::keys()].concat()
 }
 
-/// The keys of an estimate except its name, with their values, as a manifest writes them.
+/// The keys of an estimate except its name and those that its estimator does not use, with their values, as a manifest
+/// writes them.
 pub(in crate::manifest) fn written(estimate: &DeclaredEstimate) -> Vec<(&'static str, String)> {
-    [Fields::written(&*estimate.declaration), Fields::written(estimate)].concat()
+    let estimator = estimate.declaration.estimator;
+    let mut keys = [Fields::written(&*estimate.declaration), Fields::written(estimate)].concat();
+    keys.retain(|(key, _)| estimator.uses(key));
+    keys
 }
 
 fields! {
     impl EstimateDeclaration {
-        /// how the effect is estimated: weighted and centred least squares
+        /// what is estimated: an effect by weighted and centred least squares ("wcls"), the log relative risk of a binary
+        /// outcome or a count ("emee"), or the value of a policy ("value")
         estimator: Estimator = Estimator::Wcls, in Estimator::KIND;
         /// "reward" of the step less the cost of the message, "gross_reward" before it, or a name of the recorded
         /// state: its value before the next decision
@@ -44,6 +50,11 @@ fields! {
         moderators: Vec<String> as Features = Vec::new();
         /// probability of treatment in the numerator of the weights; several treatments share it equally
         numerator: f64 as Share = 0.5;
+        /// the policy whose value is estimated: the probability of a message, which several messages share equally, or a list
+        /// of the probabilities of all actions
+        policy: Option<TargetPolicy>;
+        /// consecutive decisions that the policy makes; the value is their mean outcome
+        steps: u32 = 1, in Kind::Integer { min: 1, max: 1000 };
         /// whether standard errors account for an agent that learned from everybody
         standard_errors: StandardErrors = StandardErrors::Nominal, in StandardErrors::KIND;
         /// whether the true effect in each trial is simulated, too
@@ -85,6 +96,42 @@ impl Field for Treatment {
         let text = match value {
             Treatment::Action(action) => action.to_string(),
             Treatment::Messages(messages) => quoted(messages.word()),
+        };
+        vec![(key, text)]
+    }
+}
+
+impl Field for TargetPolicy {
+    type Value = TargetPolicy;
+
+    fn schema(_: Option<Kind>) -> Json {
+        let probability = json!({ "type": "number", "minimum": 0, "maximum": 1 });
+        json!({ "anyOf": [probability, schema::list(probability.clone())] })
+    }
+
+    fn read(table: &mut TableReader<'_, '_>, key: &str, _: Option<Kind>) -> Option<TargetPolicy> {
+        let node = table.node(key)?;
+        let probability = |node: &Node| number(node).filter(|number| (0.0..=1.0).contains(number));
+        let policy = match node.get_ref().as_array() {
+            None => probability(node).map(TargetPolicy::Message),
+            Some(items) => {
+                let all = items.iter().map(probability).collect::<Option<Vec<f64>>>();
+                let is_whole = |all: &Vec<f64>| (all.iter().sum::<f64>() - 1.0).abs() < 1e-9;
+                all.filter(is_whole).map(TargetPolicy::Actions)
+            }
+        };
+        if policy.is_none() {
+            let expected = "the probability of a message, from 0 to 1, or a list of the probabilities of all actions, \
+                            whose sum is 1";
+            table.reader.expected(key, expected, node);
+        }
+        policy
+    }
+
+    fn written(value: &TargetPolicy, key: &'static str) -> Vec<(&'static str, String)> {
+        let text = match value {
+            TargetPolicy::Message(probability) => format!("{probability:?}"),
+            TargetPolicy::Actions(all) => Value::Reals(all.clone()).to_string(),
         };
         vec![(key, text)]
     }

@@ -2,7 +2,7 @@
 
 use std::collections::HashSet;
 
-use crate::job::{EstimateDeclaration, Job, Pooling, STEP, StandardErrors, Treatment};
+use crate::job::{EstimateDeclaration, Estimator, Job, Pooling, STEP, StandardErrors, Treatment};
 use crate::key::{Constraint, KeyType, Parameter, Violation};
 use crate::manifest::declared::Manifest;
 use crate::manifest::draft::Draft;
@@ -15,6 +15,9 @@ use crate::text::{Fault, FaultList};
 
 /// The most numbers of all people that the estimates of a job may hold: 400 MB.
 const MOST_NUMBERS: u64 = 50_000_000;
+
+/// The numbers of a decision that is kept to the end, besides those of its row.
+const OF_DECISION: u64 = 24;
 
 /// Agents whose people share some of what they learn.
 const SHARED: Constraint = Constraint {
@@ -93,12 +96,14 @@ impl Checked<'_> {
                 faults.add(fault.nearest(name, known));
             }
         }
+        self.keys(faults);
         for grid in self.grids.iter().filter(|grid| self.is_estimated(grid)) {
             // The first cell stands for all: the names of states do not depend on values.
             let Some(job) = grid.first().map(|cell| grid.job(&cell)) else { continue };
             let before = faults.len();
             self.features(&job, faults);
             self.actions(&job, faults);
+            self.policy(&job, faults);
             self.size(&job, faults);
             if faults.len() > before {
                 return;
@@ -107,6 +112,37 @@ impl Checked<'_> {
         self.randomisation(faults);
         self.truth(faults);
         self.standard_errors(faults);
+    }
+
+    /// Reports keys that the estimator does not use, and a value without a policy.
+    fn keys(&self, faults: &mut FaultList) {
+        let declaration = &self.estimate.estimate.declaration;
+        let estimator = declaration.estimator;
+        for (key, span) in self.estimate.spans.iter().filter(|(key, _)| !estimator.uses(key)) {
+            let message =
+                format!("`{key}`: `estimator` = \"{}\" does not use it", estimator.word());
+            faults.add(Fault::at(*span, message).help("remove it"));
+        }
+        if estimator == Estimator::Value && declaration.policy.is_none() {
+            let message = "missing key `policy` in an [[estimate]] with `estimator` = \"value\"";
+            let help = "write the probability of a message, as in policy = 0.6";
+            faults.add(Fault::at(self.estimate.span, message.to_owned()).help(help));
+        }
+    }
+
+    /// Reports a policy with other actions than the environment has.
+    fn policy(&self, job: &Job, faults: &mut FaultList) {
+        let policy = self.estimate.estimate.declaration.policy.as_ref();
+        let Some(policy) = policy.filter(|_| !job.environment.family().is_external()) else {
+            return;
+        };
+        if let Err(why) = policy.probabilities(job.task().interface().actions) {
+            let fault = Fault::at(self.estimate.span_of("policy"), why);
+            let actions = (0..).zip(job.environment.actions());
+            let actions = actions.map(|(number, meaning)| format!("{number}: {meaning}"));
+            let actions = actions.collect::<Vec<_>>().join(", ");
+            faults.add(fault.help(format!("its actions: {actions}")));
+        }
     }
 
     /// Reports standard errors that cannot account for the learning.
@@ -212,15 +248,25 @@ impl Checked<'_> {
 
     /// Reports an estimate that holds too many numbers in memory.
     fn size(&self, job: &Job, faults: &mut FaultList) {
-        let people = match &job.trial {
-            Some(trial) => trial.people,
-            None => job.evaluation.test_episodes,
+        let (people, decisions) = match &job.trial {
+            Some(trial) => (trial.people, trial.decisions()),
+            None => (job.evaluation.test_episodes, u64::from(job.environment.longest_episode())),
         };
         let of_one = |declaration: &EstimateDeclaration| {
-            let treatments = declaration.treatment.count(job.task().interface().actions);
-            let columns =
-                1 + declaration.control.len() + treatments * (1 + declaration.moderators.len());
-            (columns * (columns + 5) / 2) as u64
+            let actions = job.task().interface().actions;
+            let treatments = declaration.treatment.count(actions);
+            let (controls, terms) =
+                (1 + declaration.control.len(), 1 + declaration.moderators.len());
+            let columns = (controls + treatments * terms) as u64;
+            let sums = columns * (columns + 5) / 2;
+            let each_step = (controls + actions * terms) as u64 * u64::from(declaration.steps);
+            match declaration.estimator {
+                Estimator::Wcls => sums,
+                Estimator::Emee => sums + decisions * (columns + OF_DECISION),
+                Estimator::Value => {
+                    each_step + decisions * ((controls + terms) as u64 + OF_DECISION)
+                }
+            }
         };
         let each = self.manifest.estimates.iter().map(|one| of_one(&one.declaration)).sum::<u64>();
         let numbers = u64::from(people).saturating_mul(each);
@@ -228,7 +274,8 @@ impl Checked<'_> {
             let message = format!(
                 "the estimates hold {numbers} numbers of {people} people in memory; the maximum is {MOST_NUMBERS}"
             );
-            let help = "use fewer features, fewer people, or a smaller `test_episodes`";
+            let help =
+                "use fewer features, fewer people, fewer `steps`, or a smaller `test_episodes`";
             faults.add(Fault::at(self.estimate.span, message).help(help));
         }
     }

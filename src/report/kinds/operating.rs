@@ -109,6 +109,20 @@ impl Drawn for OperatingFigure {
             ("power_interval", "95 % interval"),
             (".power_low", ""),
             (".power_high", ""),
+            ("rmse", "RMSE"),
+            (".rmse_low", ""),
+            (".rmse_high", ""),
+            ("mean_length", "Mean length"),
+            (".mean_length_low", ""),
+            (".mean_length_high", ""),
+            ("type_s", "Type S, %"),
+            ("type_s_interval", "95 % interval"),
+            (".type_s_low", ""),
+            (".type_s_high", ""),
+            ("exaggeration", "Exaggeration"),
+            ("exaggeration_interval", "95 % interval"),
+            (".exaggeration_low", ""),
+            (".exaggeration_high", ""),
         ];
         let mut table = DataTable::new(title, &columns);
         let decimals = self.decimals();
@@ -384,9 +398,19 @@ fn cells(row: &OperatingRow, decimals: usize, names: &Names) -> Vec<TableEntry> 
     for value in [of.empirical_error, of.mean_error] {
         with_ends(&mut cells, value, vec![plain(value)]);
     }
-    for value in [of.coverage, of.power] {
+    let share = |value: Result<MonteCarloMean, Undefined>| {
         let share = in_unit(value.map(|share| share.value), MetricUnit::Share);
-        with_ends(&mut cells, value, vec![share, between(ends(value), MetricUnit::Share)]);
+        vec![share, between(ends(value), MetricUnit::Share)]
+    };
+    for value in [of.coverage, of.power] {
+        with_ends(&mut cells, value, share(value));
     }
+    for value in [of.root_mean_square_error, of.mean_length] {
+        with_ends(&mut cells, value, vec![plain(value)]);
+    }
+    with_ends(&mut cells, of.type_s, share(of.type_s));
+    let times = TableEntry::of(of.exaggeration.map(|times| times.value), 2);
+    let times = vec![times, scaled(ends(of.exaggeration), (1.0, 2))];
+    with_ends(&mut cells, of.exaggeration, times);
     cells
 }

@@ -1,0 +1,186 @@
+//! Estimates that need all decisions together: log relative risks, and the value of a policy.
+
+use super::effect::{unfinished, with_standard_error};
+use super::emee::{NoRisks, Rows};
+use super::layout::Layout;
+use super::value::{Courses, LEAST_SIZE, Made, NoValue, Valued};
+use crate::job::{Decision, Effect, EstimateDeclaration, Estimator, counted};
+
+/// What an estimator keeps of the decisions that it has read.
+#[derive(Clone, Debug)]
+pub(super) enum Together {
+    /// Sums by person suffice.
+    Nothing,
+    Rows(Rows),
+    Courses(Courses),
+    /// Why nothing can be estimated.
+    Unfit(String),
+}
+
+/// What is known of the actions of a policy at a decision.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Tried {
+    Known,
+    /// One of them had probability 0.
+    Never,
+    /// The probability of the action that was taken is not known.
+    Unknown,
+}
+
+impl Together {
+    /// Nothing yet, in an environment with this number of actions.
+    pub(super) fn new(declaration: &EstimateDeclaration, actions: usize) -> Together {
+        let (controls, terms) = (1 + declaration.control.len(), 1 + declaration.moderators.len());
+        match (declaration.estimator, &declaration.policy) {
+            (Estimator::Wcls, _) => Together::Nothing,
+            (Estimator::Emee, _) => {
+                let treatments = declaration.treatment.count(actions);
+                Together::Rows(Rows {
+                    columns: controls + treatments * terms,
+                    controls,
+                    terms,
+                    centre: declaration.numerator / treatments as f64,
+                    numbers: Vec::new(),
+                })
+            }
+            (Estimator::Value, None) => Together::Unfit("it has no `policy`".to_owned()),
+            (Estimator::Value, Some(policy)) => match policy.probabilities(actions) {
+                Ok(policy) => {
+                    let steps = declaration.steps as usize;
+                    Together::Courses(Courses {
+                        steps,
+                        controls,
+                        terms,
+                        policy,
+                        ..Courses::default()
+                    })
+                }
+                Err(why) => Together::Unfit(why),
+            },
+        }
+    }
+
+    /// Adds the row of a decision of a person, from 0.
+    pub(super) fn add(&mut self, person: usize, row: &[f64], weight: f64, outcome: f64) {
+        if let Together::Rows(rows) = self {
+            rows.add(person, row, weight, outcome);
+        }
+    }
+
+    /// Adds a decision to the course of its person.
+    pub(super) fn follow(
+        &mut self,
+        layout: &Layout,
+        declaration: &EstimateDeclaration,
+        decision: &Decision,
+    ) -> Tried {
+        let Together::Courses(courses) = self else { return Tried::Known };
+        let (person, action) = (decision.episode as usize - 1, usize::from(decision.action));
+        let is_next = |last: &Made| last.person == person && last.step + 1 == decision.step;
+        let later = layout.outcome.filter(|_| !layout.is_own);
+        let last = courses.made.last_mut().filter(|last| is_next(last));
+        if let (Some(index), Some(last)) = (later, last) {
+            last.outcome = decision.state[index];
+        }
+        let outcome = match (layout.outcome, layout.is_own) {
+            (None, _) => decision.reward_for(declaration),
+            (Some(index), true) => decision.state[index],
+            (Some(_), false) => f64::NAN,
+        };
+        let (wanted, taken) = (courses.policy[action], decision.probabilities[action]);
+        let ratio = match (decision.can_send, wanted > 0.0) {
+            (false, _) => 1.0,
+            (true, false) => 0.0,
+            (true, true) => wanted / taken,
+        };
+        courses.features.push(1.0);
+        courses.features.extend(layout.control.iter().map(|one| one.of(decision)));
+        courses.features.push(1.0);
+        courses.features.extend(layout.moderators.iter().map(|one| one.of(decision)));
+        let Decision { step, can_send, terminated, .. } = *decision;
+        courses.made.push(Made { person, step, action, can_send, ratio, outcome, terminated });
+        let mut pairs = courses.policy.iter().zip(&decision.probabilities);
+        match can_send {
+            true if pairs.any(|(wanted, tried)| *wanted > 0.0 && *tried == 0.0) => Tried::Never,
+            true if taken.is_nan() => Tried::Unknown,
+            _ => Tried::Known,
+        }
+    }
+
+    /// The coefficients of the treatments on the scale of the log relative risk, from this number of people and rows, whose
+    /// treatment has this variance.
+    pub(super) fn relative_risks(
+        &self,
+        people: usize,
+        decisions: u64,
+        treatment_variance: Option<f64>,
+    ) -> Result<Vec<Result<Effect, String>>, String> {
+        let Together::Rows(rows) = self else { return Err(NO_ROWS.to_owned()) };
+        let fit = rows.fit(true).map_err(no_risks)?;
+        let (columns, df) = (rows.columns, (people - rows.columns) as f64);
+        let effect = |index: usize| {
+            let effect = unfinished(fit.coefficients[index], df, decisions, fit.residual_sd);
+            let effect = Effect { treatment_variance, ..effect };
+            with_standard_error(effect, fit.covariance[index * columns + index].sqrt())
+        };
+        Ok((rows.controls..columns).map(effect).collect())
+    }
+
+    /// The value of the policy, by each of its terms.
+    pub(super) fn values(&self) -> Result<Vec<Result<Effect, String>>, String> {
+        let courses = match self {
+            Together::Courses(courses) => courses,
+            Together::Unfit(why) => return Err(why.clone()),
+            Together::Nothing | Together::Rows(_) => return Err(NO_ROWS.to_owned()),
+        };
+        let found = courses.value().map_err(|why| no_value(why, courses.steps))?;
+        let df = (found.people - 1) as f64;
+        let effect = |of: &Valued| {
+            let effect = unfinished(of.value, df, found.courses as u64, found.outcome_sd);
+            if of.standard_error <= 1e-12 * of.value.abs() {
+                return Err(
+                    "its standard error is rounding alone: the outcome does not vary".to_owned()
+                );
+            }
+            let size = Some(found.effective_size);
+            with_standard_error(Effect { effective_sample_size: size, ..effect }, of.standard_error)
+        };
+        Ok(found.values.iter().map(effect).collect())
+    }
+}
+
+const NO_ROWS: &str = "it has read no decisions";
+
+fn no_risks(why: NoRisks) -> String {
+    match why {
+        NoRisks::Outcome(person, outcome) => format!(
+            "person {} has the outcome {outcome}; a relative risk is of outcomes that are 0 or 1, or counts. \
+             `estimator` = \"wcls\" is for other outcomes",
+            person + 1
+        ),
+        NoRisks::Nothing => "no outcome is above 0, so that there is no relative risk".to_owned(),
+        NoRisks::Unsolved => "its equations have no finite solution; a relative risk needs outcomes above 0 with every \
+                              treatment and without, and few features"
+            .to_owned(),
+        NoRisks::Determined(person) => {
+            format!("person {} alone determines a coefficient; use fewer features", person + 1)
+        }
+    }
+}
+
+fn no_value(why: NoValue, steps: usize) -> String {
+    match why {
+        NoValue::People(people) => format!(
+            "it needs at least 2 people with {} one after the other; found {people}",
+            counted(steps, "decision")
+        ),
+        NoValue::Size(size, courses) => {
+            let fewer = if steps > 1 { ", fewer `steps`" } else { "" };
+            format!(
+                "its effective sample size is {size:.1} of {courses}, below {LEAST_SIZE}: the policy seldom takes the \
+                 actions that were taken; take a policy nearer to them{fewer}, or more people"
+            )
+        }
+        NoValue::Determined => "one person has all the weight; it needs more people".to_owned(),
+    }
+}
