@@ -16,6 +16,7 @@ mod counts;
 mod doctor;
 mod error;
 mod export;
+mod export_data;
 mod fit;
 mod folder;
 mod forget;

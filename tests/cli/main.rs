@@ -31,6 +31,7 @@ mod planning;
 mod priors;
 mod races;
 mod reading;
+mod recorded;
 mod release_store;
 mod reporting;
 mod same_bits;
