@@ -43,6 +43,8 @@ pub enum Purpose {
     EpisodeDraws = 13,
     /// The shift of the points at which a search draws settings; no job draws from it.
     Search = 16,
+    /// The actions of an exported bandit, decided outside of jobs.
+    Deployed = 17,
 }
 
 /// Streams that run alongside another stream: for each word of the stream, a fixed number of independent

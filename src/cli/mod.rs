@@ -13,6 +13,7 @@ mod completions;
 mod confirm;
 mod counting;
 mod counts;
+mod decide;
 mod doctor;
 mod error;
 mod export;

@@ -3,6 +3,7 @@
 mod checkpoints;
 mod crashes;
 mod damage;
+mod deciding;
 mod disk;
 mod docs;
 mod estimates;
