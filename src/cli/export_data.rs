@@ -190,7 +190,7 @@ impl Columns {
             for (key, value) in job.agent.algorithm().keys().iter().zip(job.agent.values()) {
                 write_key(&mut text, key, value);
             }
-            text += "\n[[analysis]]\nname = \"replay\"\nkind = \"replay\"\n";
+            text += "\n[[analysis]]\nname = \"replay\"\nkind = \"replay\"\nwhere = { agent.name = \"replayed\" }\n";
         }
         text
     }

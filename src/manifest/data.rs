@@ -201,6 +201,19 @@ fn first(settings: &Settings) -> Option<RecordedModel> {
     (FAMILY.read)(&FAMILY, &values?, &[])?.model().cloned()
 }
 
+/// What was found in the file of a manifest that is no fault, as fragments.
+pub(super) fn notes(manifest: &Manifest) -> Vec<String> {
+    if manifest.family() != &FAMILY {
+        return Vec::new();
+    }
+    let parameters = manifest.sections[SectionName::Environment].iter();
+    let values: Option<Vec<Value>> =
+        parameters.map(|(_, values)| values.first().cloned()).collect();
+    let environment = values.and_then(|values| (FAMILY.read)(&FAMILY, &values, &[]));
+    let model: Option<&RecordedModel> = environment.as_ref().and_then(|of| of.model());
+    model.and_then(RecordedModel::log).map_or_else(Vec::new, |log| log.notes.clone())
+}
+
 /// Completes `[trial]`, and reports what contradicts the file.
 fn trial(settings: &mut Settings, log: &RecordedLog, faults: &mut FaultList) {
     for key in ANSWERED {

@@ -12,7 +12,8 @@ fn answers(folder: &Folder, sql: &str) -> Vec<String> {
 fn heartsteps(more: &str) -> Folder {
     let folder = Folder::new();
     let text = include_str!("../../experiments/heartsteps/effects.toml");
-    folder.write("m.toml", format!("{}{more}", text.replace("published = ", "# published = ")));
+    folder.write("m.toml", format!("{text}{more}"));
+    folder.write("published.csv", include_str!("../../experiments/heartsteps/published.csv"));
     folder.write("trial_log.csv", include_str!("../../experiments/heartsteps/trial_log.csv"));
     folder
 }
@@ -20,7 +21,7 @@ fn heartsteps(more: &str) -> Folder {
 #[test]
 fn heartsteps_gives_its_published_effects() {
     let folder = heartsteps("");
-    folder.jitai(["check", "m.toml"]).succeeded();
+    folder.jitai(["check", "m.toml"]).succeeded().says("7540 decisions of 37 people are used");
     folder.jitai(["run", "m.toml"]).succeeded();
     let estimates = answers(
         &folder,
@@ -55,13 +56,31 @@ fn a_recorded_trial_is_reported_merged_exported_and_forgotten_as_others_are() {
     let folder = heartsteps("");
     folder.jitai(["run", "m.toml"]).succeeded();
     folder.jitai(["report", "m.toml", "--out", "report"]).succeeded();
-    assert!(folder.read("report/index.html").contains("heartsteps-v1"));
+    let page = folder.read("report/index.html");
+    let places = ["Was it randomised as recorded?", "3 of 3 numbers are the published ones"];
+    let places = places.map(|words| page.find(words).unwrap());
+    assert!(places[0] < places[1]);
+    assert!(page.contains("people are numbered, and their names are left in the file"));
+    let tests = folder.read("report/tables/heartsteps-v1-randomisation.csv");
+    // 3594 of 6061 with probability 0.6: z = -1.115 by hand.
+    assert!(tests.contains("\nall,1,6061,0.592971") && tests.contains(",0.26"), "{tests}");
     folder.jitai(["export", "--out", "views"]).succeeded();
     assert_eq!(folder.read("views/decision.csv").lines().count(), 7541);
     folder.jitai(["merge", "jitai.sqlite", "--store", "other.sqlite"]).succeeded();
     folder.jitai(["doctor", "--store", "other.sqlite"]).succeeded();
     folder.jitai(["status"]).succeeded();
-    folder.jitai(["plan", "m.toml", "--resolved"]).succeeded();
+    // Written out, with its file, it is the same job.
+    let resolved = folder.jitai(["plan", "m.toml", "--resolved"]).succeeded();
+    folder.write("resolved.toml", resolved.stdout);
+    folder.jitai(["run", "resolved.toml"]).succeeded();
+    assert_eq!(folder.runs(), 1);
+    folder
+        .jitai(["run", "m.toml", "--set", "data.outcome=steps_after", "--set", "name=other"])
+        .ended(2);
+    let unit = ["run", "m.toml", "--set", "unit=\"log of steps\"", "--set", "name=\"other\""];
+    folder.jitai(unit).succeeded();
+    assert_eq!(folder.runs(), 2);
+    folder.jitai(["forget", "other", "--results", "--yes"]).succeeded();
     folder.jitai(["forget", "heartsteps-v1", "--results", "--yes"]).succeeded();
     assert_eq!(folder.number("SELECT count(*) FROM decision"), 0);
 }
@@ -200,7 +219,7 @@ fn every_bandit_repeats_its_trial_when_it_is_read_back() {
         assert!(found < 1e-12, "{pooling}, {agent}: {found:e}");
         folder.jitai(["report", "log/trial.toml", "--out", "report"]).succeeded();
         let page = folder.read("report/index.html");
-        assert!(page.contains("replayed repeats the record"), "{pooling}, {agent}");
+        assert!(page.contains("repeats the record"), "{pooling}, {agent}");
         assert!(page.contains("Was it randomised as recorded?"));
     }
 }
@@ -255,9 +274,7 @@ fn a_changed_outcome_is_found_at_the_first_update_after_it() {
     folder.jitai(["run", "log/trial.toml"]).succeeded();
     assert!(difference(&folder) > 1e-6);
     folder.jitai(["report", "log/trial.toml", "--out", "report"]).succeeded();
-    assert!(
-        folder.read("report/index.html").contains("replayed first differs on day 6 at decision")
-    );
+    assert!(folder.read("report/index.html").contains("first differs on day 6 at decision"));
 }
 
 #[test]
@@ -282,7 +299,8 @@ fn a_job_without_decisions_or_with_hidden_features_says_what_it_lacks() {
         .succeeded()
         .says("lacks what the scenario T shows, so that the agent is not replayed");
     folder.jitai(["run", "log/trial.toml"]).succeeded();
-    assert_eq!(answers(&folder, "SELECT count(*) FROM decision"), ["36"]);
+    let rows = folder.read("log/trial.csv").lines().count() - 1;
+    assert_eq!(folder.number("SELECT count(*) FROM decision"), 2 * rows as i64);
     // What the scenario shows is there in another one.
     folder.write("sweep.toml", text.replace("\"T\"", "\"P-H\""));
     folder.jitai(["run", "sweep.toml", "--replace"]).succeeded();

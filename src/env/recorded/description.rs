@@ -37,7 +37,11 @@ pub struct LogDescription {
 
 impl LogDescription {
     pub(super) fn of(parameters: &LogParameters, log: &RecordedLog) -> LogDescription {
-        let names = || log.people.iter().map(|person| person.name.clone()).collect();
+        let names = || log.people.iter().map(|person| person.name.clone()).collect::<Vec<_>>();
+        let mut randomisation = Randomisation::of(log);
+        if parameters.keep_identifiers {
+            randomisation.name_people(&names());
+        }
         LogDescription {
             unit: parameters.unit.clone(),
             actions: log.actions,
@@ -47,7 +51,7 @@ impl LogDescription {
             availability: log.can_withhold(),
             people: log.people.len() as u32,
             notes: log.notes.clone(),
-            randomisation: Randomisation::of(log),
+            randomisation,
             identifiers: parameters.keep_identifiers.then(names),
         }
     }

@@ -8,6 +8,9 @@ use crate::env::recorded::log::{LogPerson, RecordedLog};
 /// The most values of a state by which decisions are counted one by one; by quarters otherwise.
 const FEW: usize = 6;
 
+/// The word of the grouping by person.
+const PERSON: &str = "person";
+
 /// Available decisions, each with what it is grouped by.
 struct Groups<'l> {
     log: &'l RecordedLog,
@@ -51,7 +54,7 @@ impl Randomisation {
         };
         let mut groupings = vec![
             grouping("all", &|_, _, _| Some(0), &|_| "all".to_owned()),
-            grouping("person", &|_, person, _| Some(person as u64 + 1), &number),
+            grouping(PERSON, &|_, person, _| Some(person as u64 + 1), &number),
             grouping("day of the trial", &day, &number),
         ];
         if per_day > 1 {
@@ -73,6 +76,16 @@ impl Randomisation {
         }
         groupings.retain(|grouping| grouping.by == "all" || grouping.groups.len() > 1);
         Randomisation { groupings, counts: counts(log, is_drawn) }
+    }
+
+    /// Replaces the numbers of people by these names.
+    pub(super) fn name_people(&mut self, names: &[String]) {
+        let of_people = self.groupings.iter_mut().filter(|grouping| grouping.by == PERSON);
+        for group in of_people.flat_map(|grouping| &mut grouping.groups) {
+            let number: usize = group.name.parse().unwrap_or(0);
+            group.name =
+                number.checked_sub(1).map_or_else(String::new, |index| names[index].clone());
+        }
     }
 }
 
