@@ -45,6 +45,8 @@ pub enum Purpose {
     Search = 16,
     /// The actions of a policy in the courses that show its true value, by person; nothing else depends on them.
     PolicyCourse = 17,
+    /// The actions of an exported bandit, decided outside of jobs.
+    Deployed = 18,
 }
 
 /// Streams that run alongside another stream: for each word of the stream, a fixed number of independent

@@ -75,6 +75,14 @@ pub trait StudyAgent: Actor {
         Ok(())
     }
 
+    /// Replaces the last choice by that of a record, from which the agent then learns. Does nothing by default, as for
+    /// an agent that does not learn.
+    ///
+    /// **Shapes**: `actions` is \[people\], `probabilities` \[people, actions\].
+    fn replay(&mut self, actions: &[Action], probabilities: &[f64]) {
+        let _ = (actions, probabilities);
+    }
+
     /// The posteriors of the effects of messages after every update of a trial that is over, if its plan asks for them.
     /// None by default.
     fn updates(&mut self) -> Vec<EffectPosterior> {

@@ -30,7 +30,7 @@ mod updates;
 
 use crate::agent::unavailable::Unavailable;
 use crate::env::Action;
-use crate::key::{Content, Keyed, Kind, choices, keys};
+use crate::key::{Content, ContentFault, Keyed, Kind, choices, keys};
 
 pub use bandit::BanditPolicy;
 pub use features::BanditFeatures;
@@ -187,6 +187,13 @@ choices! {
 }
 
 impl LinearThompson {
+    /// The same agent with the posterior of a file as its prior.
+    ///
+    /// **Errors**: the text has no posterior.
+    pub fn with_prior(&self, text: &str) -> Result<LinearThompson, ContentFault> {
+        Ok(LinearThompson { prior_from: Content::read(&prior::PRIOR, text)?, ..self.clone() })
+    }
+
     /// Whether the posterior at the start of episodes is updated after this number of finished
     /// episodes.
     fn renews_after(&self, finished: u32) -> bool {

@@ -16,7 +16,7 @@ keys! {
     pub struct RuleParameters {
         /// the rule: "never" sends nothing, "tailored" tailors to the likelier context, "threshold"
         /// does so only if that context is probable enough, "optimal" maximises the mean return less the cost of
-        /// messages
+        /// messages, "recorded" repeats the actions of a trial that happened
         rule: DecisionRule;
         /// minimum probability of the likelier context at which "threshold" sends a message
         threshold: f64 = 0.8, in Kind::Real { min: 0.5, max: 1.0 };
@@ -46,6 +46,8 @@ choices! {
         /// Maximises the mean return; the scenario must show habituation and disengagement
         /// risk.
         Optimal = "optimal",
+        /// Takes the actions of a recorded trial, with the recorded probabilities.
+        Recorded = "recorded",
     }
 }
 
@@ -91,6 +93,7 @@ enum Choice {
     Tailored,
     Threshold(f64),
     Random,
+    Recorded,
     Optimal(Box<OptimalPolicy>),
 }
 
@@ -109,6 +112,7 @@ impl RulePolicy {
             DecisionRule::Tailored => Choice::Tailored,
             DecisionRule::Threshold => Choice::Threshold(rule.threshold),
             DecisionRule::Random => Choice::Random,
+            DecisionRule::Recorded => Choice::Recorded,
             DecisionRule::Optimal => {
                 Choice::Optimal(Box::new(OptimalPolicy::new(environment, scenario)?))
             }
@@ -135,6 +139,7 @@ impl RulePolicy {
         let choice = match rule {
             DecisionRule::Never => Choice::Always(Action::NONE),
             DecisionRule::Random => Choice::Random,
+            DecisionRule::Recorded => Choice::Recorded,
             DecisionRule::Untailored
             | DecisionRule::Tailored
             | DecisionRule::Threshold
@@ -146,7 +151,7 @@ impl RulePolicy {
     /// Whether the rule acts on the state of the simulation.
     pub fn needs_state(&self) -> bool {
         match self.choice {
-            Choice::Always(_) | Choice::Random => false,
+            Choice::Always(_) | Choice::Random | Choice::Recorded => false,
             Choice::Tailored | Choice::Threshold(_) | Choice::Optimal(_) => true,
         }
     }
@@ -159,7 +164,7 @@ impl RulePolicy {
             Choice::Always(action) => *action,
             Choice::Tailored => tailored,
             Choice::Threshold(least) if zero.max(1.0 - zero) >= *least => tailored,
-            Choice::Threshold(_) => Action::NONE,
+            Choice::Threshold(_) | Choice::Recorded => Action::NONE,
             Choice::Random => Action::uniform(stream.bits(), count),
             // After the end of an episode, nothing remains to plan.
             Choice::Optimal(_) if state.status != EpisodeStatus::Running => Action::NONE,
@@ -173,7 +178,11 @@ impl RulePolicy {
     pub fn write_probabilities(&self, action: Action, probabilities: &mut [f64]) {
         match self.choice {
             Choice::Random => probabilities.fill(1.0 / probabilities.len() as f64),
-            Choice::Always(_) | Choice::Tailored | Choice::Threshold(_) | Choice::Optimal(_) => {
+            Choice::Always(_)
+            | Choice::Tailored
+            | Choice::Threshold(_)
+            | Choice::Recorded
+            | Choice::Optimal(_) => {
                 certain(action, probabilities);
             }
         }
@@ -210,7 +219,8 @@ impl RuleParameters {
             DecisionRule::Never
             | DecisionRule::Untailored
             | DecisionRule::Tailored
-            | DecisionRule::Random => false,
+            | DecisionRule::Random
+            | DecisionRule::Recorded => false,
         }
     }
 }
@@ -248,10 +258,13 @@ impl Actor for RulePolicy {
             return self.act(lanes, stream, actions, probabilities);
         }
         let count = environment.action_spec().count;
-        for action in &mut *actions {
+        for (lane, action) in actions.iter_mut().enumerate() {
             *action = match self.choice {
                 Choice::Always(action) => action,
                 Choice::Random => Action::uniform(stream.bits(), count),
+                Choice::Recorded => {
+                    environment.recorded(lane).map_or(Action::NONE, |(action, _)| action)
+                }
                 Choice::Tailored | Choice::Threshold(_) | Choice::Optimal(_) => {
                     unreachable!("such a rule starts in step_count alone")
                 }
@@ -259,7 +272,13 @@ impl Actor for RulePolicy {
         }
         if let Some(probabilities) = probabilities {
             let rows = probabilities.chunks_exact_mut(count).zip(&*actions);
-            rows.for_each(|(row, action)| self.write_probabilities(*action, row));
+            for (lane, (row, action)) in rows.enumerate() {
+                match environment.recorded(lane).filter(|_| matches!(self.choice, Choice::Recorded))
+                {
+                    Some((_, recorded)) => row.copy_from_slice(recorded),
+                    None => self.write_probabilities(*action, row),
+                }
+            }
         }
     }
 }
@@ -295,7 +314,9 @@ pub fn read_rule(text: &str) -> Result<RuleParameters, DecisionRuleError> {
             threshold: threshold.ok_or_else(fault)?,
         });
     }
-    let rule = DecisionRule::named(text).filter(|rule| *rule != DecisionRule::Threshold);
+    let is_complete =
+        |rule: &DecisionRule| !matches!(rule, DecisionRule::Threshold | DecisionRule::Recorded);
+    let rule = DecisionRule::named(text).filter(is_complete);
     let rule = rule.ok_or_else(|| DecisionRuleError::Unknown(text.to_owned()))?;
     Ok(RuleParameters::new(rule))
 }

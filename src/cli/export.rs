@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 
 use crate::cli::answer::{self, AnswerFormat, Failed};
 use crate::cli::output::no_experiment;
-use crate::cli::{Error, Exit, StoreArgument, after_study, folder, simulate};
+use crate::cli::{Error, Exit, StoreArgument, after_study, export_data, folder, simulate};
 use crate::manifest::companions;
 use crate::plan::Filter;
 use crate::portable::{digest, portable};
@@ -27,6 +27,10 @@ pub(super) struct Arguments {
     /// and policy.onnx of a network (a prefix of the job key is enough)
     #[arg(long, value_name = "JOB KEY")]
     policy: Option<String>,
+    /// Export the decisions of this job instead, as a recorded trial: trial.csv, and trial.toml, a manifest with [data] that
+    /// reads them back and replays a bandit on them (a prefix of the job key is enough)
+    #[arg(long, value_name = "JOB KEY", conflicts_with_all = ["policy", "format", "experiment", "after_study"])]
+    data: Option<String>,
     /// Export a trial of this manifest instead, for standard errors that account for an agent that learned from everybody:
     /// its decisions and updates, and analysis.py, which gives them to the Python package lifejacket
     #[arg(long, value_name = "MANIFEST", conflicts_with_all = ["policy", "format", "experiment"])]
@@ -82,6 +86,9 @@ enum FileFormat {
 pub(super) fn run(arguments: &Arguments) -> Result<Exit, Error> {
     if let Some(key) = &arguments.policy {
         return write_policy(key, arguments);
+    }
+    if let Some(key) = &arguments.data {
+        return export_data::write(&Reader::open(&arguments.store.store)?, key, &arguments.out);
     }
     if let Some(manifest) = &arguments.after_study {
         let (filter, estimate) = (arguments.filter.as_ref(), arguments.estimate.as_deref());

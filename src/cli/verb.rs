@@ -6,8 +6,9 @@ use clap::error::{ContextKind, ContextValue};
 use clap::{CommandFactory, Parser, Subcommand};
 
 use crate::cli::{
-    Error, cancel, check, completions, doctor, export, fit, forget, log, manual, merge, optimum,
-    plan, query, report, run, schema, self_test, signals, simulate, status, submit, task, watch,
+    Error, cancel, check, completions, decide, doctor, export, fit, forget, log, manual, merge,
+    optimum, plan, query, report, run, schema, self_test, signals, simulate, status, submit, task,
+    watch,
 };
 use crate::kernel::Isa;
 use crate::kill_point;
@@ -41,6 +42,7 @@ enum Verb {
     Doctor(doctor::Arguments),
     Simulate(Box<simulate::Arguments>),
     Fit(fit::Arguments),
+    Decide(decide::Arguments),
     Optimum(optimum::Arguments),
     Schema(schema::Arguments),
     SelfTest(self_test::Arguments),
@@ -94,6 +96,7 @@ pub fn main() -> ExitCode {
         Verb::Doctor(arguments) => doctor::run(&arguments),
         Verb::Simulate(arguments) => simulate::run(&arguments),
         Verb::Fit(arguments) => fit::run(&arguments),
+        Verb::Decide(arguments) => decide::run(&arguments),
         Verb::Optimum(arguments) => optimum::run(&arguments),
         Verb::Schema(arguments) => schema::run(&arguments),
         Verb::SelfTest(arguments) => self_test::run(&arguments),

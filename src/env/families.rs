@@ -1,10 +1,11 @@
 //! The registry of families: every family that a manifest can name, in one list.
 
 use crate::env::family::Family;
-use crate::env::{declared, outside, retired, step_count};
+use crate::env::{declared, outside, recorded, retired, step_count};
 
 /// The families that come with the library, in the order of the documentation.
-static BUILT_IN: [&Family; 3] = [&step_count::FAMILY, &declared::FAMILY, &outside::FAMILY];
+static BUILT_IN: [&Family; 4] =
+    [&step_count::FAMILY, &declared::FAMILY, &recorded::FAMILY, &outside::FAMILY];
 
 /// The families of stored jobs that this release no longer simulates, each with what takes its place.
 static RETIRED: [(&Family, &str); 1] = [(

@@ -149,6 +149,14 @@ pub trait Model: Any + fmt::Debug + Send + Sync {
         Vec::new()
     }
 
+    /// The index in the recorded state of every feature of an observation; `None` for a feature that the state lacks. By
+    /// default those of equal names.
+    fn recorded_features(&self, scenario: &Scenario) -> Vec<Option<usize>> {
+        let names = self.state_names();
+        let features = self.interface(scenario).observations.features.into_iter();
+        features.map(|feature| names.iter().position(|name| *name == feature.name)).collect()
+    }
+
     /// How many of these names, the last ones, are of numbers that follow the choice of the action. None by default.
     fn late_state(&self) -> usize {
         0

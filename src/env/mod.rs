@@ -5,8 +5,8 @@
 //! arrays. Any lane can be reset while others continue, and the whole state can be saved. The module
 //! [`contract`] tests any implementation. A family declares keys and makes environments: `step_count`, the
 //! simulation of Karine et al. (2023) with the dynamics of StepCountJITAI (2024); [`declared`], models in
-//! files of users; and [`outside`], programs of users. `docs/environment.md`, `docs/models.md` and
-//! `docs/outside-environments.md` describe them. The module does not depend on agents or training.
+//! files of users; [`recorded`], trials that happened; and [`outside`], programs of users. `docs/environment.md`,
+//! `docs/models.md`, `docs/recorded.md` and `docs/outside-environments.md` describe them. The module does not depend on agents or training.
 
 mod companion_words;
 pub mod contract;
@@ -16,6 +16,7 @@ mod family;
 mod history;
 mod observation;
 pub mod outside;
+pub mod recorded;
 mod reported;
 mod retired;
 mod scenario;

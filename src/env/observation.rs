@@ -65,7 +65,7 @@ impl Observations {
 
     /// The number of rows.
     pub fn rows(&self) -> usize {
-        self.features.len() / self.width
+        self.features.len().checked_div(self.width).unwrap_or(0)
     }
 
     /// The number of features per row, without the one-hot.

@@ -6,7 +6,7 @@ use crate::env::family::{Environment, Family, Meaning, Model};
 use crate::env::scenario::Scenario;
 use crate::env::simulation::Simulated;
 use crate::env::vector::Interface;
-use crate::key::{Content, ContentForm, Keyed, Kind, Value, choices, keys};
+use crate::key::{Content, ContentForm, Keyed, Kind, MOST_BYTES, Value, choices, keys};
 
 /// The family `oralytics`, whose test beds are models: experiments/oralytics/v2.toml and v4.toml.
 pub(super) static ORALYTICS: Family = Family {
@@ -37,6 +37,7 @@ static PEOPLE: ContentForm = ContentForm {
     canonical: None,
     shipped: &[],
     help: None,
+    most_bytes: MOST_BYTES,
 };
 
 keys! {

@@ -90,6 +90,29 @@ pub trait Simulation: VectorEnvironment + Any + fmt::Debug + Send + Sync {
         false
     }
 
+    /// The action that a lane's next step takes whatever is chosen, and the probabilities of all actions that it was drawn
+    /// from, in a trial that happened; `None`, the default, in a simulation.
+    fn recorded(&self, lane: usize) -> Option<(Action, &[f64])> {
+        let _ = lane;
+        None
+    }
+
+    /// The number of the person in a lane, from 1, in a trial that happened; `None`, the default, in a simulation.
+    fn person(&self, lane: usize) -> Option<u32> {
+        let _ = lane;
+        None
+    }
+
+    /// The lanes the outcomes of whose last steps can reach an agent; by default all.
+    fn reached(&self) -> LaneSet<'_> {
+        LaneSet::All
+    }
+
+    /// Whether a lane's person has no further step that counts.
+    fn is_over(&self, lane: usize) -> bool {
+        self.statuses()[lane] != EpisodeStatus::Running || !self.is_counted(lane)
+    }
+
     /// The stratum of a lane's next decision, below the number of strata of its model. 0 by default.
     fn stratum(&self, lane: usize) -> usize {
         let _ = lane;

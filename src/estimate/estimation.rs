@@ -113,6 +113,10 @@ impl Estimation {
             Drawn::Unknown => return self.unknown += 1,
         };
         self.fill_row(decision, treatment);
+        // A recorded trial may lack a feature of the decision.
+        if self.row.iter().any(|number| number.is_nan()) {
+            return;
+        }
         let outcome = match self.layout.as_ref().map(|layout| (layout.outcome, layout.is_own)) {
             Ok((None, _)) => decision.reward_for(&self.declaration),
             Ok((Some(index), true)) => decision.state[index],

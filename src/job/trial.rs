@@ -5,7 +5,7 @@
 
 use std::sync::Arc;
 
-use crate::key::{Content, ContentForm, KeyType, Kind, Value, choices, keys, read_csv};
+use crate::key::{Content, ContentForm, KeyType, Kind, MOST_BYTES, Value, choices, keys, read_csv};
 
 keys! {
     /// A trial: people who enter by a calendar, and an agent that learns from them at calendar times.
@@ -125,6 +125,7 @@ pub static STAYS: ContentForm = ContentForm {
     canonical: None,
     shipped: &[],
     help: Some("one row per person; for Oralytics, experiments/oralytics/people.py makes v4.csv"),
+    most_bytes: MOST_BYTES,
 };
 
 /// The form of a file of rows.
@@ -139,6 +140,7 @@ pub static ROWS: ContentForm = ContentForm {
     canonical: None,
     shipped: &[],
     help: Some("for the published trials of Oralytics, experiments/oralytics/people.py makes it"),
+    most_bytes: MOST_BYTES,
 };
 
 /// Whole numbers by row, in the order of the wanted columns.

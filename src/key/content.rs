@@ -23,7 +23,12 @@ pub struct ContentForm {
     pub shipped: &'static [(&'static str, &'static str)],
     /// What to do where the file is missing.
     pub help: Option<&'static str>,
+    /// Maximum size of the file in bytes.
+    pub most_bytes: u64,
 }
+
+/// Maximum size of most files in bytes.
+pub const MOST_BYTES: u64 = 10_000_000;
 
 /// What is wrong with a text.
 #[derive(Debug)]
@@ -128,8 +133,10 @@ impl Content {
     ///
     /// **Errors**: the text is not of this form.
     pub fn read(form: &ContentForm, text: &str) -> Result<Content, ContentFault> {
-        let text = form.canonical.map_or(Ok(plain(text)), |canonical| canonical(&plain(text)))?;
-        let text = format!("{}\n", text.trim_end());
+        let mut text =
+            form.canonical.map_or(Ok(plain(text)), |canonical| canonical(&plain(text)))?;
+        text.truncate(text.trim_end().len());
+        text.push('\n');
         let parsed = (form.parse)(&text)?;
         let sha256 = HEXLOWER.encode(&Sha256::digest(text.as_bytes()));
         Ok(Content(Some(Arc::new(Known {
@@ -244,6 +251,7 @@ mod tests {
         canonical: None,
         shipped: &[],
         help: None,
+        most_bytes: MOST_BYTES,
     };
 
     #[test]

@@ -13,7 +13,7 @@ use crate::manifest::estimate::declared::DeclaredEstimate;
 use crate::manifest::grid::{Axis, Grid, axes, size, zipped};
 use crate::manifest::limits::{MOST_COMPARISONS, MOST_JOBS};
 use crate::manifest::presence::absent;
-use crate::manifest::{analysis, estimate};
+use crate::manifest::{analysis, data, estimate};
 use crate::text::{Fault, FaultList, Span};
 
 /// Reports faults between the keys of `manifest`, which was completed from `draft`.
@@ -66,6 +66,7 @@ pub(super) fn check(
         }
     }
     trials(draft, &manifest, &grids, faults);
+    data::check(draft, &manifest, faults);
     if faults.is_empty() {
         estimate::read::check(draft, &manifest, &grids, faults);
     }

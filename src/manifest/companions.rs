@@ -5,6 +5,7 @@ use std::fs;
 
 use toml_edit::{DocumentMut, Item, TableLike, Value};
 
+use crate::env::recorded::DATA;
 use crate::key::{Content, Key, Kind, Rows};
 use crate::manifest::declared::Manifest;
 use crate::manifest::section::Section;
@@ -14,7 +15,10 @@ fn file_keys() -> impl Iterator<Item = (&'static str, &'static Key)> {
     let all = Section::all().into_iter().flat_map(|section| {
         let names_file = |kind: Kind| matches!(kind, Kind::Rows(_) | Kind::Content(_));
         let keys = section.keys().iter().filter(move |key| names_file(key.kind));
-        keys.map(move |key| (section.name(), key))
+        // A recorded trial can be written as an environment, too.
+        let data = section.header() == format!("[{DATA}]");
+        let tables = [Some(section.name()), data.then_some(DATA)].into_iter().flatten();
+        tables.flat_map(move |table| keys.clone().map(move |key| (table, key)))
     });
     // A key of several families is one.
     let mut seen = HashSet::new();

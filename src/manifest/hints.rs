@@ -11,6 +11,7 @@ use crate::key::{Constraint, Key, Parameter, SectionName, Value, Violation};
 use crate::manifest::analysis::declared::Analysis;
 use crate::manifest::analysis::kind::{AnalysisKind, DidItLearn, LearningCurve};
 use crate::manifest::commas::decimal_commas;
+use crate::manifest::data;
 use crate::manifest::declared::{DeclaredAgent, Manifest};
 use crate::manifest::estimate::declared::DeclaredEstimate;
 use crate::manifest::grid::Grid;
@@ -44,6 +45,7 @@ pub fn hints(manifest: &Manifest) -> Vec<String> {
     hints.extend(manifest.analyses.iter().flat_map(|one| long_windows(manifest, one)));
     hints.extend(manifest.analyses.iter().filter_map(|one| few_references(manifest, one)));
     hints.extend(manifest.estimates.iter().flat_map(|one| certain_choices(manifest, one)));
+    hints.extend(data::notes(manifest));
     let lists = decimal_commas(&manifest.source);
     let hint = |list: &Fault| {
         let remedy = list.hint().unwrap_or_default();

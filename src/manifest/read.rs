@@ -6,8 +6,10 @@ use toml::Spanned;
 use toml::de::{DeTable, DeValue};
 
 use crate::agent::Algorithm;
+use crate::env::recorded::DATA;
 use crate::env::{Family, Scenario, ScenarioError};
 use crate::key::{DIRECTION, Kind, SectionName, Value, free_key, hidden};
+use crate::manifest::data;
 use crate::manifest::draft::{AgentDraft, Draft, Settings};
 use crate::manifest::limits::MOST_JOBS;
 use crate::manifest::preset;
@@ -37,7 +39,7 @@ const ABOVE_TABLES: [&str; 10] = [
 ];
 
 /// The tables that are no sections.
-const OTHER_TABLES: [&str; 4] = ["search", "exclude", "estimate", "analysis"];
+const OTHER_TABLES: [&str; 5] = [DATA, "search", "exclude", "estimate", "analysis"];
 
 /// The keys of [`TOP_KEYS`] that are arrays of tables, with double brackets.
 pub(super) const TABLES: [&str; 4] = ["agent", "exclude", "estimate", "analysis"];
@@ -65,6 +67,7 @@ pub(super) fn newer_format(root: &DeTable) -> Option<Fault> {
 impl Reader<'_> {
     /// The content of the document, merged over the preset that it extends.
     pub fn draft(&mut self, root: &DeTable) -> Draft {
+        let root = &*data::unfolded(root, &mut self.faults);
         let environment = root.get("environment").and_then(|node| table_in(node));
         let extended = root.get("extends").and_then(|node| node.get_ref().as_str());
         self.beside.extend(extended.into_iter().flat_map(preset::parameters));
@@ -99,6 +102,7 @@ impl Reader<'_> {
         let seeds = draft.seeds.as_ref().map(|seeds| seeds.span);
         let mut draft = inherited.overridden_by(draft);
         self.drawn(&mut draft, seeds);
+        data::complete(&mut draft, &mut self.faults);
         draft
     }
 

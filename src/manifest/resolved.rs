@@ -84,7 +84,8 @@ impl Manifest {
         if !is_written {
             return Ok(());
         }
-        writeln!(out, "\n{}", parameters.section().header())?;
+        // A recorded trial is written as the environment that it is read as.
+        writeln!(out, "\n[{}]", name.word())?;
         if name == SectionName::Environment && self.family() != Family::first() {
             writeln!(out, "{FAMILY} = \"{}\"", self.family().name)?;
         }

@@ -3,6 +3,7 @@
 use serde_json::{Map, Value as Json, json};
 
 use crate::agent::Algorithm;
+use crate::env::recorded::{self, DATA};
 use crate::env::{Family, Feature};
 use crate::key::{Key, Kind, SectionName};
 use crate::manifest::analysis::kind::KINDS;
@@ -31,13 +32,18 @@ pub fn schema() -> Json {
         "properties": top(),
         // The first family has letters.
         "if": {
-            "required": ["environment"],
-            "properties": {
-                "environment": {
-                    "required": [FAMILY],
-                    "properties": { FAMILY: { "not": { "const": Family::first().name } } },
+            "anyOf": [
+                { "required": [DATA] },
+                {
+                    "required": ["environment"],
+                    "properties": {
+                        "environment": {
+                            "required": [FAMILY],
+                            "properties": { FAMILY: { "not": { "const": Family::first().name } } },
+                        },
+                    },
                 },
-            },
+            ],
         },
         "else": { "properties": { "scenarios": one_or_more("#/$defs/letters") } },
         "$defs": {
@@ -127,6 +133,22 @@ fn trial(section_of: Section) -> Json {
     schema
 }
 
+/// A recorded trial, in the place of an environment.
+fn data() -> Json {
+    let recorded = Section::Environment(&recorded::FAMILY);
+    let mut schema = section(recorded, Map::new());
+    let texts = list(json!({ "type": "string" }));
+    let by_name = json!({ "type": "object", "additionalProperties": { "type": "string" } });
+    for (key, form) in [("order", texts.clone()), ("probability", texts), ("state", by_name)] {
+        if let Some(forms) = schema["properties"][key]["anyOf"].as_array_mut() {
+            forms.push(form);
+        }
+    }
+    let required = recorded.keys().iter().filter(|key| key.default.is_none());
+    schema["required"] = required.map(|key| key.name).collect();
+    described("a trial that happened, in the place of an environment", schema)
+}
+
 /// The environment of every family.
 fn environments() -> Json {
     let each = Family::all().iter().map(|family| {
@@ -172,6 +194,7 @@ fn top() -> Json {
             "items": { "$ref": "#/$defs/zip" },
         },
         "environment": environments(),
+        DATA: data(),
         "agent": {
             "type": "array",
             "maxItems": MOST_ENTRIES,

@@ -3,7 +3,7 @@
 use std::ops::{Index, IndexMut};
 
 use crate::agent::Algorithm;
-use crate::env::Family;
+use crate::env::{Family, recorded};
 use crate::job::{Evaluation, Trial};
 use crate::key::{Key, Keyed, Parameter, SectionName};
 
@@ -74,9 +74,12 @@ impl Section {
 
     /// The header of the section.
     pub fn header(self) -> String {
-        match self.algorithm() {
-            Some(_) => format!("[[{}]]", self.name()),
-            None => format!("[{}]", self.name()),
+        match self {
+            Section::Agent(_) => format!("[[{}]]", self.name()),
+            Section::Environment(family) if family == &recorded::FAMILY => {
+                format!("[{}]", recorded::DATA)
+            }
+            _ => format!("[{}]", self.name()),
         }
     }
 
@@ -284,7 +287,20 @@ mod tests {
         assert_eq!(
             required.collect::<Vec<_>>(),
             [
-                "sigma", "rule", "command", "version", "people", "days", "model", "command",
+                "sigma",
+                "rule",
+                "command",
+                "version",
+                "people",
+                "days",
+                "model",
+                "file",
+                "person",
+                "order",
+                "action",
+                "probability",
+                "outcome",
+                "command",
                 "version"
             ]
         );

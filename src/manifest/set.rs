@@ -10,6 +10,7 @@ use std::str::FromStr;
 
 use toml_edit::{Array, ArrayOfTables, DocumentMut, Item, Table, TableLike, Value};
 
+use crate::env::recorded::DATA;
 use crate::job::short_name;
 use crate::key::printable;
 use crate::key::{Parameter, SectionName, free_key};
@@ -210,6 +211,8 @@ fn with<'s>(manifest: &Manifest, overrides: &'s [Override]) -> Result<Edited<'s>
         match place {
             Place::Top(key) => put(document.as_table_mut(), key, set.value_of(key)),
             Place::Section(section, key) => {
+                let is_recorded = section == "environment" && document.contains_key(DATA);
+                let section = if is_recorded { DATA } else { section };
                 let table = document.entry(section).or_insert_with(|| Item::Table(Table::new()));
                 let not_editable = || set.not_editable(section);
                 let mut table = table.as_table_like_mut().ok_or_else(not_editable)?;

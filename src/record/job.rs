@@ -184,6 +184,63 @@ pub struct PersonDecision {
     pub state: Vec<(String, f64)>,
 }
 
+/// The probabilities of an agent at the decisions of a recorded trial, beside the recorded ones of the actions that were
+/// taken.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct ReplayedDecisions {
+    /// The number of decisions at which an action was possible.
+    pub decisions: u64,
+    /// The number of decisions whose probabilities differ by more than the threshold.
+    pub differing: u64,
+    /// The first decision in the order of time that differs so.
+    pub first: Option<ReplayedDecision>,
+    /// The decision that differs most.
+    pub largest: Option<ReplayedDecision>,
+    /// By day of the trial: the sum of the absolute differences, and the largest.
+    pub days: Vec<(u32, f64, f64)>,
+}
+
+/// A decision of a replay.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct ReplayedDecision {
+    /// The number of the person, from 1.
+    pub person: u32,
+    /// The number of the decision, from 0.
+    pub step: u32,
+    /// The day of the trial.
+    pub day: u32,
+    /// The recorded probability of the action that was taken.
+    pub recorded: f64,
+    /// The probability that the agent would have had.
+    pub replayed: f64,
+}
+
+impl ReplayedDecisions {
+    /// Adds the next decision in the order of time.
+    pub fn add(&mut self, one: ReplayedDecision, threshold: f64) {
+        let difference = one.difference();
+        self.decisions += 1;
+        if difference > threshold {
+            self.differing += 1;
+            self.first.get_or_insert(one);
+        }
+        if self.largest.is_none_or(|largest| difference > largest.difference()) {
+            self.largest = Some(one);
+        }
+        match self.days.last_mut().filter(|(day, ..)| *day == one.day) {
+            Some((_, sum, most)) => (*sum, *most) = (*sum + difference, most.max(difference)),
+            None => self.days.push((one.day, difference, difference)),
+        }
+    }
+}
+
+impl ReplayedDecision {
+    /// By how much the probabilities differ.
+    pub fn difference(&self) -> f64 {
+        (self.replayed - self.recorded).abs()
+    }
+}
+
 /// The requested results of a completed run.
 #[derive(Clone, Debug, PartialEq)]
 pub struct CompletedRun {
@@ -203,6 +260,10 @@ pub struct CompletedRun {
     pub posteriors: Vec<RecordedPosterior>,
     /// Decisions of some people, by person and step; empty if not requested.
     pub days: Vec<PersonDecision>,
+    /// How the environment described itself; `None` if it did not, or if it was not requested.
+    pub description: Option<String>,
+    /// How the replay of a recorded trial differs from the record; `None` if it was not requested.
+    pub replayed: Option<ReplayedDecisions>,
     /// The code and the machine that produced the run.
     pub provenance: Arc<Provenance>,
     /// When the run ended, in UTC, ISO 8601 with milliseconds.

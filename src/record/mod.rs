@@ -3,5 +3,8 @@
 mod job;
 mod settings;
 
-pub use job::{AmongParticipants, CompletedRun, DataSet, JobRecord, JobStatus, PersonDecision};
+pub use job::{
+    AmongParticipants, CompletedRun, DataSet, JobRecord, JobStatus, PersonDecision,
+    ReplayedDecision, ReplayedDecisions,
+};
 pub use settings::{Settings, SharedSettings};

@@ -6,7 +6,7 @@ use std::sync::Arc;
 use super::optima;
 use super::race::race;
 use super::section::ReportedExperiment;
-use crate::analyse::declared::{carry_out, condense, reproduce, summarise_arms, varying};
+use crate::analyse::declared::{SAME, carry_out, condense, reproduce, summarise_arms, varying};
 use crate::job::{Condition, DataPart, RecordedEpisodes, distinct};
 use crate::key::{DIRECTION, Parameter, SectionName, Value, hidden};
 use crate::manifest::{Analysis, AnalysisKind, Faults, Manifest, Published};
@@ -51,15 +51,19 @@ pub fn assemble(
         let manifest = staged.manifest();
         let (mut data, unknown_optima) = data_set(reader, staged, &mut on_progress)?;
         add_days(reader, manifest, &mut data)?;
+        add_recorded(reader, manifest, &mut data)?;
+        // Whether a trial was randomised comes before what follows from it.
+        let mut all: Vec<&Analysis> = manifest.analyses.iter().collect();
+        all.sort_by_key(|one| !matches!(one.kind, AnalysisKind::Randomisation(_)));
         let queries: Vec<DataQuery> =
-            manifest.analyses.iter().map(|analysis| query(manifest, &data, analysis)).collect();
+            all.iter().map(|analysis| query(manifest, &data, analysis)).collect();
         let is_registered = is_registered(reader, &data)?;
         let sql = |query: &DataQuery| match is_registered {
             true => query.sql(),
             false => format!("{OTHER_JOBS}{}", query.sql()),
         };
         let concerned = queries.iter().map(|query| query.among(&data.jobs));
-        let analyses = manifest.analyses.iter().zip(concerned).collect::<Vec<_>>();
+        let analyses = all.iter().copied().zip(concerned).collect::<Vec<_>>();
         let words = Words::of(manifest, data.description.as_deref());
         let findings = carry_out(&analyses, published.as_ref(), words.return_unit);
         // As TOML writes them; they would turn the text around them.
@@ -74,7 +78,7 @@ pub fn assemble(
             manifest: manifest.source.chars().map(escaped).collect(),
             race: race(reader, manifest, words.return_unit)?,
             findings: findings.into_iter().zip(queries.iter().map(sql)).collect(),
-            styles: manifest.analyses.iter().map(|analysis| analysis.figure).collect(),
+            styles: all.iter().map(|analysis| analysis.figure).collect(),
             labels: manifest
                 .agents
                 .iter()
@@ -164,6 +168,37 @@ fn add_days(reader: &Reader, manifest: &Manifest, data: &mut DataSet) -> Result<
                 days.retain(|one| run.days.iter().all(|known| known.person != one.person));
                 run.days.extend(days);
                 earlier = Some(job.clone());
+            }
+        }
+    }
+    Ok(())
+}
+
+/// Reads what analyses of recorded trials take of the completed jobs that they concern.
+fn add_recorded(
+    reader: &Reader,
+    manifest: &Manifest,
+    data: &mut DataSet,
+) -> Result<(), StoreError> {
+    for analysis in &manifest.analyses {
+        let (drawn, replayed) = match analysis.kind {
+            AnalysisKind::Randomisation(_) => (true, false),
+            AnalysisKind::Replay(_) => (false, true),
+            _ => continue,
+        };
+        let conditions: Vec<Condition> = analysis.of_jobs().collect();
+        for job in &mut data.jobs {
+            let is_concerned = conditions.iter().all(|condition| condition.is_met_by(job));
+            let JobStatus::Completed(run) = &mut job.status else { continue };
+            if !is_concerned {
+                continue;
+            }
+            let run = Arc::make_mut(run);
+            if drawn && run.description.is_none() {
+                run.description = reader.description(&job.job_key)?;
+            }
+            if replayed && run.replayed.is_none() {
+                run.replayed = Some(reader.replayed(&job.job_key, SAME)?);
             }
         }
     }

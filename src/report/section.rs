@@ -4,7 +4,7 @@ use super::data_table::DataTable;
 use super::legend::Legend;
 use super::race::ReportedRace;
 use super::scene::Scene;
-use crate::analyse::declared::{ArmSummary, Finding, JobCounts, Reproduction};
+use crate::analyse::declared::{ArmSummary, Finding, FindingContent, JobCounts, Reproduction};
 use crate::job::counted;
 use crate::key::printable;
 use crate::manifest::{FigureKeys, nearest};
@@ -60,7 +60,11 @@ impl ReportedExperiment {
             ));
         }
         notes.extend(self.failed_estimates().map(|said| format!("{}: {said}", self.name)));
-        if self.reproduction.as_ref().is_some_and(|one| one.comparisons.is_empty()) {
+        let is_of_effects =
+            |finding: &Finding| matches!(finding.content, FindingContent::Effects(_));
+        let has_effects = self.findings.iter().any(|(finding, _)| is_of_effects(finding));
+        if !has_effects && self.reproduction.as_ref().is_some_and(|one| one.comparisons.is_empty())
+        {
             notes.push(format!(
                 "no published number belongs to an arm of {}; compare the columns of the file with the names and values of the \
                  manifest, such as environment.parameters.effect",

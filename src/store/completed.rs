@@ -340,6 +340,8 @@ fn head(row: &rusqlite::Row<'_>, shared: &mut SharedNames) -> rusqlite::Result<C
         estimates: Vec::new(),
         posteriors: Vec::new(),
         days: Vec::new(),
+        description: None,
+        replayed: None,
         ended_at: row.get(1)?,
         wall_seconds: row.get(2)?,
         provenance,

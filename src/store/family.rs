@@ -10,6 +10,7 @@ use crate::job::{ActionCount, Decision, Job, Phase, Results};
 use super::insert::insert_rows;
 use super::read::completed_run;
 use super::schema::has_table;
+use super::tables::ROWS;
 
 /// The number of columns of `recorded_step`.
 const STEP_COLUMNS: usize = 12;
@@ -35,15 +36,20 @@ pub(super) fn insert_steps(
     run: i64,
     results: &Results,
 ) -> rusqlite::Result<()> {
-    let rows = results.decisions.iter().map(|decision| row(run, decision, &results.state_names));
-    let rows: Vec<[Value; STEP_COLUMNS]> = rows.collect::<rusqlite::Result<_>>()?;
-    insert_rows(connection, "recorded_step", rows.into_iter())
+    // A recorded trial can have a million decisions, whose rows are larger.
+    for some in results.decisions.chunks(100 * ROWS) {
+        let rows = some.iter().map(|decision| row(run, decision, &results.state_names));
+        let rows: Vec<[Value; STEP_COLUMNS]> = rows.collect::<rusqlite::Result<_>>()?;
+        insert_rows(connection, "recorded_step", rows.into_iter())?;
+    }
+    Ok(())
 }
 
 fn row(run: i64, decision: &Decision, names: &[String]) -> rusqlite::Result<[Value; STEP_COLUMNS]> {
     let all = &decision.probabilities;
-    let numbers = decision.state.iter().chain([&decision.reward]);
-    if !numbers.clone().all(|number| number.is_finite()) {
+    // A number that a recorded trial lacks is NaN, and NULL in the store.
+    let are_known = decision.state.iter().all(|number| !number.is_infinite());
+    if !are_known || !decision.reward.is_finite() {
         let error = format!("a decision has a number that is not finite: {decision:?}");
         return Err(Error::ToSqlConversionFailure(error.into()));
     }

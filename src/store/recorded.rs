@@ -3,7 +3,7 @@
 use serde_json::{Map, Value as Json};
 
 use crate::job::{Decision, Job, JobKey, Phase};
-use crate::record::PersonDecision;
+use crate::record::{PersonDecision, ReplayedDecision, ReplayedDecisions};
 
 use super::error::StoreFault;
 use super::read::completed_run;
@@ -28,8 +28,17 @@ impl Reader {
 
     /// Calls `see` with each recorded decision of the test or trial of a job, by episode and step. Returns their number.
     /// The job must be [`Reader::described`].
-    pub fn decisions(&self, job: &Job, mut see: impl FnMut(&Decision)) -> Result<u64, StoreError> {
-        let names = job.state_names();
+    pub fn decisions(&self, job: &Job, see: impl FnMut(&Decision)) -> Result<u64, StoreError> {
+        self.decisions_with(job, &job.state_names(), see)
+    }
+
+    /// [`Reader::decisions`] with these names of the state.
+    pub fn decisions_with(
+        &self,
+        job: &Job,
+        names: &[String],
+        mut see: impl FnMut(&Decision),
+    ) -> Result<u64, StoreError> {
         let key = job.key().to_string();
         let actions = job.task().interface().actions;
         let cost = job.environment.message_cost().unwrap_or(0.0);
@@ -53,7 +62,7 @@ impl Reader {
                     true => (11..11 + names.len())
                         .map(|index| row.get(index))
                         .collect::<Result<_, _>>()?,
-                    false => numbers(&row.get::<_, String>(11)?, &names)?,
+                    false => numbers(&row.get::<_, String>(11)?, names)?,
                 };
                 let probabilities = match row.get::<_, Option<String>>(7)? {
                     Some(text) => serde_json::from_str(&text).map_err(unreadable)?,
@@ -114,6 +123,46 @@ impl Reader {
                 }
             }
             Ok(days)
+        })
+    }
+}
+
+impl Reader {
+    /// How the environment described itself in the completed run of a job.
+    pub fn description(&self, key: &JobKey) -> Result<Option<String>, StoreError> {
+        self.read("read the description of an environment", |connection| {
+            Ok(family::description_of(connection, &key.to_string())?)
+        })
+    }
+
+    /// How the decisions of a job, which replays a recorded trial, differ from the record by more than a threshold.
+    pub fn replayed(&self, key: &JobKey, threshold: f64) -> Result<ReplayedDecisions, StoreError> {
+        self.read("read decisions", |connection| {
+            let sql = "WITH replay AS (
+                    SELECT episode, step, action_probability AS replayed,
+                        json_extract(state, '$.recorded_probability') AS recorded,
+                        coalesce(json_extract(state, '$.calendar_day'), step) AS day
+                    FROM decision WHERE job_key = ?1 AND phase = 'test' AND coalesce(can_send, available)
+                )
+                SELECT episode, step, CAST(day AS INTEGER), recorded, replayed FROM replay
+                WHERE recorded IS NOT NULL
+                ORDER BY day, step, episode";
+            let mut statement = connection.prepare_cached(sql)?;
+            let mut rows = statement.query([key.to_string()])?;
+            let mut all = ReplayedDecisions::default();
+            while let Some(row) = rows.next()? {
+                all.add(
+                    ReplayedDecision {
+                        person: row.get(0)?,
+                        step: row.get(1)?,
+                        day: row.get(2)?,
+                        recorded: row.get(3)?,
+                        replayed: row.get(4)?,
+                    },
+                    threshold,
+                );
+            }
+            Ok(all)
         })
     }
 }

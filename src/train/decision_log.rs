@@ -131,7 +131,7 @@ impl DecisionLog {
                     state.extend(study.beside(lane, step));
                     lane as u32 + 1
                 }
-                None => self.episode(lane, step),
+                None => lanes.person(lane).unwrap_or_else(|| self.episode(lane, step)),
             };
             if step == 0 && self.phase == Phase::Train {
                 self.record_participant(lanes, lane, episode);

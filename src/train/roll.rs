@@ -67,6 +67,7 @@ pub(super) fn drive<Env: VectorEnvironment + ?Sized, Agent: Actor<Env> + ?Sized>
     while !conductor.is_over(environment) && !observer.stop_requested() {
         conductor.begin_step(environment, agent, &mut streams.environment)?;
         agent.act(environment, &mut streams.actions, &mut actions, Some(&mut probabilities));
+        conductor.replay(environment, agent, &mut actions, &probabilities);
         environment.expect(&probabilities);
         observer.chosen(&ChosenStep {
             environment,
@@ -100,6 +101,17 @@ pub(super) trait Conductor<Env: ?Sized, Agent: ?Sized> {
     ) -> Result<(), LearnerError> {
         let _ = (environment, agent, streams);
         Ok(())
+    }
+
+    /// Replaces the choices of an agent by those of a trial that happened, \[lanes\]. Does nothing by default.
+    fn replay(
+        &mut self,
+        environment: &Env,
+        agent: &mut Agent,
+        actions: &mut [Action],
+        probabilities: &[f64],
+    ) {
+        let _ = (environment, agent, actions, probabilities);
     }
 
     /// Ends a step. Does nothing by default.
@@ -141,8 +153,18 @@ impl Conductor<Simulated, dyn StudyAgent + '_> for Study {
         self.begin_step(environment, agent, streams)
     }
 
+    fn replay(
+        &mut self,
+        environment: &Simulated,
+        agent: &mut (dyn StudyAgent + '_),
+        actions: &mut [Action],
+        probabilities: &[f64],
+    ) {
+        self.replay(environment, agent, actions, probabilities);
+    }
+
     fn end_step(&mut self, environment: &Simulated) {
-        self.end_step(environment.times());
+        self.end_step_among(environment.times(), (**environment).reached());
     }
 
     fn reached(&self) -> LaneSet<'_> {

@@ -1,7 +1,9 @@
 //! A trial in progress: who is in the study on a day, and when the agent learns.
 
 use crate::agent::{LearnerError, StudyAgent, StudyUpdate};
-use crate::env::{EpisodeStatus, LaneSet, LaneStreams, Reports, Simulated, VectorEnvironment};
+use crate::env::{
+    Action, EpisodeStatus, LaneSet, LaneStreams, Reports, Simulated, VectorEnvironment,
+};
 use crate::job::{Calendar, Pooling, Stay, Trial, UpdateData};
 use crate::rng::{Purpose, Stream};
 use crate::state::resumable;
@@ -45,6 +47,8 @@ pub struct Study {
     /// Buffers: lanes that begin an episode, and people whose data count.
     entering: Vec<bool>,
     counting: Vec<bool>,
+    /// Buffer: the probabilities of a record.
+    recorded: Vec<f64>,
 }
 
 impl Study {
@@ -89,6 +93,7 @@ impl Study {
             reached: vec![true; people],
             entering: vec![false; people],
             counting: vec![false; people],
+            recorded: Vec::new(),
         }
     }
 
@@ -178,7 +183,7 @@ impl Study {
             if stay.end == day && is_running {
                 environment.leave(person);
             }
-            if stay.start < day && !(is_running && environment.is_counted(person)) {
+            if stay.start < day && environment.is_over(person) {
                 *left = day.min(*left);
             }
         }
@@ -242,14 +247,44 @@ impl Study {
         Ok(())
     }
 
+    /// Replaces the choices of people in a trial that happened by the recorded ones, \[people\], from which the agent then
+    /// learns. `probabilities` are those of the agent, \[people, actions\].
+    pub(super) fn replay(
+        &mut self,
+        environment: &Simulated,
+        agent: &mut dyn StudyAgent,
+        actions: &mut [Action],
+        probabilities: &[f64],
+    ) {
+        if environment.recorded(0).is_none() {
+            return;
+        }
+        self.recorded.clear();
+        self.recorded.extend_from_slice(probabilities);
+        let rows = self.recorded.chunks_exact_mut(probabilities.len() / actions.len());
+        for (person, (action, row)) in actions.iter_mut().zip(rows).enumerate() {
+            if let Some((taken, chances)) = environment.recorded(person) {
+                *action = taken;
+                row.copy_from_slice(chances);
+            }
+        }
+        agent.replay(actions, &self.recorded);
+    }
+
     /// Ends a step, after which people have these numbers of steps, \[people\].
     pub fn end_step(&mut self, times: &[u32]) {
+        self.end_step_among(times, LaneSet::All);
+    }
+
+    /// [`Study::end_step`], where the outcomes of the step can reach the agent in these lanes.
+    pub(super) fn end_step_among(&mut self, times: &[u32], reached: LaneSet<'_>) {
         self.time += 1;
-        if self.missing.is_empty() {
+        if self.missing.is_empty() && reached == LaneSet::All {
             return;
         }
         for (person, time) in times.iter().enumerate() {
-            self.reached[person] = *time == 0 || !self.is_missing(person, time - 1);
+            let is_missing = *time > 0 && self.is_missing(person, time - 1);
+            self.reached[person] = reached.contains(person) && !is_missing;
         }
     }
 

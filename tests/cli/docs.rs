@@ -20,7 +20,7 @@ pub use examples::LEARNED;
 use examples::{cell, fill_store, jitai, run};
 use questions::questions;
 
-const DOCUMENTS: [&str; 44] = [
+const DOCUMENTS: [&str; 45] = [
     "README.md",
     "CONTRIBUTING.md",
     "docs/agents.md",
@@ -36,6 +36,7 @@ const DOCUMENTS: [&str; 44] = [
     "docs/environment.md",
     "docs/estimates.md",
     "docs/after-study.md",
+    "docs/recorded.md",
     "docs/external.md",
     "docs/fidelity-bots.md",
     "docs/fidelity.md",

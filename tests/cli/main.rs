@@ -3,6 +3,7 @@
 mod checkpoints;
 mod crashes;
 mod damage;
+mod deciding;
 mod disk;
 mod docs;
 mod estimates;
@@ -31,6 +32,7 @@ mod planning;
 mod priors;
 mod races;
 mod reading;
+mod recorded;
 mod release_store;
 mod reporting;
 mod same_bits;

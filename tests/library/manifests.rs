@@ -100,6 +100,7 @@ fn shipped() -> Vec<(&'static str, u64)> {
         ("experiments/bandits.toml", 920),
         ("experiments/models/trial.toml", 60),
         ("experiments/models/noisy_dose_trial.toml", 10),
+        ("experiments/heartsteps/effects.toml", 1),
         ("experiments/heartsteps/next_trial.toml", 540),
         ("experiments/heartsteps/uncertain.toml", 3300),
         ("experiments/external/outside.toml", 21),
@@ -191,7 +192,7 @@ fn every_shipped_manifest_is_valid_and_says_how_many_jobs_it_has() {
         let manifest = manifest::load(Path::new(path)).unwrap();
         assert_eq!(plan::count(&manifest), jobs, "{path}");
         assert_eq!(plan::jobs(&manifest).count() as u64, jobs, "{path}");
-        let said = manifest.source.lines().any(|line| line.contains(&format!("{jobs} jobs")));
+        let said = manifest.source.lines().any(|line| line.contains(&format!("{jobs} job")));
         assert!(said, "{path} does not say that it has {jobs} jobs");
     }
 }
@@ -278,7 +279,8 @@ fn key_table(section: Section) -> String {
 }
 
 /// The pages that have the tables of keys.
-const REFERENCE: [&str; 3] = ["docs/manifest.md", "docs/models.md", "docs/trials.md"];
+const REFERENCE: [&str; 4] =
+    ["docs/manifest.md", "docs/models.md", "docs/recorded.md", "docs/trials.md"];
 
 #[test]
 fn the_reference_lists_every_key_with_its_values_and_default() {

@@ -9,7 +9,8 @@ use crate::agent::linear_thompson::{BanditDraw, LinearThompson};
 use crate::agent::weights::{Weights, WeightsError};
 use crate::env::{Action, Interface};
 
-/// The policy of a posterior, without a memory: it draws coefficients for each decision, and learns from none.
+/// The policy of a posterior, without a memory: it draws coefficients for each decision, and learns from those that it is
+/// given.
 pub struct BanditPolicy {
     design: Design,
     sampler: Sampler,
@@ -33,14 +34,51 @@ impl BanditPolicy {
         let design = Design::new(parameters.features, observations);
         let shape = Shape { inputs: design.width(), actions: *actions };
         let posterior = Posterior::trained(parameters, shape, weights)?;
+        BanditPolicy::of(parameters, (design, *actions), posterior, seed)
+    }
+
+    /// The policy of an agent before its first decision, whose prior may be the posterior of a file.
+    ///
+    /// **Errors**: the prior is not positive definite.
+    pub fn of_prior(
+        parameters: &LinearThompson,
+        interface: &Interface,
+        seed: u64,
+    ) -> Result<Self, WeightsError> {
+        let Interface { observations, actions } = interface;
+        let design = Design::new(parameters.features, observations);
+        let shape = Shape { inputs: design.width(), actions: *actions };
+        let prior = Posterior::prior(parameters, shape);
+        BanditPolicy::of(parameters, (design, *actions), prior, seed)
+    }
+
+    fn of(
+        parameters: &LinearThompson,
+        (design, actions): (Design, usize),
+        posterior: Posterior,
+        seed: u64,
+    ) -> Result<Self, WeightsError> {
         let by_step = LinearThompson { draw: BanditDraw::Step, ..parameters.clone() };
         Ok(BanditPolicy {
             design,
-            sampler: Sampler::new(&by_step, *actions, seed),
+            sampler: Sampler::new(&by_step, actions, seed),
             acting: Acting::new(posterior).map_err(|_| WeightsError::NotPositiveDefinite)?,
-            decision: Decision::among(*actions),
+            decision: Decision::among(actions),
             drawn: Vec::new(),
         })
+    }
+
+    /// Learns from a decision whose action was drawn with these probabilities, as in a trial.
+    pub fn learn(&mut self, letters: &[f64], (action, chances): (Action, &[f64]), reward: f64) {
+        self.design.fill_exact(letters, None, &mut self.decision.features);
+        self.decision.action = action;
+        self.decision.probabilities.copy_from_slice(chances);
+        self.acting.learn(&self.decision, reward);
+    }
+
+    /// What it knows, as the weights of a job.
+    pub fn weights(&self) -> Weights {
+        self.acting.posterior().weights()
     }
 
     /// The action that a random word draws for an observation, whose one-hot is 1 at `moment`, and the probabilities

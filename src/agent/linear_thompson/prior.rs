@@ -9,7 +9,7 @@ use serde_json::{Value as Json, json};
 use crate::agent::linear_thompson::features::{BanditFeatures, Design};
 use crate::agent::linear_thompson::regression::Regression;
 use crate::env::{Action, FeatureSpec, Interface, ObservationSpec};
-use crate::key::ContentForm;
+use crate::key::{ContentForm, MOST_BYTES};
 
 /// The form of a file with a posterior. A job knows it by the posterior alone.
 pub static PRIOR: ContentForm = ContentForm {
@@ -18,6 +18,7 @@ pub static PRIOR: ContentForm = ContentForm {
     canonical: Some(|text| Ok(Prior::read(text)?.text())),
     shipped: &[],
     help: Some("`jitai export --policy` writes it; `run:KEY` names a job of the store instead"),
+    most_bytes: MOST_BYTES,
 };
 
 /// The posterior of all regressions of an agent, and what they are regressions on.

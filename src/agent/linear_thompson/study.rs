@@ -373,6 +373,10 @@ impl StudyAgent for LinearThompsonStudy {
         Ok(())
     }
 
+    fn replay(&mut self, actions: &[Action], probabilities: &[f64]) {
+        self.replay(actions, probabilities);
+    }
+
     fn updates(&mut self) -> Vec<EffectPosterior> {
         self.updates.take().map_or_else(Vec::new, |updates| updates.0)
     }

@@ -102,6 +102,9 @@ pub enum StartError {
         /// The rule.
         rule: &'static str,
     },
+    /// The rule repeats the actions of a recorded trial, and the environment is another.
+    #[error("rule = \"recorded\" needs a recorded trial")]
+    NotRecorded,
     /// The program was built without the engine of the agent.
     #[error(transparent)]
     NoEngine(#[from] NoEngine),
@@ -573,7 +576,9 @@ impl Agent {
 
     /// Whether the agent never draws an action by chance. Agents that draw may have probabilities of 0 and 1.
     pub fn never_draws(&self) -> bool {
-        self.parameters().is_some_and(|rule: RuleParameters| rule.rule != DecisionRule::Random)
+        self.parameters().is_some_and(|rule: RuleParameters| {
+            !matches!(rule.rule, DecisionRule::Random | DecisionRule::Recorded)
+        })
     }
 
     /// Whether the agent chooses where no message can be sent. Agents without the key `unavailable` do.

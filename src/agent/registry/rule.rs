@@ -2,6 +2,7 @@
 
 use crate::agent::constraint::HORIZON;
 use crate::agent::rule::{DecisionRule, RuleParameters, RulePolicy};
+use crate::env::recorded::RecordedModel;
 use crate::env::{Population, Scenario, StepCount, population};
 use crate::key::{Assignment, Constraint, Key, Keyed, Parameter, Size, Value, Violation};
 use crate::optimum::{LONGEST_OPTIMUM, NoOptimum, check, check_people};
@@ -11,6 +12,9 @@ use super::algorithm::{AlgorithmParameters, Start, StartError, Task, Work};
 const RULE: Parameter = Parameter::Agent("rule");
 
 const SIGMA: Parameter = Parameter::Environment("sigma");
+
+/// A key that recorded trials alone have.
+const KEEP_IDENTIFIERS: Parameter = Parameter::Environment("keep_identifiers");
 
 /// Cost of computing an optimum per step of its horizon, in multiply-adds that take equally long.
 const OPTIMUM_PER_STEP: u64 = 100_000_000;
@@ -84,6 +88,18 @@ impl AlgorithmParameters for RuleParameters {
             },
         },
         Constraint {
+            parameters: &[RULE, KEEP_IDENTIFIERS],
+            violation: |assignment| {
+                let is_recorded = assignment.is_word(RULE, DecisionRule::Recorded.word())
+                    && assignment.value(KEEP_IDENTIFIERS).is_none();
+                is_recorded.then(|| Violation::Impossible {
+                    says: "rule = \"recorded\" repeats the actions of a recorded trial, and the manifest has no [data]"
+                        .to_owned(),
+                    help: "use another rule, or write [data] in the place of [environment]".to_owned(),
+                })
+            },
+        },
+        Constraint {
             parameters: &[Parameter::SCENARIO, RULE],
             violation: |assignment| {
                 let scenario = scenario(assignment)?;
@@ -133,7 +149,8 @@ impl AlgorithmParameters for RuleParameters {
             | DecisionRule::Untailored
             | DecisionRule::Tailored
             | DecisionRule::Threshold
-            | DecisionRule::Random => 1,
+            | DecisionRule::Random
+            | DecisionRule::Recorded => 1,
         }
     }
 
@@ -151,7 +168,8 @@ impl AlgorithmParameters for RuleParameters {
             | DecisionRule::Untailored
             | DecisionRule::Tailored
             | DecisionRule::Threshold
-            | DecisionRule::Random => 0,
+            | DecisionRule::Random
+            | DecisionRule::Recorded => 0,
         };
         Work { training, choice: 1 }
     }
@@ -166,6 +184,11 @@ impl RuleParameters {
     ///
     /// **Errors**: the rule does not exist in the task's environment.
     pub fn policy(&self, task: &Task) -> Result<RulePolicy, StartError> {
+        if self.rule == DecisionRule::Recorded
+            && task.environment.model::<RecordedModel>().is_none()
+        {
+            return Err(StartError::NotRecorded);
+        }
         let Some(model) = task.step_count() else {
             let policy = RulePolicy::anywhere(self.rule);
             return policy.ok_or(StartError::Family { rule: self.rule.word() });

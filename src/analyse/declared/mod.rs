@@ -11,6 +11,7 @@ mod arm;
 mod contrast;
 mod curve;
 mod days;
+mod effects;
 mod heat_map;
 mod inference_error;
 mod learned;
@@ -18,7 +19,9 @@ mod learning_curve;
 mod operating;
 mod pairs;
 mod published;
+mod randomisation;
 mod recovery;
+mod replay;
 mod reproduction;
 mod shrinkage;
 mod summary;
@@ -28,12 +31,15 @@ pub use arm::{Arm, ArmId, condense, implied, is_at, varying};
 pub use contrast::{ContrastFigure, ContrastRow, TestFamily};
 pub use curve::{ALPHA, Apart, CurveFigure, CurveLine, Ends, LinePoint, Trends};
 pub use days::{DaysFigure, PersonDays};
+pub use effects::{EffectRow, EffectsFigure};
 pub use heat_map::{HeatFigure, HeatTile, PeakLead, Scale, heat_range};
 pub use inference_error::{ErrorFigure, ErrorPoint};
 pub use learned::{LearnedFigure, LearnedPanel, LearnedPoint, OverTrials};
 pub use learning_curve::{HighestEnd, LearningFigure, LearningLine, LearningPanel};
 pub use operating::{FEW_TRIALS, OperatingFigure, OperatingRow, Sought, Term};
+pub use randomisation::{DrawnPoint, RandomisationFigure, RandomisationTest};
 pub use recovery::{RecoveryRow, ScenarioOptimum};
+pub use replay::{ReplayFigure, ReplayRow, SAME};
 pub use reproduction::{Comparison, Distance, Reproduction, reproduce};
 pub use shrinkage::{ShrinkageFigure, ShrinkagePanel, TrialOfPeople};
 pub use summary::{AgentSummary, ArmSummary, share_of_optimum, summarise_agents, summarise_arms};
@@ -84,6 +90,12 @@ pub enum FindingContent {
     Learned(LearnedFigure),
     /// What trials learned about the differences between people.
     Shrinkage(ShrinkageFigure),
+    /// Whether the actions of a recorded trial were drawn as recorded.
+    Randomisation(RandomisationFigure),
+    /// Estimates of single jobs.
+    Effects(EffectsFigure),
+    /// Replayed beside recorded probabilities.
+    Replay(ReplayFigure),
     /// The rate at which the most likely context is wrong.
     InferenceError(ErrorFigure),
 }
@@ -102,6 +114,9 @@ impl FindingContent {
             | FindingContent::Operating(_)
             | FindingContent::Learned(_)
             | FindingContent::Shrinkage(_)
+            | FindingContent::Randomisation(_)
+            | FindingContent::Effects(_)
+            | FindingContent::Replay(_)
             | FindingContent::InferenceError(_) => None,
         }
     }
@@ -206,6 +221,13 @@ fn content_of(
         }
         AnalysisKind::DidItLearn(kind) => FindingContent::Learned(learned::figure(kind, jobs)),
         AnalysisKind::Shrinkage(kind) => FindingContent::Shrinkage(shrinkage::figure(kind, jobs)),
+        AnalysisKind::Randomisation(_) => {
+            FindingContent::Randomisation(randomisation::figure(jobs))
+        }
+        AnalysisKind::Effects(kind) => {
+            FindingContent::Effects(effects::figure(kind, jobs, published))
+        }
+        AnalysisKind::Replay(_) => FindingContent::Replay(replay::figure(jobs)),
         AnalysisKind::InferenceError(_) => {
             FindingContent::InferenceError(inference_error::figure(jobs, published))
         }

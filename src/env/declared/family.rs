@@ -17,8 +17,8 @@ use crate::env::scenario::Scenario;
 use crate::env::simulation::Simulated;
 use crate::env::vector::Interface;
 use crate::key::{
-    Content, ContentFault, ContentForm, Keyed, Kind, Value, WithFreeKeys, free_keys, free_values,
-    interned, keys,
+    Content, ContentFault, ContentForm, Keyed, Kind, MOST_BYTES, Value, WithFreeKeys, free_keys,
+    free_values, interned, keys,
 };
 
 /// The form of a model.
@@ -34,6 +34,7 @@ pub(super) static MODEL: ContentForm = ContentForm {
         "`oralytics_v1`, `oralytics_v2` and `oralytics_v4` (V3 too, with people of V3) come with jitai; docs/models.md \
          begins with a model of ten lines",
     ),
+    most_bytes: MOST_BYTES,
 };
 
 keys! {

@@ -28,6 +28,9 @@ mod world;
 
 pub use family::{DeclaredModel, FAMILY};
 pub use model::ModelFile;
+pub(in crate::env) use pilot::{
+    Calendar, ColumnFormula, Header, RecordedRows, SKIPPED, WrittenColumn, header, reader, rows,
+};
 pub use pilot::{
     DataFaults, DrawCounts, DrawPredictor, EffectSource, FitCoefficient, FitLaw, FitMethod,
     FittedDraw, ImputedColumn, LongRun, Pilot, PilotError, PilotPerson, PilotWorld,

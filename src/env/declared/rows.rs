@@ -4,7 +4,7 @@ use std::collections::HashSet;
 use std::ops::Range;
 use std::sync::Arc;
 
-use crate::key::{ContentForm, MOST_ROWS, read_csv};
+use crate::key::{ContentForm, MOST_BYTES, MOST_ROWS, read_csv};
 
 /// The form of a file of people.
 pub static PEOPLE: ContentForm = ContentForm {
@@ -15,6 +15,7 @@ pub static PEOPLE: ContentForm = ContentForm {
     help: Some(
         "the columns are the names that the model uses and does not declare; docs/models.md has an example",
     ),
+    most_bytes: MOST_BYTES,
 };
 
 /// The form of a file of rows.
@@ -24,6 +25,7 @@ pub static REPLAY: ContentForm = ContentForm {
     canonical: None,
     shipped: &[],
     help: Some("its columns are `person` and those of the model's [replay]"),
+    most_bytes: MOST_BYTES,
 };
 
 /// The column that names people.

@@ -9,7 +9,7 @@ use super::observer::Observer;
 use super::parameters::{StepCount, VERSION};
 use super::physical_activity::PhysicalActivity;
 use super::population::{ParticipantSampler, Population, PopulationPhases};
-use super::scenario;
+use super::scenario::{self, Feature};
 use super::simulated::{STATE, STRATA};
 use crate::env::family::{Environment, Family, Meaning, Model};
 use crate::env::scenario::Scenario;
@@ -146,6 +146,21 @@ impl Model for StepCountModel {
 
     fn state_names(&self) -> Vec<String> {
         STATE.map(str::to_owned).into()
+    }
+
+    fn recorded_features(&self, scenario: &Scenario) -> Vec<Option<usize>> {
+        let entries = |feature: Feature| {
+            let index = match feature {
+                Feature::Context => Some(0),
+                Feature::Probability => Some(1),
+                Feature::Likely => Some(2),
+                Feature::Habituation => Some(3),
+                Feature::Disengagement => Some(4),
+                _ => None,
+            };
+            vec![index; feature.width()]
+        };
+        scenario.features().into_iter().flat_map(entries).collect()
     }
 
     fn strata(&self) -> usize {

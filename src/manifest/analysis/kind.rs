@@ -2,7 +2,7 @@
 
 use serde_json::json;
 
-use crate::env::{Family, Scenario};
+use crate::env::{Family, Scenario, recorded};
 use crate::job::metric::{MEAN_RETURN, metrics_of};
 use crate::job::{Condition, DataPart, MetricName, MetricPlace};
 use crate::key::{FixedKind, Kind, Parameter, Value, choices};
@@ -167,6 +167,18 @@ kinds! {
         action: u32 = 1, in Kind::Integer { min: 1, max: 255 };
     }
 
+    /// Whether the actions of a recorded trial were drawn with the recorded probabilities; every report of one begins so.
+    Randomisation = "randomisation", [], LINES, {}
+
+    /// Estimates of single jobs with their intervals, beside published ones; every report of a recorded trial has them.
+    Effects = "effects", [], [], {
+        /// the names of the estimates; all by default
+        estimates: NameList;
+    }
+
+    /// The probabilities that agents would have had at the decisions of a recorded trial, beside the recorded ones.
+    Replay = "replay", [], LINES, {}
+
     /// The rate at which the most likely context is wrong.
     InferenceError = "inference_error", [], ["width", "height", "font_size", "theme"], {}
 }
@@ -315,6 +327,34 @@ pub(in crate::manifest) trait Declares {
     fn estimates(&self) -> Option<Vec<&str>>;
 }
 
+/// What kinds lack that read a recorded trial.
+fn recorded_of(family: &Family) -> Option<&'static str> {
+    (family != &recorded::FAMILY).then_some("decisions of a trial that happened, with [data]")
+}
+
+/// The decisions of everybody.
+const EVERYBODY: DataPart = DataPart::Days(10_000_000);
+
+impl Rules for Randomisation {
+    fn part(&self, _: MetricName) -> DataPart {
+        EVERYBODY
+    }
+
+    fn lacking(&self, family: &Family) -> Option<&'static str> {
+        recorded_of(family)
+    }
+}
+
+impl Rules for Replay {
+    fn part(&self, _: MetricName) -> DataPart {
+        EVERYBODY
+    }
+
+    fn lacking(&self, family: &Family) -> Option<&'static str> {
+        recorded_of(family)
+    }
+}
+
 /// What kinds lack that show contexts.
 fn contexts_of(family: &Family) -> Option<&'static str> {
     (!family.has_contexts).then_some("inferred contexts")
@@ -397,6 +437,37 @@ impl Rules for Recovery {
     }
 }
 
+/// Reports estimates that a kind needs and that are not declared; false without any.
+fn check_estimates(
+    word: &str,
+    names: &NameList,
+    rest: &dyn Declares,
+    span: Span,
+    faults: &mut FaultList,
+) -> bool {
+    let Some(declared) = rest.estimates() else {
+        let message = format!("kind \"{word}\" needs an [[estimate]]");
+        faults.add(Fault::at(span, message).help("write [[estimate]] with name = \"effect\""));
+        return false;
+    };
+    for name in names.0.iter().filter(|name| !declared.contains(&name.as_str())) {
+        let fault = Fault::at(span, format!("no [[estimate]] is called `{name}`"));
+        let fault = fault.help(format!("the estimates are {}", declared.join(", ")));
+        faults.add(fault.nearest(name, declared.iter().copied()));
+    }
+    true
+}
+
+impl Rules for Effects {
+    fn part(&self, _: MetricName) -> DataPart {
+        DataPart::Estimates
+    }
+
+    fn check(&self, rest: &dyn Declares, span: Span, faults: &mut FaultList) {
+        check_estimates("effects", &self.estimates, rest, span, faults);
+    }
+}
+
 impl Rules for OperatingCharacteristics {
     fn part(&self, _: MetricName) -> DataPart {
         DataPart::Estimates
@@ -404,15 +475,8 @@ impl Rules for OperatingCharacteristics {
 
     /// Reports estimates that are not declared, and people along another axis.
     fn check(&self, rest: &dyn Declares, span: Span, faults: &mut FaultList) {
-        let Some(declared) = rest.estimates() else {
-            let message = "kind \"operating_characteristics\" needs an [[estimate]]";
-            faults.add(Fault::at(span, message).help("write [[estimate]] with name = \"effect\""));
+        if !check_estimates("operating_characteristics", &self.estimates, rest, span, faults) {
             return;
-        };
-        for name in self.estimates.0.iter().filter(|name| !declared.contains(&name.as_str())) {
-            let fault = Fault::at(span, format!("no [[estimate]] is called `{name}`"));
-            let fault = fault.help(format!("the estimates are {}", declared.join(", ")));
-            faults.add(fault.nearest(name, declared.iter().copied()));
         }
         let other = self.x.filter(|x| *x != Parameter::Trial("people"));
         if let (Some(_), Some(x)) = (self.find, other) {

@@ -9,7 +9,7 @@ use toml::de::DeTable;
 
 use crate::env::Family;
 use crate::job::metric::MEAN_RETURN;
-use crate::job::{MetricName, Scalar};
+use crate::job::{CONSTANT, MetricName, Scalar};
 use crate::key::{Kind, Parameter, free_key};
 use crate::manifest::analysis::axis::ERROR_AXIS;
 use crate::manifest::parameter::named;
@@ -21,14 +21,17 @@ use crate::text::{Fault, Faults, Span};
 const MOST_BYTES: u64 = 10_000_000;
 
 /// Columns besides those of parameters.
-const COLUMNS: [&str; 12] = [
+const COLUMNS: [&str; 15] = [
     "subject",
     "competitor",
     "agent",
     "scenario",
     "metric",
+    "estimate",
+    "term",
     "value",
     "sd",
+    "se",
     "p",
     "n",
     "reading_error",
@@ -41,6 +44,25 @@ const COLUMNS: [&str; 12] = [
 pub struct Published {
     /// One row for each number.
     pub rows: Vec<PublishedRow>,
+    /// One for each published estimate.
+    pub estimates: Vec<PublishedEstimate>,
+}
+
+/// A published estimate of an effect.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct PublishedEstimate {
+    /// The name of the estimate in the manifest.
+    pub estimate: String,
+    /// The term of its effect.
+    pub term: String,
+    /// The number.
+    pub value: f64,
+    /// Its standard error.
+    pub standard_error: Option<f64>,
+    /// The two-sided p value of the hypothesis that it is 0.
+    pub p: Option<f64>,
+    /// Half the unit of its last digit, by which the number was rounded.
+    pub rounding: f64,
 }
 
 /// A published number: a mean, or a difference of two means.
@@ -163,14 +185,14 @@ impl Published {
             let span = Span { start: at, end: at };
             Faults::of_text(&path.display().to_string(), text, Fault::at(span, message))
         };
-        read(text).map(|rows| Published { rows }).map_err(fault)
+        read(text).map_err(fault)
     }
 }
 
 /// The rows of a text.
 ///
 /// **Errors**: the first fault, with its place in the text.
-fn read(text: &str) -> Result<Vec<PublishedRow>, (usize, String)> {
+fn read(text: &str) -> Result<Published, (usize, String)> {
     let mut reader =
         ReaderBuilder::new().comment(Some(b'#')).trim(Trim::All).from_reader(text.as_bytes());
     let broken = |error: csv::Error| {
@@ -199,13 +221,49 @@ fn read(text: &str) -> Result<Vec<PublishedRow>, (usize, String)> {
     if !header.iter().any(|name| name == "value") {
         return Err((at, "missing column `value`".to_owned()));
     }
-    let mut rows = Vec::new();
+    let mut published = Published::default();
+    let of_estimate = header.iter().position(|name| name == "estimate");
     for record in reader.records() {
         let record = record.map_err(broken)?;
         let at = record.position().map_or(0, |position| position.byte() as usize);
-        rows.push(row(&header, &parameters, &record).map_err(|says| (at, says))?);
+        let name = of_estimate.and_then(|index| record.get(index)).unwrap_or_default();
+        if name.is_empty() {
+            published.rows.push(row(&header, &parameters, &record).map_err(|says| (at, says))?);
+        } else {
+            let estimate = estimate(name, &header, &record).map_err(|says| (at, says))?;
+            published.estimates.push(estimate);
+        }
     }
-    Ok(rows)
+    Ok(published)
+}
+
+/// The estimate of a record.
+///
+/// **Errors**: a description of the first fault.
+fn estimate(
+    name: &str,
+    header: &StringRecord,
+    record: &StringRecord,
+) -> Result<PublishedEstimate, String> {
+    let cell = |name: &str| {
+        let index = header.iter().position(|known| known == name)?;
+        record.get(index).filter(|text| !text.is_empty())
+    };
+    let number = |name: &str| {
+        let number = |text: &str| text.parse().ok().filter(|number: &f64| number.is_finite());
+        let fault = |text| format!("`{name}`: expected a number, found {text:?}");
+        cell(name).map(|text| number(text).ok_or_else(|| fault(text))).transpose()
+    };
+    let written = cell("value").unwrap_or_default();
+    let decimals = written.split_once('.').map_or(0, |(_, decimals)| decimals.len());
+    Ok(PublishedEstimate {
+        estimate: name.to_owned(),
+        term: cell("term").unwrap_or(CONSTANT).to_owned(),
+        value: number("value")?.ok_or("missing `value`")?,
+        standard_error: number("se")?,
+        p: number("p")?,
+        rounding: 0.5 * 0.1_f64.powi(decimals as i32),
+    })
 }
 
 /// The row of a record.

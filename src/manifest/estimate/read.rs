@@ -2,6 +2,7 @@
 
 use std::collections::HashSet;
 
+use crate::env::recorded;
 use crate::job::{EstimateDeclaration, Estimator, Job, Pooling, STEP, StandardErrors, Treatment};
 use crate::key::{Constraint, KeyType, Parameter, Violation};
 use crate::manifest::declared::Manifest;
@@ -181,6 +182,9 @@ impl Checked<'_> {
             true => jobs.into_iter().find_map(|job| match (&job.trial, job.is_outside()) {
                 (None, _) => Some("it is simulated for the people of a [trial] alone"),
                 (_, true) => Some("an outside program cannot return to an earlier decision"),
+                _ if job.environment.family() == &recorded::FAMILY => {
+                    Some("a trial that happened has no other decisions than those of its file")
+                }
                 (Some(_), false) => None,
             }),
             false => None,

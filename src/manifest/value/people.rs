@@ -6,13 +6,11 @@ use std::io::Read;
 use toml::de::DeValue;
 
 use crate::key::{
-    Column, Content, ContentFault, ContentForm, Distribution, Kind, NumberRange, Rows, Value,
+    Column, Content, ContentFault, ContentForm, Distribution, Kind, MOST_BYTES, NumberRange, Rows,
+    Value,
 };
 use crate::manifest::value::sweep::{Node, Reader};
 use crate::text::{Fault, Span};
-
-/// Maximum size of a file of rows in bytes.
-const MOST_BYTES: u64 = 10_000_000;
 
 impl Reader<'_> {
     /// A distribution of numbers in a range.
@@ -52,7 +50,7 @@ impl Reader<'_> {
             DeValue::String(text) if Rows::is_csv(text) => Rows::from_csv(known, text)
                 .map_err(|error| Fault::at(here, format!("`{name}`: {}", error.says))),
             DeValue::String(file) => self
-                .file(file)
+                .file(file, MOST_BYTES)
                 .and_then(|text| {
                     Rows::from_csv(known, &text)
                         .map_err(|error| format!("`{file}`, {}", error.says))
@@ -97,7 +95,7 @@ impl Reader<'_> {
             _ if written.contains('\n') => (Ok(written.clone().into_owned()), String::new()),
             (Some(text), _) => (Ok(text.to_owned()), of()),
             (_, Some(key)) => (self.run(written, key), of()),
-            _ => (self.file(written), of()),
+            _ => (self.file(written, form.most_bytes), of()),
         };
         let is_missing = text.is_err();
         let is_file = !written.contains('\n') && form.shipped(written).is_none();
@@ -144,7 +142,7 @@ impl Reader<'_> {
     }
 
     /// The text of a file beside the manifest.
-    fn file(&self, name: &str) -> Result<String, String> {
+    fn file(&self, name: &str, most: u64) -> Result<String, String> {
         let path = self.folder.join(name);
         let shown = path.display();
         let unreadable = |reason: &str| format!("`{shown}` cannot be read: {reason}");
@@ -155,11 +153,14 @@ impl Reader<'_> {
         }
         let mut text = String::new();
         let file = File::open(&path).map_err(|error| unreadable(&error.to_string()))?;
-        let read = file.take(MOST_BYTES + 1).read_to_string(&mut text);
+        let read = file.take(most + 1).read_to_string(&mut text);
         read.map_err(|error| unreadable(&error.to_string()))?;
-        if text.len() as u64 > MOST_BYTES {
-            return Err(unreadable(&format!("it is larger than {MOST_BYTES} bytes")));
+        if text.len() as u64 > most {
+            return Err(unreadable(&format!("it is larger than {most} bytes")));
         }
-        Ok(text.trim_start_matches('\u{feff}').to_owned())
+        if text.starts_with('\u{feff}') {
+            text.replace_range(..'\u{feff}'.len_utf8(), "");
+        }
+        Ok(text)
     }
 }

@@ -4,13 +4,16 @@ mod action_choice;
 mod contrast;
 mod curve;
 mod days;
+mod effects;
 mod forest;
 mod heat_map;
 mod inference_error;
 mod learned;
 mod learning_curve;
 mod operating;
+mod randomisation;
 mod recovery;
+mod replay;
 mod shrinkage;
 
 use super::data_table::{DataTable, p_value, shown, shown_ends, signed};
@@ -106,6 +109,9 @@ pub(super) fn drawn(content: &FindingContent) -> &dyn Drawn {
         FindingContent::Operating(figure) => figure,
         FindingContent::Learned(figure) => figure,
         FindingContent::Shrinkage(figure) => figure,
+        FindingContent::Randomisation(figure) => figure,
+        FindingContent::Effects(figure) => figure,
+        FindingContent::Replay(figure) => figure,
         FindingContent::InferenceError(figure) => figure,
     }
 }

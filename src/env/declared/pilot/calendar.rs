@@ -8,14 +8,14 @@ use crate::env::declared::pilot::terms::PilotPerson;
 use crate::text::shortened;
 
 /// Stands for a decision that the file skips.
-pub(super) const SKIPPED: u32 = u32::MAX;
+pub(in crate::env) const SKIPPED: u32 = u32::MAX;
 /// A person may have this many decisions per row, and this many more.
 const MOST_PER_ROW: f64 = 20.0;
 const MOST_MORE: f64 = 1000.0;
 
 /// The decisions of a file, person by person.
 #[derive(Debug, Default)]
-pub(super) struct Calendar {
+pub(in crate::env) struct Calendar {
     pub people: Vec<PilotPerson>,
     /// \[decisions\]: the row, or [`SKIPPED`].
     pub rows: Vec<u32>,
@@ -53,7 +53,7 @@ impl Calendar {
                 (Some(day), Some(slot)) => {
                     if !(0.0..f64::from(per_day)).contains(&slot) {
                         let most = per_day - 1;
-                        faults.add(format!("line {line}: the decision of the day is {slot}, expected 0 to {most}, because the model has `decisions_per_day = {per_day}`"));
+                        faults.add(format!("line {line}: the decision of the day is {slot}, expected 0 to {most}, because `decisions_per_day` is {per_day}"));
                     }
                     day * f64::from(per_day) + slot
                 }

@@ -9,7 +9,7 @@ use crate::env::declared::expression::Expression;
 use crate::env::declared::grammar;
 use crate::env::declared::numbers;
 use crate::env::declared::pilot::section::WrittenColumn;
-use crate::text::{Fault, Span, nearest, shortened};
+use crate::text::{Fault, FaultList, Span, nearest, shortened};
 
 /// Texts that stand for a missing number.
 const MISSING: [&str; 6] = ["", "NA", "NaN", "nan", "NULL", "."];
@@ -27,15 +27,25 @@ impl DataFaults {
     /// Maximum number of faults that are shown.
     const MOST: usize = 30;
 
-    pub(super) fn add(&mut self, says: impl Into<String>) {
+    pub(in crate::env) fn add(&mut self, says: impl Into<String>) {
         self.count += 1;
         if self.says.len() < Self::MOST {
             self.says.push(says.into());
         }
     }
 
-    pub(super) fn is_empty(&self) -> bool {
+    pub(in crate::env) fn is_empty(&self) -> bool {
         self.count == 0
+    }
+
+    /// The faults as those of a file that a manifest names.
+    pub(in crate::env) fn list(&self) -> FaultList {
+        let mut list = FaultList::default();
+        self.says.iter().for_each(|says| list.add(Fault::whole(says.clone())));
+        if self.count > self.says.len() {
+            list.add(Fault::whole(format!("and {} more faults", self.count - self.says.len())));
+        }
+        list
     }
 
     /// The faults, each a line that begins with the name of the file.
@@ -53,7 +63,7 @@ impl DataFaults {
 
 /// The names of a file's columns.
 #[derive(Debug)]
-pub(super) struct Header {
+pub(in crate::env) struct Header {
     names: Vec<String>,
     /// The names as expressions write them.
     words: Vec<String>,
@@ -61,14 +71,18 @@ pub(super) struct Header {
 
 /// An expression of columns.
 #[derive(Clone, Debug)]
-pub(super) enum ColumnFormula {
+pub(in crate::env) enum ColumnFormula {
     Column(usize),
-    Expression(Expression, Vec<FormulaName>),
+    Expression(ColumnExpression),
 }
+
+/// An expression with the meanings of its names.
+#[derive(Clone, Debug)]
+pub(in crate::env) struct ColumnExpression(Expression, Vec<FormulaName>);
 
 /// What a name in an expression of columns means.
 #[derive(Clone, Copy, Debug)]
-pub(super) enum FormulaName {
+pub(in crate::env) enum FormulaName {
     Column(usize),
     Missing,
     Step,
@@ -125,7 +139,7 @@ impl Header {
                 _ => return Err(self.unknown(&name.text, written.span)),
             });
         }
-        Ok(ColumnFormula::Expression(expression, names))
+        Ok(ColumnFormula::Expression(ColumnExpression(expression, names)))
     }
 
     fn unknown(&self, name: &str, span: Span) -> Fault {
@@ -147,7 +161,7 @@ impl ColumnFormula {
     pub fn columns(&self) -> Vec<usize> {
         match self {
             ColumnFormula::Column(index) => vec![*index],
-            ColumnFormula::Expression(_, names) => {
+            ColumnFormula::Expression(ColumnExpression(_, names)) => {
                 let column = |name: &FormulaName| match name {
                     FormulaName::Column(index) => Some(*index),
                     FormulaName::Missing | FormulaName::Step => None,
@@ -161,7 +175,7 @@ impl ColumnFormula {
     pub fn value(&self, table: &RecordedRows, row: usize, step: usize) -> f64 {
         match self {
             ColumnFormula::Column(index) => table.number(*index, row),
-            ColumnFormula::Expression(expression, names) => {
+            ColumnFormula::Expression(ColumnExpression(expression, names)) => {
                 let name = |index: usize| match names[index] {
                     FormulaName::Column(column) => Some(table.number(column, row)),
                     FormulaName::Missing => Some(f64::NAN),
@@ -176,7 +190,7 @@ impl ColumnFormula {
 
 /// The rows of a file.
 #[derive(Debug)]
-pub(super) struct RecordedRows {
+pub(in crate::env) struct RecordedRows {
     pub header: Header,
     /// By column of the file; empty where the column is not used, else \[rows\], NaN for a missing number.
     numbers: Vec<Vec<f64>>,
@@ -189,7 +203,7 @@ pub(super) struct RecordedRows {
 }
 
 impl RecordedRows {
-    fn number(&self, column: usize, row: usize) -> f64 {
+    pub(in crate::env) fn number(&self, column: usize, row: usize) -> f64 {
         self.numbers[column][row]
     }
 }
@@ -197,7 +211,7 @@ impl RecordedRows {
 /// The header of a file.
 ///
 /// **Errors**: it has none, two columns of one name, or fields that other signs separate.
-pub(super) fn header(reader: &mut csv::Reader<impl Read>) -> Result<Header, DataFaults> {
+pub(in crate::env) fn header(reader: &mut csv::Reader<impl Read>) -> Result<Header, DataFaults> {
     let mut faults = DataFaults::default();
     let names = match reader.headers() {
         Ok(names) => names.clone(),
@@ -230,7 +244,7 @@ pub(super) fn header(reader: &mut csv::Reader<impl Read>) -> Result<Header, Data
 }
 
 /// A reader of a CSV file.
-pub(super) fn reader<R: Read>(from: R) -> csv::Reader<R> {
+pub(in crate::env) fn reader<R: Read>(from: R) -> csv::Reader<R> {
     csv::ReaderBuilder::new().trim(csv::Trim::All).from_reader(from)
 }
 
@@ -250,7 +264,7 @@ fn broken(error: &csv::Error) -> String {
 /// Reads the rows: the column of people, and these columns as numbers.
 ///
 /// **Errors**: every fault of the rows.
-pub(super) fn rows(
+pub(in crate::env) fn rows(
     reader: &mut csv::Reader<impl Read>,
     header: Header,
     person: usize,

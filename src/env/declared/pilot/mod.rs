@@ -16,7 +16,11 @@ mod simulated;
 mod sources;
 mod terms;
 
+// A recorded trial reads such files, too.
+pub(in crate::env) use calendar::{Calendar, SKIPPED};
 pub use file::DataFaults;
+pub(in crate::env) use file::{ColumnFormula, Header, RecordedRows, header, reader, rows};
+pub(in crate::env) use section::WrittenColumn;
 pub use section::{EffectSource, FitMethod};
 pub use simulated::{LongRun, PilotWorld, SimulatedDecisions};
 pub use terms::{

@@ -7,7 +7,7 @@ use crate::text::{Fault, FaultList, Span, document};
 
 /// An expression of the file's columns, as it is written.
 #[derive(Clone, Debug)]
-pub(super) struct WrittenColumn {
+pub(in crate::env) struct WrittenColumn {
     pub text: String,
     pub span: Span,
 }

@@ -1,0 +1,36 @@
+//! Counts of actions beside their probabilities, as a store keeps them.
+
+use serde::{Deserialize, Serialize};
+
+/// Counts of the available decisions whose action and probability are known.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct Randomisation {
+    /// The counts by what decisions are grouped by, all decisions first.
+    pub groupings: Vec<Grouping>,
+    /// Numbers of decisions and people that bear on the randomisation, each with what it counts.
+    pub counts: Vec<(String, u64)>,
+}
+
+/// Counts of decisions in groups.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Grouping {
+    /// What decisions are grouped by.
+    pub by: String,
+    /// The groups, in their order.
+    pub groups: Vec<DrawnGroup>,
+}
+
+/// Decisions that are alike.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct DrawnGroup {
+    /// What they have in common.
+    pub name: String,
+    /// Their number.
+    pub decisions: u64,
+    /// The number of actions above 0.
+    pub taken: u64,
+    /// The sum of their probabilities p of such an action.
+    pub expected: f64,
+    /// The sum of p (1 - p).
+    pub variance: f64,
+}

@@ -1,0 +1,320 @@
+//! `[data]`: a trial that happened, in the place of `[environment]`.
+//!
+//! The table is read as an environment of the family `recorded`. What the file says of the trial need not be written:
+//! its people and their days, an agent that repeats the recorded actions, and that decisions are stored.
+
+use std::borrow::Cow;
+
+use toml::Spanned;
+use toml::de::{DeTable, DeValue};
+
+use crate::agent::{Algorithm, DecisionRule, UNAVAILABLE, Unavailable};
+use crate::env::Scenario;
+use crate::env::recorded::{DATA, FAMILY, LIST, RecordedLog, RecordedModel};
+use crate::job::{Condition, EvaluatedOn, MetricName, RecordedDecisions, STAYS};
+use crate::key::{Content, Key, Parameter, SectionName, Value};
+use crate::manifest::analysis::declared::{Analysis, AnalysisDraft};
+use crate::manifest::analysis::figure_keys::FigureKeys;
+use crate::manifest::analysis::forms::NameList;
+use crate::manifest::analysis::kind::{AnalysisKind, Effects, Randomisation};
+use crate::manifest::declared::{DeclaredAgent, Manifest};
+use crate::manifest::draft::{AgentDraft, Draft, Settings};
+use crate::manifest::section::Section;
+use crate::manifest::value::free;
+use crate::manifest::value::sweep::Node;
+use crate::text::{Fault, FaultList, Located, Span};
+
+/// The name of the agent that repeats the recorded actions, where none is declared.
+const RECORDED: &str = "recorded";
+
+/// The most people of a trial.
+const MOST_PEOPLE: usize = 10_000;
+
+/// The keys of `[trial]` that a file answers.
+const ANSWERED: [&str; 4] = ["dropout", "missing_outcomes", "unreported", "people_file"];
+
+/// The document with its `[data]` as an environment.
+pub(super) fn unfolded<'r, 't>(
+    root: &'r DeTable<'t>,
+    faults: &mut FaultList,
+) -> Cow<'r, DeTable<'t>> {
+    let Some((key, node)) = root.get_key_value(DATA) else { return Cow::Borrowed(root) };
+    if let Some(other) = root.get("environment") {
+        let says = "a manifest has [environment] or [data], not both";
+        faults.add(Fault::at(other.span().into(), says).help("remove one of the two tables"));
+    }
+    let mut unfolded = DeTable::new();
+    for (other, node) in root.iter().filter(|(other, _)| *other != key) {
+        if other.get_ref() != "environment" {
+            unfolded.insert(other.clone(), node.clone());
+        }
+    }
+    let mut node = node.clone();
+    if let DeValue::Table(table) = node.get_mut() {
+        table.iter_mut().for_each(|(_, node)| join(node));
+        let family = Spanned::new(key.span(), DeValue::String(FAMILY.name.into()));
+        table.insert(Spanned::new(key.span(), free::FAMILY.into()), family);
+    }
+    unfolded.insert(Spanned::new(key.span(), "environment".into()), node);
+    Cow::Owned(unfolded)
+}
+
+/// Makes a list of texts, or a table of texts by name, one text.
+fn join(node: &mut Node<'_>) {
+    let text = |node: &Node<'_>| node.get_ref().as_str().map(str::to_owned);
+    let joined: Option<Vec<String>> = match node.get_ref() {
+        DeValue::Array(list) if !list.is_empty() => list.iter().map(text).collect(),
+        DeValue::Table(table) => {
+            let mut entries: Vec<_> = table.iter().collect();
+            entries.sort_by_key(|(name, _)| name.span().start);
+            let entry = |(name, node): (&Spanned<_>, &Node<'_>)| {
+                Some(format!("{} = {}", name.get_ref(), text(node)?))
+            };
+            entries.into_iter().map(entry).collect()
+        }
+        _ => None,
+    };
+    if let Some(joined) = joined {
+        *node = Spanned::new(node.span(), DeValue::String(joined.join(LIST).into()));
+    }
+}
+
+/// Completes a draft of the family `recorded` by what its file says.
+pub(super) fn complete(draft: &mut Draft, faults: &mut FaultList) {
+    if draft.family() != &FAMILY {
+        return;
+    }
+    let environment = &draft.sections[SectionName::Environment];
+    let span = environment.span.unwrap_or(Span { start: 0, end: 0 });
+    let files =
+        environment.section.find("file").and_then(|(index, _)| environment.given.get(&index));
+    if let Some(files) = files.filter(|files| files.value.len() > 1) {
+        let says = "`file`: a manifest is about one recorded trial, and a list names several";
+        faults.add(Fault::at(files.span, says).help("write a manifest for each"));
+    }
+    let located = |value| Located { value: vec![value], span };
+    draft.scenarios.get_or_insert(located(Value::Text(Scenario::all().to_string())));
+    draft.seeds.get_or_insert(located(Value::Integer(1)));
+    let agents: Vec<String> =
+        draft.agents.iter().filter(|one| is_recorded(one)).map(named).collect();
+    if agents.is_empty() {
+        draft.agents.insert(0, recorded_agent(span));
+    }
+    let agents = if agents.is_empty() { vec![RECORDED.to_owned()] } else { agents };
+    for estimate in &mut draft.estimates {
+        let is_of_policy = estimate.estimate.declaration.estimator.word() == "value";
+        if !is_of_policy && estimate.estimate.agents.is_none() {
+            estimate.estimate.agents = Some(agents.clone());
+        }
+    }
+    analyses(draft, &agents, span);
+    let has_trial = draft.sections[SectionName::Trial].section.is_declared();
+    let evaluation = &mut draft.sections[SectionName::Evaluation];
+    give(evaluation, "record_decisions", Value::Choice(RecordedDecisions::Test.word()), span);
+    if has_trial {
+        give(evaluation, "on", Value::Choice(EvaluatedOn::Trial.word()), span);
+    }
+    let Some(model) = first(&draft.sections[SectionName::Environment]) else { return };
+    let Some(log) = model.log() else { return };
+    if !has_trial {
+        let people = Value::Integer(log.people.len() as u64);
+        give(&mut draft.sections[SectionName::Evaluation], "test_episodes", people, span);
+        return;
+    }
+    trial(&mut draft.sections[SectionName::Trial], log, faults);
+}
+
+/// Adds what the report of every recorded trial has.
+fn analyses(draft: &mut Draft, agents: &[String], span: Span) {
+    let has = |draft: &Draft, word: &str| {
+        draft.analyses.iter().any(|one| one.analysis.kind.word() == word)
+    };
+    let conditions = vec![Condition::texts(Parameter::AGENT_NAME, agents)];
+    let add = |draft: &mut Draft, kind: AnalysisKind, title: &str, conditions: Vec<Condition>| {
+        if has(draft, kind.word()) {
+            return;
+        }
+        let mut name = kind.word().to_owned();
+        while draft.analyses.iter().any(|one| one.analysis.name == name) {
+            name.push('-');
+        }
+        let analysis = Analysis {
+            name,
+            title: Some(title.to_owned()),
+            metric: MetricName::default(),
+            participants: None,
+            conditions,
+            figure: FigureKeys::default(),
+            kind,
+        };
+        draft.analyses.push(AnalysisDraft {
+            index: draft.analyses.len(),
+            analysis,
+            conditions: Vec::new(),
+            participants: None,
+            panels: Vec::new(),
+            axes: Vec::new(),
+            span,
+        });
+    };
+    let drawn = AnalysisKind::Randomisation(Randomisation {});
+    add(draft, drawn, "Was it randomised as recorded?", conditions);
+    if !draft.estimates.is_empty() {
+        let effects = AnalysisKind::Effects(Effects { estimates: NameList(Vec::new()) });
+        add(draft, effects, "Estimates", Vec::new());
+    }
+}
+
+fn named(agent: &AgentDraft) -> String {
+    agent.name.value.clone()
+}
+
+/// Whether an agent repeats the recorded actions.
+fn is_recorded(agent: &AgentDraft) -> bool {
+    let rule = agent.settings.section.find("rule");
+    let rule = rule.and_then(|(index, _)| agent.settings.given.get(&index));
+    rule.is_some_and(|rule| rule.value == [Value::Choice(DecisionRule::Recorded.word())])
+}
+
+fn recorded_agent(span: Span) -> AgentDraft {
+    let algorithm = Algorithm::named("rule").expect("rules are an algorithm");
+    let mut settings = Settings::new(Section::Agent(algorithm));
+    give(&mut settings, "rule", Value::Choice(DecisionRule::Recorded.word()), span);
+    let name = Located { value: RECORDED.to_owned(), span };
+    AgentDraft { name, label: None, algorithm, settings }
+}
+
+/// Gives a key that a manifest does not have a value.
+fn give(settings: &mut Settings, key: &str, value: Value, span: Span) {
+    if let Some((index, _)) = settings.section.find(key) {
+        settings.given.entry(index).or_insert(Located { value: vec![value], span });
+    }
+}
+
+/// The environment with the first value of each key; `None` if one is missing or faulty.
+fn first(settings: &Settings) -> Option<RecordedModel> {
+    let value = |(index, key): (usize, &Key)| match settings.given.get(&index) {
+        Some(given) => given.value.first().cloned(),
+        None => key.default(),
+    };
+    let values: Option<Vec<Value>> = FAMILY.keys.iter().enumerate().map(value).collect();
+    (FAMILY.read)(&FAMILY, &values?, &[])?.model().cloned()
+}
+
+/// What was found in the file of a manifest that is no fault, as fragments.
+pub(super) fn notes(manifest: &Manifest) -> Vec<String> {
+    if manifest.family() != &FAMILY {
+        return Vec::new();
+    }
+    let parameters = manifest.sections[SectionName::Environment].iter();
+    let values: Option<Vec<Value>> =
+        parameters.map(|(_, values)| values.first().cloned()).collect();
+    let environment = values.and_then(|values| (FAMILY.read)(&FAMILY, &values, &[]));
+    let model: Option<&RecordedModel> = environment.as_ref().and_then(|of| of.model());
+    model.and_then(RecordedModel::log).map_or_else(Vec::new, |log| log.notes.clone())
+}
+
+/// Completes `[trial]`, and reports what contradicts the file.
+fn trial(settings: &mut Settings, log: &RecordedLog, faults: &mut FaultList) {
+    for key in ANSWERED {
+        if let Some(span) = settings.differs(key) {
+            let says = format!("`{key}` is for simulated people, and the file says what happened");
+            faults.add(Fault::at(span, says).help("remove it"));
+        }
+    }
+    let span = settings.span.unwrap_or(Span { start: 0, end: 0 });
+    let people = log.people.len();
+    if people > MOST_PEOPLE {
+        let says = format!("the file has {people} people; a replay has at most {MOST_PEOPLE}");
+        faults.add(Fault::at(span, says).help("replay a part of the people"));
+    }
+    if let Some(own) = settings.span_of("people")
+        && settings.section.find("people").is_some_and(|(index, _)| {
+            settings.given[&index].value != [Value::Integer(people as u64)]
+        })
+    {
+        let says = format!("`people`: the file has {people} people");
+        faults.add(Fault::at(own, says).help("remove it"));
+    }
+    let enters = ["entry", "entry_every_days", "entry_people", "entry_first_day"];
+    let has_calendar = log.stays().any(|(start, _)| start > 0);
+    if has_calendar && enters.iter().all(|key| settings.span_of(key).is_none()) {
+        let rows = log.stays().map(|(start, end)| format!("{start},{end}\n"));
+        let text = format!("start_day,end_day\n{}", rows.collect::<String>());
+        if let Ok(entry) = Content::read(&STAYS, &text) {
+            give(settings, "entry", Value::Content(entry), span);
+        }
+    }
+    let per_day = u64::from(log.per_day);
+    give(settings, "people", Value::Integer(people as u64), span);
+    give(settings, "days", Value::Integer(u64::from(log.horizon()) / per_day), span);
+    give(settings, "decisions_per_day", Value::Integer(per_day), span);
+}
+
+/// Reports agents that cannot replay a recorded trial.
+pub(super) fn check(draft: &Draft, manifest: &Manifest, faults: &mut FaultList) {
+    if manifest.family() != &FAMILY {
+        return;
+    }
+    let model = first(&draft.sections[SectionName::Environment]);
+    let log = model.as_ref().and_then(RecordedModel::log);
+    for (declared, agent) in manifest.agents.iter().zip(&draft.agents) {
+        let name = &declared.name;
+        let mut fault = |says: String, help: &str| {
+            faults.add(Fault::at(agent.name.span, format!("agent `{name}`: {says}")).help(help));
+        };
+        match declared.algorithm.name() {
+            "rule" => {}
+            "linear_thompson" => {
+                if !manifest.has_trial() {
+                    let says = "it learns at the updates of a trial, and the manifest has no [trial]";
+                    fault(says.to_owned(), "write [trial] with `update_every_days`, such as 1");
+                }
+                if let Some(says) = log.and_then(|log| lacking(manifest, declared, log)) {
+                    fault(says, "give the number a value there, as in \"default(log(steps), 0)\"");
+                }
+            }
+            _ if declared.algorithm.is_external() => fault(
+                "an outside program cannot replay a recorded trial: it answers for decisions that it makes itself"
+                    .to_owned(),
+                ABLE,
+            ),
+            other => {
+                fault(format!("{other} cannot replay a recorded trial: it learns from episodes that it plays itself"), ABLE);
+            }
+        }
+    }
+}
+
+/// What to write instead of an agent that cannot replay.
+const ABLE: &str =
+    "agents that can: linear_thompson, and the rules \"recorded\", \"random\" and \"never\"";
+
+/// What an agent observes that some decisions lack.
+fn lacking(manifest: &Manifest, agent: &DeclaredAgent, log: &RecordedLog) -> Option<String> {
+    let history = manifest.values(agent, Parameter::Agent("history")).unwrap_or_default();
+    if history.iter().any(|value| *value != Value::Integer(1)) {
+        return Some("a replay shows the present decision alone: write history = 1".to_owned());
+    }
+    let unavailable = manifest.values(agent, Parameter::Agent(UNAVAILABLE)).unwrap_or_default();
+    let chosen = Value::Choice(Unavailable::Chosen.word());
+    if unavailable.contains(&chosen) && log.can_withhold() {
+        return Some(
+            "with unavailable = \"chosen\" it learns from choices that were not taken, which no file has"
+                .to_owned(),
+        );
+    }
+    let is_shown = |name: &str| {
+        let mut scenarios = manifest.scenarios();
+        scenarios.any(|scenario: Scenario| {
+            scenario.names().is_none_or(|mut names| names.any(|known| known == name))
+        })
+    };
+    let mut names = log.names.iter().enumerate().filter(|(_, name)| is_shown(name));
+    names.find_map(|(index, name)| {
+        let (count, line) = log.lacking(index)?;
+        Some(format!(
+            "it observes `{name}`, which {count} decisions of the file lack, the first in line {line}"
+        ))
+    })
+}

@@ -1,0 +1,128 @@
+//! `jitai decide`: actions of an exported bandit for a table of states, and what it learns from a log.
+
+use crate::support::Folder;
+
+/// A bandit that never learned in its trial, with its policy beside one that learned.
+fn folder(agent: &str) -> Folder {
+    let trial = |name: &str, every: u32, people: u32| {
+        format!(
+            "format = 1\nname = \"{name}\"\nscenarios = [\"C-H\"]\nseeds = [3]\nenvironment.sigma = 0.4\n\
+             environment.horizon = 8\ntrial = {{ people = {people}, days = 8, update_every_days = {every} }}\n\
+             evaluation = {{ on = \"trial\", record_decisions = \"test\" }}\n[[agent]]\nname = \"a\"\n\
+             algorithm = \"linear_thompson\"\nnoise_sd = 40.0\npi_min = 0.05\n{agent}\n"
+        )
+    };
+    let folder = Folder::completed(&trial("t", 0, 6));
+    let key =
+        folder.jitai(["query", "SELECT job_key FROM run_summary", "--format", "csv"]).succeeded();
+    let key = key.stdout.lines().nth(1).unwrap().to_owned();
+    folder.jitai(["export", "--policy", &key, "--out", "learned"]).succeeded();
+    // The same agent before any data: a policy whose posterior is the prior.
+    let mut about: serde_json::Value =
+        serde_json::from_str(&folder.read("learned/policy.json")).unwrap();
+    for matrix in about["posterior"]["precision"].as_array_mut().unwrap() {
+        for (row, numbers) in matrix.as_array_mut().unwrap().iter_mut().enumerate() {
+            for (column, number) in numbers.as_array_mut().unwrap().iter_mut().enumerate() {
+                *number = if row == column { 0.01.into() } else { 0.0.into() };
+            }
+        }
+    }
+    for mean in about["posterior"]["mean"].as_array_mut().unwrap() {
+        mean.as_array_mut().unwrap().iter_mut().for_each(|number| *number = 0.0.into());
+    }
+    folder.write("prior.json", about.to_string());
+    let sql = "SELECT json_extract(state, '$.context') AS C, json_extract(state, '$.habituation') AS H, action, reward,
+        json_extract(action_probabilities, '$[1]') AS probability_1, json_extract(action_probabilities, '$[2]') AS probability_2,
+        json_extract(action_probabilities, '$[3]') AS probability_3 FROM decision ORDER BY episode, step";
+    let log = folder.jitai(["query", sql, "--format", "csv"]).succeeded();
+    folder.write("log.csv", log.stdout);
+    folder
+}
+
+fn numbers(folder: &Folder, file: &str, pointer: &str) -> Vec<f64> {
+    let about: serde_json::Value = serde_json::from_str(&folder.read(file)).unwrap();
+    fn collect(value: &serde_json::Value, out: &mut Vec<f64>) {
+        match value {
+            serde_json::Value::Array(list) => list.iter().for_each(|one| collect(one, out)),
+            other => out.extend(other.as_f64()),
+        }
+    }
+    let mut out = Vec::new();
+    collect(about.pointer(pointer).unwrap(), &mut out);
+    out
+}
+
+#[test]
+fn a_log_teaches_what_the_trial_has_learned() {
+    for agent in ["", "action_centring = true"] {
+        let folder = folder(agent);
+        folder
+            .jitai([
+                "decide",
+                "--policy",
+                "prior.json",
+                "--data",
+                "log.csv",
+                "--update",
+                "new.json",
+            ])
+            .succeeded();
+        for of in ["/posterior/precision", "/posterior/mean"] {
+            let (ours, theirs) =
+                (numbers(&folder, "new.json", of), numbers(&folder, "learned/policy.json", of));
+            assert_eq!(ours.len(), theirs.len());
+            let scale = theirs.iter().fold(0.0_f64, |most, one| most.max(one.abs()));
+            for (one, other) in ours.iter().zip(&theirs) {
+                assert!((one - other).abs() < 1e-9 * scale, "{agent}, {of}: {one}, {other}");
+            }
+        }
+        let rows = folder.read("log.csv").lines().count() as f64 - 1.0;
+        assert_eq!(numbers(&folder, "new.json", "/updated/decisions"), [rows]);
+    }
+}
+
+#[test]
+fn decisions_are_drawn_at_their_places() {
+    let folder = folder("");
+    folder.write("states.csv", "H,C\n0.1,0\n0.3,1\n0.2,1\n");
+    let decide = ["decide", "--policy", "learned/policy.json", "--data", "states.csv"];
+    let all = folder.jitai(decide).succeeded().stdout;
+    let lines: Vec<&str> = all.lines().collect();
+    assert_eq!(
+        lines[0],
+        "row,probability_0,probability_1,probability_2,probability_3,action,place"
+    );
+    for (row, line) in lines[1..].iter().enumerate() {
+        let fields: Vec<f64> = line.split(',').map(|field| field.parse().unwrap()).collect();
+        assert!((fields[1..5].iter().sum::<f64>() - 1.0).abs() < 1e-12);
+        assert!(fields[1..5].iter().all(|p| *p >= 0.05 - 1e-12));
+        assert_eq!((fields[0], fields[6]), (row as f64 + 1.0, row as f64));
+    }
+    // Another call draws at the next place what one call would have drawn.
+    folder.write("states.csv", "C,H\n1,0.2\n");
+    let last = folder.jitai(decide.into_iter().chain(["--place", "2"])).succeeded().stdout;
+    let fields = |line: &str| line.split_once(',').unwrap().1.to_owned();
+    assert_eq!(fields(last.lines().nth(1).unwrap()), fields(lines[3]));
+}
+
+#[test]
+fn faults_of_a_table_and_of_a_policy_are_sentences() {
+    let folder = folder("");
+    folder.write("states.csv", "C,H\n1,\nx,0.5\n");
+    let decide = ["decide", "--policy", "learned/policy.json", "--data", "states.csv"];
+    folder.jitai(decide).ended(2).says("line 3: column `C` has `x`, expected a number");
+    folder.write("states.csv", "C,H\n1,\n0,0.5\n");
+    folder.jitai(decide).ended(2).says("line 2: column `H` is empty");
+    folder.write("states.csv", "C,Ha\n1,2\n");
+    folder.jitai(decide).ended(2).says("there is no column `H`");
+    folder.write("log.csv", "C,H,action,reward\n1,0.5,7,1\n");
+    folder
+        .jitai(["decide", "--policy", "prior.json", "--data", "log.csv", "--update", "new.json"])
+        .ended(2)
+        .says("line 2: `action` is 7, expected a whole number from 0 to 3");
+    folder.write("prior.json", "{}");
+    folder
+        .jitai(["decide", "--policy", "prior.json", "--data", "log.csv"])
+        .ended(2)
+        .says("`prior.json`: its `job` cannot be read");
+}

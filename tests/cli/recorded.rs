@@ -1,0 +1,315 @@
+//! Recorded trials: `[data]` in the place of `[environment]`.
+
+use crate::support::Folder;
+
+/// The rows of an answer, without the names of its columns.
+fn answers(folder: &Folder, sql: &str) -> Vec<String> {
+    let answer = folder.jitai(["query", sql, "--format", "csv"]).succeeded();
+    answer.stdout.lines().skip(1).map(str::to_owned).collect()
+}
+
+/// HeartSteps V1, which ships with its data.
+fn heartsteps(more: &str) -> Folder {
+    let folder = Folder::new();
+    let text = include_str!("../../experiments/heartsteps/effects.toml");
+    folder.write("m.toml", format!("{text}{more}"));
+    folder.write("published.csv", include_str!("../../experiments/heartsteps/published.csv"));
+    folder.write("trial_log.csv", include_str!("../../experiments/heartsteps/trial_log.csv"));
+    folder
+}
+
+#[test]
+fn heartsteps_gives_its_published_effects() {
+    let folder = heartsteps("");
+    folder.jitai(["check", "m.toml"]).succeeded().says("7540 decisions of 37 people are used");
+    folder.jitai(["run", "m.toml"]).succeeded();
+    let estimates = answers(
+        &folder,
+        "SELECT name, term, printf('%.4f', estimate), printf('%.4f', standard_error) FROM estimate ORDER BY name, term",
+    );
+    assert_eq!(
+        estimates,
+        ["by day,1,0.5074,0.1505", "by day,day,-0.0185,0.0061", "effect,1,0.1312,0.0674"]
+    );
+    // Every decision is a row, as those of any other job.
+    let counts =
+        "SELECT count(*), count(DISTINCT episode), sum(action), sum(can_send) FROM decision";
+    assert_eq!(answers(&folder, counts), ["7540,37,3594,6061"]);
+    let first =
+        "SELECT step, action, action_probability, round(reward, 9), json_extract(state, '$.day')
+        FROM decision WHERE episode = 1 ORDER BY step LIMIT 1";
+    assert_eq!(answers(&folder, first), ["1,1,0.6,7.178926799,0"]);
+    // Nothing runs twice, whatever the name of the file.
+    folder.write("renamed.csv", folder.read("trial_log.csv").replace('\n', "\r\n"));
+    let again = folder.read("m.toml").replace("trial_log.csv", "renamed.csv");
+    folder.write("m.toml", again);
+    folder.jitai(["run", "m.toml"]).succeeded();
+    assert_eq!(folder.runs(), 1);
+    let changed = folder.read("renamed.csv").replacen("1311.5", "1312.5", 1);
+    folder.write("renamed.csv", changed);
+    folder.jitai(["run", "m.toml", "--replace"]).succeeded();
+    assert_eq!(folder.runs(), 2);
+}
+
+#[test]
+fn a_recorded_trial_is_reported_merged_exported_and_forgotten_as_others_are() {
+    let folder = heartsteps("");
+    folder.jitai(["run", "m.toml"]).succeeded();
+    folder.jitai(["report", "m.toml", "--out", "report"]).succeeded();
+    let page = folder.read("report/index.html");
+    let places = ["Was it randomised as recorded?", "3 of 3 numbers are the published ones"];
+    let places = places.map(|words| page.find(words).unwrap());
+    assert!(places[0] < places[1]);
+    assert!(page.contains("people are numbered, and their names are left in the file"));
+    let tests = folder.read("report/tables/heartsteps-v1-randomisation.csv");
+    // 3594 of 6061 with probability 0.6: z = -1.115 by hand.
+    assert!(tests.contains("\nall,1,6061,0.592971") && tests.contains(",0.26"), "{tests}");
+    folder.jitai(["export", "--out", "views"]).succeeded();
+    assert_eq!(folder.read("views/decision.csv").lines().count(), 7541);
+    folder.jitai(["merge", "jitai.sqlite", "--store", "other.sqlite"]).succeeded();
+    folder.jitai(["doctor", "--store", "other.sqlite"]).succeeded();
+    folder.jitai(["status"]).succeeded();
+    // Written out, with its file, it is the same job.
+    let resolved = folder.jitai(["plan", "m.toml", "--resolved"]).succeeded();
+    folder.write("resolved.toml", resolved.stdout);
+    folder.jitai(["run", "resolved.toml"]).succeeded();
+    assert_eq!(folder.runs(), 1);
+    folder
+        .jitai(["run", "m.toml", "--set", "data.outcome=steps_after", "--set", "name=other"])
+        .ended(2);
+    let unit = ["run", "m.toml", "--set", "unit=\"log of steps\"", "--set", "name=\"other\""];
+    folder.jitai(unit).succeeded();
+    assert_eq!(folder.runs(), 2);
+    folder.jitai(["forget", "other", "--results", "--yes"]).succeeded();
+    folder.jitai(["forget", "heartsteps-v1", "--results", "--yes"]).succeeded();
+    assert_eq!(folder.number("SELECT count(*) FROM decision"), 0);
+}
+
+#[test]
+fn faults_of_the_file_and_of_the_table_are_said_before_anything_runs() {
+    let folder = heartsteps("");
+    let text = folder.read("m.toml");
+    folder.write("m.toml", text.replace("log(steps_after)", "log(steps_afer)"));
+    folder
+        .jitai(["check", "m.toml"])
+        .ended(2)
+        .says("`outcome`: the data have no column `steps_afer`");
+    folder.write("m.toml", text.replace("person = \"person\"\n", ""));
+    folder.jitai(["check", "m.toml"]).ended(2).says("missing key `person` in [data]");
+    folder.write("m.toml", format!("environment.sigma = 1\n{text}"));
+    folder.jitai(["check", "m.toml"]).ended(2).says("[environment] or [data], not both");
+    folder.write("m.toml", text.replace("control = [\"before\"]", "control = [\"befor\"]"));
+    folder.jitai(["check", "m.toml"]).ended(2).says("the recorded state has no `befor`");
+    folder.write("m.toml", &text);
+    let log = folder.read("trial_log.csv");
+    for (broken, said) in [
+        (
+            log.replacen("1311.5", "\"1311,5\"", 1),
+            "line 2: column `steps_after` has `1311,5`, expected a number with a point",
+        ),
+        (
+            log.replacen("1,0,0,2,1", "1,0,2015-08-01,2,1", 1),
+            "line 2: column `day` has `2015-08-01`",
+        ),
+        (
+            log.replacen("1,1,0,3,1,1", "1,1,0,2,1,1", 1),
+            "line 3: the same decision of person 1 as line 2",
+        ),
+        (log.replace(',', ";"), "its fields are separated by semicolons"),
+        (log.replacen("1,0,0,2,1,1", "1,0,0,2,0,1", 1), "line 2: action 1 where `available` is 0"),
+        (log.replacen("1311.5,0.6", "1311.5,1.6", 1), "line 2: `probability` is 1.6"),
+        (
+            log.replacen("1311.5,0.6", "1311.5,0", 1),
+            "line 2: action 1 was taken with the probability 0",
+        ),
+        (log.replacen("1,0,0,2", ",0,0,2", 1), "line 2: column `person` is empty"),
+        (String::new(), "the file is empty"),
+    ] {
+        folder.write("trial_log.csv", broken);
+        let found = folder.jitai(["run", "m.toml"]).ended(2).says(said);
+        assert!(found.stderr.contains("trial_log.csv"), "{}", found.stderr);
+    }
+    assert!(folder.count_if_there("SELECT count(*) FROM run").is_none_or(|runs| runs == 0));
+    // A byte-order mark and quotes are no faults.
+    folder.write("trial_log.csv", format!("\u{feff}{log}"));
+    folder.jitai(["check", "m.toml"]).succeeded();
+}
+
+#[test]
+fn agents_that_cannot_replay_are_refused_in_a_sentence_each() {
+    let agents = "[[agent]]\nname = \"dqn\"\nalgorithm = \"dueling_dqn\"\n[[agent]]\nname = \"mine\"\n\
+                  algorithm = \"external\"\ncommand = [\"./agent\"]\nversion = \"1\"\n[[agent]]\nname = \"bandit\"\n\
+                  algorithm = \"linear_thompson\"\n";
+    let folder = heartsteps(agents);
+    let refused = folder.jitai(["check", "m.toml"]).ended(2);
+    for said in [
+        "agent `dqn`: dueling_dqn cannot replay a recorded trial",
+        "agent `mine`: an outside program cannot replay a recorded trial",
+        "agent `bandit`: it learns at the updates of a trial, and the manifest has no [trial]",
+    ] {
+        assert!(refused.stderr.contains(said), "{said}: {}", refused.stderr);
+    }
+    let folder = heartsteps("[trial]\ndropout = 0.1\npeople = 12\n");
+    let refused = folder.jitai(["check", "m.toml"]).ended(2);
+    for said in ["`dropout` is for simulated people", "`people`: the file has 37 people"] {
+        assert!(refused.stderr.contains(said), "{said}: {}", refused.stderr);
+    }
+    let folder = Folder::with(
+        "format = 1\nname = \"t\"\nscenarios = [\"P\"]\nseeds = 1\nenvironment.sigma = 1\n[[agent]]\nname = \"a\"\n\
+         algorithm = \"rule\"\nrule = \"recorded\"\n",
+    );
+    folder.jitai(["check", "sweep.toml"]).ended(2).says("the manifest has no [data]");
+}
+
+/// A trial of a world that is unavailable now and then, with everything that can happen in one.
+const WORLD: &str = "format = 1\ntitle = \"t\"\ndays = 12\ndecisions_per_day = 2\n[variables]\n\
+    dose = \"0.8 * default(dose[-1], 0) + default(action[-1], 0)\"\nfree = { bernoulli = 0.9 }\n\
+    minutes = { gaussian = [\"2 + action * (1 - 0.4 * dose)\", 1] }\n[roles]\noutcome = \"minutes\"\n\
+    available = \"free\"\nfeatures = [{ name = \"dose\", low = 0, high = 5 }]\n";
+
+fn simulated(pooling: &str, agent: &str) -> String {
+    format!(
+        "format = 1\nname = \"simulated\"\nscenarios = \"all\"\nseeds = [5]\n[environment]\nfamily = \"declared\"\n\
+         model = \"world.toml\"\n[trial]\npeople = 9\ndays = 12\ndecisions_per_day = 2\nentry_every_days = 2\n\
+         entry_people = 3\ndropout = 0.03\nmissing_outcomes = 0.1\nunreported = 0.1\npooling = {pooling}\n\
+         update_every_days = 3\n[evaluation]\non = \"trial\"\nrecord_decisions = \"test\"\n[[agent]]\nname = \"bandit\"\n\
+         algorithm = \"linear_thompson\"\nnoise_sd = 1.0\nprior_sd = 1.0\npi_min = 0.05\n{agent}\n"
+    )
+}
+
+/// The largest difference between a replay and its record.
+fn difference(folder: &Folder) -> f64 {
+    let sql = "SELECT max(abs(action_probability - json_extract(decision.state, '$.recorded_probability'))), count(*)
+        FROM decision JOIN run_summary USING (job_key) WHERE agent = 'replayed'";
+    let found = answers(folder, sql);
+    let (difference, count) = found[0].split_once(',').unwrap();
+    assert!(count.parse::<u32>().unwrap() > 100, "{found:?}");
+    difference.parse().unwrap()
+}
+
+/// A folder in which a trial has been simulated and exported, with the key of its job.
+fn exported(pooling: &str, agent: &str) -> Folder {
+    let folder = Folder::new();
+    folder.write("world.toml", WORLD);
+    folder.write("sweep.toml", simulated(pooling, agent));
+    folder.jitai(["run", "sweep.toml"]).succeeded();
+    let key = answers(&folder, "SELECT job_key FROM run_summary")[0].clone();
+    folder.jitai(["export", "--data", &key[..9], "--out", "log"]).succeeded();
+    folder
+}
+
+#[test]
+fn every_bandit_repeats_its_trial_when_it_is_read_back() {
+    let (clipped, logistic) = ("allocation = \"clipped\"", "allocation = \"logistic\"");
+    let centred = "action_centring = true";
+    for (pooling, agent) in [
+        ("\"full\"", ""),
+        ("\"full\"", centred),
+        ("\"full\"", "smoothing = 0.1"),
+        ("\"full\"", clipped),
+        ("\"none\"", logistic),
+        ("\"none\"", centred),
+        ("\"partial\"", "person_sd = 0.5"),
+        ("\"partial\"", "action_centring = true\nperson_sd = \"estimated\""),
+        ("4", clipped),
+    ] {
+        let folder = exported(pooling, agent);
+        folder.jitai(["run", "log/trial.toml"]).succeeded();
+        let found = difference(&folder);
+        assert!(found < 1e-12, "{pooling}, {agent}: {found:e}");
+        folder.jitai(["report", "log/trial.toml", "--out", "report"]).succeeded();
+        let page = folder.read("report/index.html");
+        assert!(page.contains("repeats the record"), "{pooling}, {agent}");
+        assert!(page.contains("Was it randomised as recorded?"));
+    }
+}
+
+#[test]
+fn updates_that_lag_forget_and_pause_are_replayed() {
+    let folder = exported("\"full\"", "");
+    for keys in [
+        "update_first_day = 5\nupdate_lag_days = 1",
+        "update_data = \"in_study\"\noutage = [4, 9]",
+        "update_first_with_people = 4",
+    ] {
+        let text = simulated("\"full\"", "")
+            .replace("update_every_days = 3", &format!("update_every_days = 2\n{keys}"));
+        folder.write("sweep.toml", text);
+        folder.jitai(["run", "sweep.toml", "--replace"]).succeeded();
+        let sql = "SELECT job_key FROM run_summary WHERE agent = 'bandit' ORDER BY started_at DESC";
+        let key = answers(&folder, sql)[0].clone();
+        folder.jitai(["export", "--data", &key, "--out", "log"]).succeeded();
+        let text = folder
+            .read("log/trial.toml")
+            .replace("name = \"recorded", &format!("name = \"{}", &key[..6]));
+        folder.write("log/trial.toml", text);
+        folder.jitai(["run", "log/trial.toml"]).succeeded();
+        assert!(difference(&folder) < 1e-12, "{keys}");
+    }
+}
+
+#[test]
+fn a_changed_outcome_is_found_at_the_first_update_after_it() {
+    let folder = exported("\"full\"", "");
+    // An outcome that reached the agent, on day 4; updates come every 3 days.
+    let log = folder.read("log/trial.csv");
+    let names: Vec<&str> = log.lines().next().unwrap().split(',').collect();
+    let index = |name: &str| names.iter().position(|known| *known == name).unwrap();
+    let is_meant = |fields: &[&str]| {
+        fields[index("calendar_day")] == "4"
+            && fields[index("available")] == "1"
+            && fields[index("reached")] == "1"
+    };
+    let mut is_changed = false;
+    let lines = log.lines().map(|line| {
+        let mut fields: Vec<&str> = line.split(',').collect();
+        if !is_changed && is_meant(&fields) {
+            is_changed = true;
+            fields[index("outcome")] = "9.5";
+        }
+        fields.join(",")
+    });
+    let changed: Vec<String> = lines.collect();
+    folder.write("log/trial.csv", changed.join("\n"));
+    folder.jitai(["run", "log/trial.toml"]).succeeded();
+    assert!(difference(&folder) > 1e-6);
+    folder.jitai(["report", "log/trial.toml", "--out", "report"]).succeeded();
+    assert!(folder.read("report/index.html").contains("first differs on day 6 at decision"));
+}
+
+#[test]
+fn a_job_without_decisions_or_with_hidden_features_says_what_it_lacks() {
+    let folder = Folder::completed(
+        "format = 1\nname = \"t\"\nscenarios = [\"T\"]\nseeds = 1\nenvironment.sigma = 1\nenvironment.horizon = 6\n\
+         trial = { people = 3, days = 6 }\nevaluation.on = \"trial\"\n[[agent]]\nname = \"a\"\n\
+         algorithm = \"linear_thompson\"\n",
+    );
+    let key = answers(&folder, "SELECT job_key FROM run_summary")[0].clone();
+    folder.jitai(["export", "--data", &key, "--out", "log"]).ended(2).says("stores no decisions");
+    let text = folder.read("sweep.toml").replace(
+        "evaluation.on = \"trial\"",
+        "evaluation = { on = \"trial\", record_decisions = \"test\" }",
+    );
+    folder.write("sweep.toml", &text);
+    folder.jitai(["run", "sweep.toml", "--replace"]).succeeded();
+    let sql = "SELECT job_key FROM decision LIMIT 1";
+    let key = answers(&folder, sql)[0].clone();
+    folder
+        .jitai(["export", "--data", &key, "--out", "log"])
+        .succeeded()
+        .says("lacks what the scenario T shows, so that the agent is not replayed");
+    folder.jitai(["run", "log/trial.toml"]).succeeded();
+    let rows = folder.read("log/trial.csv").lines().count() - 1;
+    assert_eq!(folder.number("SELECT count(*) FROM decision"), 2 * rows as i64);
+    // What the scenario shows is there in another one.
+    folder.write("sweep.toml", text.replace("\"T\"", "\"P-H\""));
+    folder.jitai(["run", "sweep.toml", "--replace"]).succeeded();
+    let sql = "SELECT job_key FROM run_summary WHERE scenario = 'P-H'";
+    let key = answers(&folder, sql)[0].clone();
+    folder.jitai(["export", "--data", &key, "--out", "log"]).succeeded();
+    folder.jitai(["run", "log/trial.toml"]).succeeded();
+    let sql = "SELECT max(abs(action_probability - json_extract(decision.state, '$.recorded_probability'))) < 1e-12
+        FROM decision JOIN run_summary USING (job_key) WHERE agent = 'replayed'";
+    assert_eq!(answers(&folder, sql), ["1"]);
+    folder.jitai(["export", "--data", "fffffff", "--out", "log"]).ended(2);
+}
