@@ -7,6 +7,7 @@ use std::path::Path;
 
 use crate::agent::LinearThompson;
 use crate::cli::{Error, Exit, folder, simulate};
+use crate::env::recorded::RECORDED_PROBABILITY;
 use crate::job::{Decision, Job, Trial};
 use crate::key::{Key, Keyed, Value};
 use crate::store::Reader;
@@ -27,8 +28,8 @@ const ANSWERED: [&str; 12] = [
     "reached",
 ];
 
-/// Names of the recorded state of a trial that are columns of their own.
-const OWN: [&str; 3] = ["calendar_day", "policy", "reached"];
+/// Names of the recorded state of a trial that are columns of their own, or follow from others.
+const OWN: [&str; 4] = ["calendar_day", "policy", "reached", RECORDED_PROBABILITY];
 
 /// Writes `trial.csv` and `trial.toml`.
 pub(super) fn write(reader: &Reader, key: &str, out: &Path) -> Result<Exit, Error> {

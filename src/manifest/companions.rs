@@ -132,6 +132,7 @@ mod tests {
         let trial =
             "[trial]\nentry = \"stays.csv\"\n[environment]\npeople = [\"a.csv\", \"none\"]\n";
         assert_eq!(companions(trial), ["stays.csv", "a.csv"]);
+        assert_eq!(companions("[data]\nfile = \"log.csv\"\nperson = \"id\"\n"), ["log.csv"]);
         let agents = "[[agent]]\nprior_from = [\"pilot/policy.json\", \"run:3f\", \"none\"]\n[[agent]]\nx = 1\n";
         assert_eq!(companions(agents), ["pilot/policy.json"]);
     }

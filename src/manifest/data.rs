@@ -101,11 +101,9 @@ pub(super) fn complete(draft: &mut Draft, faults: &mut FaultList) {
         draft.agents.insert(0, recorded_agent(span));
     }
     let agents = if agents.is_empty() { vec![RECORDED.to_owned()] } else { agents };
+    // Estimates rest on the probabilities by which actions were drawn, which no replay has.
     for estimate in &mut draft.estimates {
-        let is_of_policy = estimate.estimate.declaration.estimator.word() == "value";
-        if !is_of_policy && estimate.estimate.agents.is_none() {
-            estimate.estimate.agents = Some(agents.clone());
-        }
+        estimate.estimate.agents.get_or_insert_with(|| agents.clone());
     }
     analyses(draft, &agents, span);
     let has_trial = draft.sections[SectionName::Trial].section.is_declared();

@@ -81,6 +81,15 @@ fn a_recorded_trial_is_reported_merged_exported_and_forgotten_as_others_are() {
     folder.jitai(unit).succeeded();
     assert_eq!(folder.runs(), 2);
     folder.jitai(["forget", "other", "--results", "--yes"]).succeeded();
+    // Its stored decisions are a recorded trial again, with the same effect.
+    let key = answers(&folder, "SELECT job_key FROM run_summary")[0].clone();
+    folder.jitai(["export", "--data", &key, "--out", "again"]).succeeded();
+    let effect = "\n[[estimate]]\nname = \"effect\"\ncontrol = [\"before\"]\nnumerator = 0.6\n";
+    folder.write("again/trial.toml", folder.read("again/trial.toml") + effect);
+    folder.jitai(["run", "again/trial.toml", "--set", "name=\"again\""]).succeeded();
+    let sql = "SELECT DISTINCT printf('%.9f', estimate) FROM estimate WHERE name = 'effect'";
+    assert_eq!(answers(&folder, sql), ["0.131195276"]);
+    folder.jitai(["forget", "again", "--results", "--yes"]).succeeded();
     folder.jitai(["forget", "heartsteps-v1", "--results", "--yes"]).succeeded();
     assert_eq!(folder.number("SELECT count(*) FROM decision"), 0);
 }

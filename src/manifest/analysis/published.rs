@@ -407,6 +407,19 @@ mod tests {
     }
 
     #[test]
+    fn estimates_are_known_by_their_names_and_terms() {
+        let text = "estimate,term,value,se,p\neffect,,0.13,0.07,0.06\nby day,day,-0.018,,\n";
+        let published = Published::parse(Path::new("p.csv"), text).unwrap();
+        let [effect, day] = &published.estimates[..] else { panic!("{published:?}") };
+        assert_eq!((effect.term.as_str(), effect.standard_error), (CONSTANT, Some(0.07)));
+        assert_eq!((day.value, day.p), (-0.018, None));
+        assert!((day.rounding - 0.0005).abs() < 1e-12);
+        assert!(published.rows.is_empty());
+        let faulty = Published::parse(Path::new("p.csv"), "estimate,value\neffect,much\n");
+        assert!(faulty.unwrap_err().to_string().contains("p.csv:2:1: published numbers"));
+    }
+
+    #[test]
     fn rows_state_words_and_flags_as_well_as_numbers() {
         let text =
             "value,n,time_one_hot,step_noise,pooling\n1,3,true,gamma,none\n2,3,false,,full\n";

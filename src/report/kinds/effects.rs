@@ -5,7 +5,7 @@ use crate::analyse::declared::{ArmId, EffectRow, EffectsFigure};
 use crate::job::{Measure, counted, distinct};
 use crate::report::data_table::{DataTable, TableEntry, shown};
 use crate::report::figure::{
-    AxisScale, Chart, FAINT, Line, Look, Marker, NumberFormat, PUBLISHED, PlottedPoint, Spread,
+    AxisScale, Chart, INK, Line, Look, Marker, NumberFormat, PUBLISHED, PlottedPoint, Spread,
     axes_of, draw,
 };
 use crate::report::names::Names;
@@ -20,28 +20,30 @@ impl Drawn for EffectsFigure {
         if self.rows.iter().all(|row| row.effect.is_err()) {
             return Vec::new();
         }
-        let points = |of: fn(&EffectRow) -> Option<PlottedPoint>| -> Vec<PlottedPoint> {
-            let numbered = self.rows.iter().enumerate();
-            let at =
-                |(index, row)| of(row).map(|point| PlottedPoint { x: index as f64 + 1.0, ..point });
-            numbered.filter_map(at).collect()
-        };
-        let line = |label: &str, color, marker, points| Line {
-            label: label.to_owned(),
+        let line = |label: String, (color, marker), spread, points| Line {
+            label,
             look: Look { color, dash: None, marker },
             points,
             reference: Vec::new(),
-            spread: if marker == Marker::Disc { Spread::Bars } else { Spread::Points },
+            spread,
             facets: Vec::new(),
         };
-        let mut lines = vec![
-            line("estimate", FAINT, Marker::Disc, points(estimated)),
-            line("published", PUBLISHED, Marker::Diamond, points(published)),
-        ];
+        let at = |(index, row): (usize, &EffectRow), of: fn(&EffectRow) -> Option<PlottedPoint>| {
+            of(row).map(|point| PlottedPoint { x: index as f64 + 1.0, ..point })
+        };
+        let rows = || self.rows.iter().enumerate();
+        // A line would lead from one term to another.
+        let own = |(index, row): (usize, &EffectRow)| {
+            let label = format!("{}: {}", row.estimate, row.term);
+            let points = at((index, row), estimated).into_iter().collect();
+            line(label, (INK, Marker::Disc), Spread::Bars, points)
+        };
+        let mut lines: Vec<Line> = rows().map(own).collect();
+        let others: Vec<PlottedPoint> = rows().filter_map(|one| at(one, published)).collect();
+        let look = (PUBLISHED, Marker::Diamond);
+        lines.push(line("published".to_owned(), look, Spread::Points, others));
         lines.retain(|line| !line.points.is_empty());
-        let names: Vec<String> =
-            self.rows.iter().map(|row| format!("{}: {}", row.estimate, row.term)).collect();
-        let note = format!("From left to right: {}. Bars: 95 % intervals.", names.join(", "));
+        let note = "Bars: 95 % intervals.".to_owned();
         let description = "estimates with their intervals".to_owned();
         let charts = [Chart { heading: None, description, lines, note }];
         let scale = sheet.style.x_scale(AxisScale::Linear);
