@@ -41,6 +41,7 @@ mod varying;
 pub use analysis::axis::{CurveAxis, ERROR_AXIS};
 pub use analysis::declared::Analysis;
 pub use analysis::figure_keys::{FigureKeys, PanelKey, Theme, XScale};
+pub use analysis::forms::Find;
 pub use analysis::kind::{self, AnalysisKind};
 pub use analysis::published::{Published, PublishedRow};
 pub use analysis::sides::Sides;
