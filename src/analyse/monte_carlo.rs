@@ -1,5 +1,7 @@
-//! The p-value of a number against numbers that were simulated under the null hypothesis.
+//! Numbers over simulated trials: the p-value against trials under the null hypothesis, and the error of any number.
 
+use super::interval::Interval;
+use super::operating::MonteCarloMean;
 use super::undefined::{Undefined, at_least};
 
 /// The two-sided p-value of a number against draws of its distribution under the null hypothesis: twice the smaller of
@@ -18,9 +20,34 @@ pub fn monte_carlo_p(number: f64, draws: &[f64]) -> Result<f64, Undefined> {
     Ok((2.0 * tail).min(1.0))
 }
 
+/// A number over trials with its Monte Carlo interval, from its values without each of some groups of trials, by Student's t.
+/// Without an interval for fewer than two groups.
+///
+/// **Source**: Shao and Wu, "A general theory for jackknife variance estimation", Annals of Statistics 17, 1989, for groups,
+/// with which numbers that are not smooth, such as a median, have an error, too.
+pub fn jackknife(value: f64, without_each: &[f64]) -> MonteCarloMean {
+    let groups = without_each.len() as f64;
+    let interval = at_least(2, without_each.len()).map(|()| {
+        let mean = without_each.iter().sum::<f64>() / groups;
+        let squares = without_each.iter().map(|one| (one - mean) * (one - mean)).sum::<f64>();
+        Interval::around(value, ((groups - 1.0) / groups * squares).sqrt(), groups - 1.0)
+    });
+    MonteCarloMean { value, interval }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn the_jackknife_of_a_mean_is_its_standard_error() {
+        // Of 1, 2 and 6: s²/n = 7/3.
+        let Interval { low, high } = jackknife(3.0, &[4.0, 3.5, 1.5]).interval.unwrap();
+        let half = crate::estimate::t_of_p(0.05, 2.0) * (7.0_f64 / 3.0).sqrt();
+        assert!((low - 3.0 + half).abs() < 1e-12 && (high - 3.0 - half).abs() < 1e-12);
+        let none = jackknife(3.0, &[]).interval;
+        assert_eq!(none, Err(Undefined::NoSeeds));
+    }
 
     #[test]
     fn p_values_by_hand() {

@@ -172,35 +172,41 @@ fn wilson(count: usize, trials: usize) -> Interval {
     }
 }
 
-/// The number of people with which a trial has a certain power.
+/// Where a power is reached along a parameter.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct SampleSize {
-    /// The smallest number between the simulated ones.
-    pub people: f64,
-    /// The ends of its interval; `None` where an end lies beyond the simulated numbers of people.
+pub struct Crossing {
+    /// The smallest value between the simulated ones.
+    pub at: f64,
+    /// The ends of its interval; `None` where an end lies beyond the simulated values.
     pub low: Option<f64>,
-    /// See [`SampleSize::low`].
+    /// See [`Crossing::low`].
     pub high: Option<f64>,
 }
 
-/// The smallest number of people at which the power is at least `power`, by interpolation between simulated numbers of
-/// people, with their powers in ascending order of people. The power is interpolated as a probit that is linear in the
-/// square root of the number of people, as it is for an estimate whose standard error falls with that root. The ends of
-/// the interval are where the upper and the lower ends of the intervals of the powers, interpolated in the same way, reach
-/// `power`. `None` if the power is nowhere reached from below.
-pub fn sample_size(powers: &[(f64, MonteCarloMean)], power: f64) -> Option<SampleSize> {
+/// How the power depends on a parameter between two simulated values: its probit is linear in this.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Along {
+    /// The square root of a number of people, as for an estimate whose standard error falls with that root.
+    People,
+    /// The size of an effect, as for an estimate whose standard error does not depend on it.
+    Effect,
+}
+
+/// The smallest value of a parameter at which the power is at least `power`, by interpolation between simulated values, with
+/// their powers in ascending order of values. The ends of the interval are where the upper and the lower ends of the
+/// intervals of the powers, interpolated in the same way, reach `power`. `None` if the power is nowhere reached from below.
+pub fn crossing(powers: &[(f64, MonteCarloMean)], power: f64, along: Along) -> Option<Crossing> {
     let find_end = |choose: fn(Interval) -> f64| {
-        let read =
-            |(people, at): &(f64, MonteCarloMean)| Some((*people, choose(at.interval.ok()?)));
-        reached(&powers.iter().filter_map(read).collect::<Vec<_>>(), power)
+        let read = |(at, found): &(f64, MonteCarloMean)| Some((*at, choose(found.interval.ok()?)));
+        reached(&powers.iter().filter_map(read).collect::<Vec<_>>(), power, along)
     };
-    let values: Vec<(f64, f64)> = powers.iter().map(|(people, at)| (*people, at.value)).collect();
-    let people = reached(&values, power)?;
-    Some(SampleSize { people, low: find_end(|end| end.high), high: find_end(|end| end.low) })
+    let values: Vec<(f64, f64)> = powers.iter().map(|(at, found)| (*at, found.value)).collect();
+    let at = reached(&values, power, along)?;
+    Some(Crossing { at, low: find_end(|end| end.high), high: find_end(|end| end.low) })
 }
 
 /// Where an interpolated line first rises to a share.
-fn reached(points: &[(f64, f64)], share: f64) -> Option<f64> {
+fn reached(points: &[(f64, f64)], share: f64, along: Along) -> Option<f64> {
     // A share of 0 or 1 has no probit.
     let probit = |share: f64| {
         let within = share.clamp(1e-9, 1.0 - 1e-9);
@@ -208,12 +214,15 @@ fn reached(points: &[(f64, f64)], share: f64) -> Option<f64> {
     };
     let goal = probit(share);
     let between = |pair: &[(f64, f64)]| {
-        let [(fewer, low), (more, high)] = pair else { return None };
+        let [(less, low), (more, high)] = pair else { return None };
         let (low, high) = (probit(*low), probit(*high));
         let part = (goal - low) / (high - low);
-        (low < goal && goal <= high).then(|| {
-            let root = fewer.sqrt() + part * (more.sqrt() - fewer.sqrt());
-            root * root
+        (low < goal && goal <= high).then(|| match along {
+            Along::People => {
+                let root = less.sqrt() + part * (more.sqrt() - less.sqrt());
+                root * root
+            }
+            Along::Effect => less + part * (more - less),
         })
     };
     points.windows(2).find_map(between)
@@ -252,6 +261,20 @@ impl Formula {
             if self.power(middle) < power { few = middle } else { many = middle }
         }
         Some(if self.power(few) >= power { few } else { many })
+    }
+
+    /// The smallest standardised effect that is found with this power and number of people, of more than the coefficients.
+    /// `None` if there are too few people.
+    pub fn effect(&self, people: u32, power: f64) -> Option<f64> {
+        let df = f64::from(people) - self.controls as f64 - 1.0;
+        let information = f64::from(people) * self.decisions * self.treatment_variance;
+        let is_defined = df >= 1.0 && information > 0.0;
+        let with =
+            |standardised_effect: f64| Formula { standardised_effect, ..*self }.power(people);
+        is_defined.then(|| {
+            let most = (10.0 + 2.0 * critical(df)) / information.sqrt();
+            root(|effect| with(effect) - power, (0.0, most))
+        })
     }
 
     /// The power with this number of people.
@@ -351,15 +374,24 @@ mod tests {
             let interval = Ok(Interval { low: value - 0.05, high: value + 0.05 });
             (people, MonteCarloMean { value, interval })
         };
+        let sample_size =
+            |powers: &[(f64, MonteCarloMean)], power: f64| crossing(powers, power, Along::People);
         let found = sample_size(&[20.0, 40.0, 80.0, 160.0].map(at), 0.8).unwrap();
         let exact = ((NORMAL_CRITICAL + 0.841_621_233_572_914) / 0.3_f64).powi(2);
-        assert!((found.people - exact).abs() < 1e-6, "{found:?}");
+        assert!((found.at - exact).abs() < 1e-6, "{found:?}");
         assert!(found.low.unwrap() < exact && found.high.unwrap() > exact, "{found:?}");
         assert_eq!(sample_size(&[20.0, 40.0].map(at), 0.8), None);
         assert_eq!(sample_size(&[160.0, 320.0].map(at), 0.8), None);
         // The upper ends reach the power beyond the simulated numbers.
         let ends = sample_size(&[85.0, 90.0].map(at), 0.8).unwrap();
         assert_eq!((ends.low, ends.high), (None, None));
+        // Phi(2 d - 1.96) is 0.8 at (1.96 + 0.8416) / 2.
+        let of_effect = |effect: f64| {
+            let (_, power) = at((2.0 * effect / 0.3).powi(2));
+            (effect, power)
+        };
+        let found = crossing(&[0.0, 1.0, 3.0].map(of_effect), 0.8, Along::Effect).unwrap();
+        assert!((found.at - 1.400_592_609_2).abs() < 1e-6, "{found:?}");
     }
 
     #[test]
@@ -374,6 +406,9 @@ mod tests {
         // SciPy: the first N with 1 - ncf.cdf(f.ppf(0.95, 1, N - 4), 1, N - 4, N * 0.01 * 210 * 0.24) >= 0.8.
         assert_eq!(people, 19);
         assert!(formula.power(people) >= 0.8 && formula.power(people - 1) < 0.8);
+        let effect = formula.effect(people, formula.power(people)).unwrap();
+        assert!((effect - 0.1).abs() < 1e-9, "{effect}");
+        assert_eq!(formula.effect(4, 0.8), None);
         assert_eq!(Formula { standardised_effect: 0.0, ..formula }.people(0.8), None);
     }
 }

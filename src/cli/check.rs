@@ -9,7 +9,7 @@ use crate::cli::output::shell_word;
 use crate::cli::{Error, Exit, StoreArgument, trial};
 use crate::manifest::{self, Faults, Manifest, Overridden, Override, Published, Runs};
 use crate::plan::{self, Factors};
-use crate::report::{splits, undrawn};
+use crate::report::{check_diagnosands, splits, undrawn};
 
 /// Validate manifests and report every fault at once, each with line, column and remedy
 #[derive(clap::Args)]
@@ -42,10 +42,13 @@ pub(super) fn run(arguments: &Arguments) -> Result<Exit, Error> {
     let posterior = |key: &str| arguments.store.posterior(key);
     for path in &arguments.manifests.paths {
         match manifest::load_with(path, &arguments.manifests.set, Runs(Some(&posterior))) {
-            Ok(read) => match Published::of(&read.manifest) {
-                Ok(_) => valid.push((path, read)),
-                Err(faults) => faulty.push(faults),
-            },
+            Ok(read) => {
+                let published = Published::of(&read.manifest).map(drop);
+                match published.and_then(|()| check_diagnosands(&read.manifest)) {
+                    Ok(()) => valid.push((path, read)),
+                    Err(faults) => faulty.push(faults),
+                }
+            }
             Err(faults) => faulty.extend(Published::faults_with(faults, path)),
         }
     }

@@ -42,6 +42,7 @@ mod varying;
 pub use analysis::axis::{CurveAxis, ERROR_AXIS};
 pub use analysis::declared::Analysis;
 pub use analysis::figure_keys::{FigureKeys, PanelKey, Theme, XScale};
+pub use analysis::forms::Find;
 pub use analysis::kind::{self, AnalysisKind};
 pub use analysis::published::{Published, PublishedEstimate, PublishedRow};
 pub use analysis::sides::Sides;

@@ -3,6 +3,7 @@
 use std::collections::HashSet;
 use std::sync::Arc;
 
+use super::diagnosands;
 use super::optima;
 use super::race::race;
 use super::section::ReportedExperiment;
@@ -27,7 +28,7 @@ pub enum AssemblyWork {
 /// Why a report cannot be assembled.
 #[derive(Debug, thiserror::Error)]
 pub enum AssembleError {
-    /// The file of published numbers that a manifest names cannot be read.
+    /// The file of published numbers that a manifest names cannot be read, or a diagnosand is faulty.
     #[error(transparent)]
     Published(#[from] Faults),
     /// The store cannot be read.
@@ -46,6 +47,7 @@ pub fn assemble(
 ) -> Result<Vec<ReportedExperiment>, AssembleError> {
     // Faults in these files are reported before the long-running work.
     let published = manifests.iter().map(Published::of).collect::<Result<Vec<_>, _>>()?;
+    manifests.iter().try_for_each(diagnosands::check_diagnosands)?;
     let staged = plan::at_stage(manifests, |keys, metric| reader.scores(keys, metric))?;
     let experiment = |(staged, published): (&Staged<'_>, Option<Published>)| {
         let manifest = staged.manifest();
@@ -65,7 +67,9 @@ pub fn assemble(
         let concerned = queries.iter().map(|query| query.among(&data.jobs));
         let analyses = all.iter().copied().zip(concerned).collect::<Vec<_>>();
         let words = Words::of(manifest, data.description.as_deref());
-        let findings = carry_out(&analyses, published.as_ref(), words.return_unit);
+        let mut findings = carry_out(&analyses, published.as_ref(), words.return_unit);
+        let of_findings = findings.iter_mut().zip(&manifest.analyses);
+        of_findings.for_each(|(finding, analysis)| diagnosands::add(analysis, finding));
         // As TOML writes them; they would turn the text around them.
         let escaped = |c: char| match hidden(c) {
             Some(DIRECTION) => format!("\\u{:04X}", u32::from(c)),

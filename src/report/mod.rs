@@ -4,6 +4,7 @@
 mod arm_tables;
 mod assemble;
 mod data_table;
+mod diagnosands;
 mod document;
 mod environment_words;
 mod escape;
@@ -31,6 +32,7 @@ mod words;
 
 pub use assemble::{AssembleError, AssemblyWork, assemble};
 pub use data_table::{DataTable, TableEntry, rounded};
+pub use diagnosands::check_diagnosands;
 pub use document::{ReportFigure, ReportFile, figures, report};
 pub use environment_words::Words;
 pub use escape::{defused, unused_stem};

@@ -135,6 +135,71 @@ fn characteristics_are_those_of_the_rows_of_estimates() {
     assert!(!folder.path("report/figures/sizes-any.svg").exists());
 }
 
+/// Forty people, the effect of whose untailored message is swept.
+fn effects() -> String {
+    MANIFEST
+        .replace("rho_1 = 64", "rho_1 = [20, 40, 80, 160]")
+        .replace("people = [5, 40]", "people = 40")
+        .replace("{ power = 0.8 }", "{ effect = \"environment.rho_1\", power = 0.8 }")
+}
+
+#[test]
+fn the_smallest_effect_is_found_and_numbers_of_ones_own_are_shown() {
+    let own = "diagnosands = { largest = \"max(estimate)\", found = \"avg(low > 0 OR high < 0)\", \
+               none = \"avg(effective_sample_size)\" }\n";
+    let manifest =
+        effects().replace("estimates = [\"first\"]\n", &format!("estimates = [\"first\"]\n{own}"));
+    let folder = Folder::completed(&manifest);
+    folder.jitai(["report", "sweep.toml", "--out", "report"]).succeeded();
+    let csv = folder.read("report/tables/sizes-size.csv");
+    assert_eq!(numbers(&csv, "x"), [20.0, 40.0, 80.0, 160.0]);
+    let page = folder.read("report/index.html");
+    assert!(page.contains(" reaches a power of 80"), "{page}");
+    assert!(page.contains(", a true effect of ") && page.contains("gives an effect of "));
+    // Of the untailored message alone, the effect is its parameter.
+    let (truth, x) = (numbers(&csv, "truth"), numbers(&csv, "x"));
+    assert!(truth.iter().zip(&x).all(|(truth, x)| (truth / x - 1.0).abs() < 0.5), "{truth:?}");
+    // The share that is found is the power, and its interval has the width of other intervals of shares.
+    for (found, power) in numbers(&csv, "found").iter().zip(numbers(&csv, "power")) {
+        assert!((found - power).abs() < 1e-12, "{found} {power}");
+    }
+    let (low, high) = (numbers(&csv, "found_low")[1], numbers(&csv, "found_high")[1]);
+    assert!(high - low > 0.2 && high - low < 0.6, "{low} {high}");
+    let largest: f64 = folder
+        .store()
+        .query_row(
+            "SELECT max(estimate) FROM estimate JOIN parameter USING (job_key)
+            WHERE estimate.name = 'first' AND parameter.name = 'environment.rho_1' AND value = 160",
+            [],
+            |row| row.get(0),
+        )
+        .unwrap();
+    assert_eq!(numbers(&csv, "largest")[3], largest);
+    assert_eq!(column(&csv, "none"), ["", "", "", ""]);
+    assert!(folder.read("report/tables/sizes-size.md").contains("it is no number"));
+}
+
+#[test]
+fn a_diagnosand_that_is_no_aggregate_is_refused_before_the_report() {
+    for (expression, says) in [
+        ("avg(estimat)", "`diagnosands`: `own`: no such column: estimat"),
+        ("estimate", "`own`: it has a value for each trial"),
+        ("avg(low); DROP TABLE estimate", "`own`: near"),
+        ("avg(low)), (avg(high)", "`own`: expected a single expression"),
+    ] {
+        let own = format!("diagnosands = {{ own = \"{expression}\" }}\n");
+        let folder = Folder::with(&effects().replace("find = ", &format!("{own}find = ")));
+        folder.jitai(["check", "sweep.toml"]).ended(2).says(says);
+        folder.jitai(["check", "sweep.toml"]).ended(2).says("write an aggregate over the rows");
+        folder.jitai(["run", "sweep.toml", "--set", "seeds=1"]).succeeded();
+        folder.jitai(["report", "sweep.toml", "--out", "report"]).ended(2).says(says);
+        assert!(!folder.path("report").exists());
+    }
+    let taken = effects().replace("find = ", "diagnosands = { bias = \"avg(estimate)\" }\nfind = ");
+    let folder = Folder::with(&taken);
+    folder.jitai(["check", "sweep.toml"]).ended(2).says("the table has a column of this name");
+}
+
 #[test]
 fn what_cannot_be_shown_is_refused() {
     let refused = |text: String, says: &str| {
@@ -145,6 +210,19 @@ fn what_cannot_be_shown_is_refused() {
     refused(
         MANIFEST.replace("power = 0.8", "power = 1.5"),
         "`find`: expected { power = 0.8 } or another number between 0 and 1",
+    );
+    refused(
+        effects().replace("environment.rho_1\"", "environment.rho_9\""),
+        "`find`: expected the dotted name of a parameter",
+    );
+    refused(effects().replace("[20, 40, 80, 160]", "20"), "`environment.rho_1` is not swept");
+    refused(
+        effects().replace("find = ", "x = \"trial.people\"\nfind = "),
+        "`find` is sought along `environment.rho_1`, and `x` is `trial.people`",
+    );
+    refused(
+        effects().replace("find = ", "diagnosands = [\"avg(estimate)\"]\nfind = "),
+        "`diagnosands`: expected names of lower-case letters, each with an expression of SQL",
     );
     let (without, _) = MANIFEST.split_once("[[estimate]]").unwrap();
     let analysis = "[[analysis]]\nname = \"size\"\nkind = \"operating_characteristics\"\n";

@@ -96,6 +96,7 @@ fn shipped() -> Vec<(&'static str, u64)> {
         ("experiments/trial_power.toml", 3200),
         ("experiments/value.toml", 800),
         ("experiments/relative_risk.toml", 1200),
+        ("experiments/least_effect.toml", 4000),
         ("experiments/at_horizon.toml", 60),
         ("experiments/bandits.toml", 920),
         ("experiments/models/trial.toml", 60),

@@ -36,7 +36,7 @@ pub use heat_map::{HeatFigure, HeatTile, PeakLead, Scale, heat_range};
 pub use inference_error::{ErrorFigure, ErrorPoint};
 pub use learned::{LearnedFigure, LearnedPanel, LearnedPoint, OverTrials};
 pub use learning_curve::{HighestEnd, LearningFigure, LearningLine, LearningPanel};
-pub use operating::{FEW_TRIALS, OperatingFigure, OperatingRow, Sought, Term};
+pub use operating::{Diagnosand, FEW_TRIALS, OperatingFigure, OperatingRow, Sought, Term};
 pub use randomisation::{DrawnPoint, RandomisationFigure, RandomisationTest};
 pub use recovery::{RecoveryRow, ScenarioOptimum};
 pub use replay::{ReplayFigure, ReplayRow, SAME};

@@ -4,15 +4,12 @@ use std::collections::HashSet;
 
 use super::arm::{Arm, ArmId, arms, by_value, decided_by};
 use crate::analyse::{
-    Formula, Interval, MonteCarloMean, Operating, SampleSize, TrialEstimate, sample_size,
+    Along, Crossing, Formula, Interval, MonteCarloMean, Operating, TrialEstimate, crossing,
 };
 use crate::job::{CONSTANT, Effect, distinct};
-use crate::key::Parameter;
+use crate::manifest::Find;
 use crate::manifest::kind::OperatingCharacteristics;
 use crate::record::JobRecord;
-
-/// The number of people of a trial.
-const PEOPLE: Parameter = Parameter::Trial("people");
 
 /// The operating characteristics of the estimates of some arms.
 #[derive(Clone, Debug, PartialEq)]
@@ -21,8 +18,8 @@ pub struct OperatingFigure {
     pub axis: Option<String>,
     /// One row per term, arm and point on the axis, by term and arm.
     pub rows: Vec<OperatingRow>,
-    /// The power that is sought, and what was found for each line; `None` if none is sought.
-    pub sought: Option<(f64, Vec<Sought>)>,
+    /// What is sought, and what was found for each line; `None` if nothing is sought.
+    pub sought: Option<(Find, Vec<Sought>)>,
 }
 
 /// A term of an estimate.
@@ -47,32 +44,52 @@ pub struct OperatingRow {
     pub term: Term,
     /// Its operating characteristics.
     pub operating: Operating,
-    /// Completed trials whose estimate failed, and why that of the first did.
-    pub failed: (usize, Option<String>),
+    /// The estimates of completed trials, by seed; of a failed one, the reason.
+    pub trials: Vec<Result<Effect, String>>,
+    /// The diagnosands of the analysis by name, which whoever has the store computes from the trials.
+    pub diagnosands: Vec<(String, Diagnosand)>,
     /// Completed trials whose estimate is not computed yet.
     pub lacking: usize,
-    /// The mean number of decisions per person that the estimate uses, the mean residual standard deviation, the
-    /// mean p (1 - p) of the treatment, and the number of coefficients of the control model; `None` without an estimate
-    /// or for several coefficients.
-    design: Option<(f64, f64, f64, usize)>,
+    /// `None` without an estimate or for several coefficients.
+    design: Option<Design>,
 }
 
-/// Below this number of trials at a number of people, a power is too uncertain for a sample size.
+/// A trial as its estimates see it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Design {
+    people: f64,
+    /// The mean number of decisions per person that the estimate uses.
+    decisions: f64,
+    /// The mean residual standard deviation.
+    residual_sd: f64,
+    /// The mean p (1 - p) of the treatment.
+    treatment_variance: f64,
+    /// The number of coefficients of the control model.
+    controls: usize,
+}
+
+/// A number of the user's own; what is missing has a reason.
+pub type Diagnosand = Result<MonteCarloMean, String>;
+
+/// Below this number of trials at a point, a power is too uncertain to seek where it is reached.
 pub const FEW_TRIALS: usize = 20;
 
-/// The number of people that reaches a power.
+/// Where a power is reached along the number of people, or along a parameter of the effect.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Sought {
-    /// The arm, without the number of people among its settings.
+    /// The arm, without the number of people, or the parameter, among its settings.
     pub name: ArmId,
     /// The term.
     pub term: Term,
-    /// The number of people by simulation; `None` if the power is not reached between the simulated numbers, or with
-    /// fewer than [`FEW_TRIALS`] trials.
-    pub simulated: Option<SampleSize>,
-    /// The number of people by the formula of Liao and others; `None` where it does not apply.
-    pub formula: Option<u32>,
-    /// The powers at the fewest and the most people: people and share.
+    /// The value by simulation; `None` if the power is not reached between the simulated values, or with fewer than
+    /// [`FEW_TRIALS`] trials.
+    pub simulated: Option<Crossing>,
+    /// The true effect there, of which the ends are those at the ends of the interval; `None` along people, and where it is
+    /// not simulated.
+    pub truth: Option<Crossing>,
+    /// The number of people by the formula of Liao and others, or the effect; `None` where it does not apply.
+    pub formula: Option<f64>,
+    /// The first and the last simulated value, each with its power.
     pub ends: [(f64, f64); 2],
     /// The fewest trials from which a power is computed.
     pub trials: usize,
@@ -80,19 +97,20 @@ pub struct Sought {
 
 impl Sought {
     /// Whether the formula's number lies outside the interval of the simulated one.
-    pub fn differs(&self) -> bool {
-        let Some((size, formula)) = self.simulated.zip(self.formula.map(f64::from)) else {
-            return false;
+    pub fn differs(&self, along: Along) -> bool {
+        let (found, whole): (_, fn(f64) -> f64) = match along {
+            Along::People => (self.simulated, f64::ceil),
+            Along::Effect => (self.truth, std::convert::identity),
         };
-        size.low.is_some_and(|low| formula < low.ceil())
-            || size.high.is_some_and(|high| formula > high.ceil())
+        let Some((found, formula)) = found.zip(self.formula) else { return false };
+        found.low.is_some_and(|low| formula < whole(low))
+            || found.high.is_some_and(|high| formula > whole(high))
     }
 }
 
 /// The operating characteristics of the estimates that the jobs have.
 pub fn figure(kind: &OperatingCharacteristics, jobs: &[&JobRecord]) -> OperatingFigure {
-    let sought = kind.find.as_ref().map(|find| find.power);
-    let axis = kind.x.or(sought.map(|_| PEOPLE)).map(|axis| axis.to_string());
+    let axis = kind.x.or(kind.find.map(|find| find.along())).map(|axis| axis.to_string());
     // What follows from the axis, such as a zipped key, varies along it.
     let along = axis.as_ref().map_or_else(Vec::new, |axis| {
         let mut along = decided_by(axis, jobs);
@@ -115,7 +133,7 @@ pub fn figure(kind: &OperatingCharacteristics, jobs: &[&JobRecord]) -> Operating
             rows.extend(points.into_iter().map(|(x, jobs)| row(arm, x, &jobs, &term)));
         }
     }
-    let sought = sought.map(|power| (power, seek(&rows, power)));
+    let sought = kind.find.map(|find| (find, seek(&rows, find)));
     OperatingFigure { axis, rows, sought }
 }
 
@@ -141,15 +159,14 @@ fn has_estimate(arm: &Arm<'_>, term: &Term) -> bool {
 
 fn row(arm: &Arm<'_>, x: Option<f64>, jobs: &[&JobRecord], term: &Term) -> OperatingRow {
     let mut seen = HashSet::new();
-    let (mut effects, mut failures, mut lacking) = (Vec::<Effect>::new(), Vec::new(), 0);
+    let (mut trials, mut lacking) = (Vec::new(), 0);
     let mut design = None;
     for job in jobs.iter().filter(|job| seen.insert(job.seed)) {
         let Some(run) = job.completed() else { continue };
         let of = run.estimates.iter().find(|one| one.declaration.name == term.estimate);
         let found = of.and_then(|of| of.terms.iter().find(|one| one.term == term.term));
         match found.map(|found| &found.effect) {
-            Some(Ok(effect)) => effects.push(*effect),
-            Some(Err(reason)) => failures.push(reason.clone()),
+            Some(effect) => trials.push(effect.clone()),
             None => lacking += 1,
         }
         design = design.or_else(|| {
@@ -158,7 +175,7 @@ fn row(arm: &Arm<'_>, x: Option<f64>, jobs: &[&JobRecord], term: &Term) -> Opera
             Some((people, of.declaration.numerator, of.declaration.control.len() + 1))
         });
     }
-    let trials: Vec<TrialEstimate> = effects.iter().map(trial).collect();
+    let effects: Vec<Effect> = trials.iter().flatten().copied().collect();
     let mean =
         |value: fn(&Effect) -> f64| effects.iter().map(value).sum::<f64>() / effects.len() as f64;
     let design = design.filter(|_| !effects.is_empty()).map(|(people, numerator, controls)| {
@@ -166,15 +183,17 @@ fn row(arm: &Arm<'_>, x: Option<f64>, jobs: &[&JobRecord], term: &Term) -> Opera
         // Estimates of earlier releases do not have it.
         let constant = numerator * (1.0 - numerator);
         let variances = effects.iter().map(|effect| effect.treatment_variance.unwrap_or(constant));
-        let variance = variances.sum::<f64>() / effects.len() as f64;
-        (decisions, mean(|effect| effect.residual_sd), variance, controls)
+        let treatment_variance = variances.sum::<f64>() / effects.len() as f64;
+        let residual_sd = mean(|effect| effect.residual_sd);
+        Design { people, decisions, residual_sd, treatment_variance, controls }
     });
     OperatingRow {
         name: arm.name.clone(),
         x,
         term: term.clone(),
-        operating: Operating::of(&trials),
-        failed: (failures.len(), failures.first().cloned()),
+        operating: Operating::of(&effects.iter().map(trial).collect::<Vec<_>>()),
+        trials,
+        diagnosands: Vec::new(),
         lacking,
         design,
     }
@@ -190,36 +209,93 @@ fn trial(effect: &Effect) -> TrialEstimate {
 }
 
 impl OperatingRow {
+    /// The reasons of the completed trials whose estimate failed.
+    pub fn failures(&self) -> impl Iterator<Item = &String> {
+        self.trials.iter().filter_map(|trial| trial.as_ref().err())
+    }
+
     /// The trial as the formula sees it, with the mean true effect, or the mean estimate where no truth is known.
-    fn formula(&self, mean: f64) -> Option<Formula> {
-        let (decisions, sd, treatment_variance, controls) = self.design?;
-        let effect = self.operating.truth.map_or(mean, |truth| truth.value);
-        Some(Formula { standardised_effect: effect / sd, decisions, treatment_variance, controls })
+    fn formula(&self) -> Option<Formula> {
+        let Design { decisions, residual_sd, treatment_variance, controls, .. } = self.design?;
+        let operating = &self.operating;
+        let effect = operating.truth.or(operating.mean).ok()?.value;
+        let standardised_effect = effect / residual_sd;
+        Some(Formula { standardised_effect, decisions, treatment_variance, controls })
+    }
+
+    /// The effect that the formula gives for a power, of the sign of the mean effect.
+    fn least_effect(&self, power: f64) -> Option<f64> {
+        let (design, formula) = (self.design?, self.formula()?);
+        let size = formula.effect(design.people as u32, power)? * design.residual_sd;
+        Some(size.copysign(formula.standardised_effect))
     }
 }
 
-/// What is found for each line along the number of people.
-fn seek(rows: &[OperatingRow], power: f64) -> Vec<Sought> {
+/// What is found for each line.
+fn seek(rows: &[OperatingRow], find: Find) -> Vec<Sought> {
     let is_one_line = |one: &OperatingRow, next: &OperatingRow| {
         (&one.name, &one.term) == (&next.name, &next.term)
     };
-    let line = |rows: &[OperatingRow]| {
-        let at = |row: &OperatingRow| Some((row.x?, row.operating.power.ok()?));
-        let powers: Vec<(f64, MonteCarloMean)> = rows.iter().filter_map(at).collect();
-        let (first, last) = (powers.first()?, powers.last()?);
-        let mut with_power = rows.iter().filter(|row| row.operating.power.is_ok());
-        let trials = with_power.clone().map(|row| row.operating.trials).min()?;
-        let most = with_power.next_back()?;
-        let effect = most.operating.mean.ok().map(|mean| mean.value);
-        let formula = effect.and_then(|effect| most.formula(effect)?.people(power));
-        Some(Sought {
-            name: rows[0].name.clone(),
-            term: rows[0].term.clone(),
-            simulated: if trials < FEW_TRIALS { None } else { sample_size(&powers, power) },
-            formula,
-            ends: [first, last].map(|(people, power)| (*people, power.value)),
-            trials,
-        })
+    rows.chunk_by(is_one_line).filter_map(|rows| seek_along(rows, find)).collect()
+}
+
+/// What is found along a line.
+fn seek_along(rows: &[OperatingRow], find: Find) -> Option<Sought> {
+    let along = if find.effect.is_some() { Along::Effect } else { Along::People };
+    let mut with_power: Vec<(f64, MonteCarloMean, &OperatingRow)> =
+        rows.iter().filter_map(|row| Some((row.x?, row.operating.power.ok()?, row))).collect();
+    // Effects below 0 are larger the further they are from 0.
+    let is_below = with_power.iter().all(|(x, _, _)| *x <= 0.0);
+    if is_below {
+        with_power.reverse();
+        with_power.iter_mut().for_each(|(x, _, _)| *x = -*x);
+    }
+    let sign = if is_below { -1.0 } else { 1.0 };
+    let (first, last) = (with_power.first()?, with_power.last()?);
+    let trials = with_power.iter().map(|(_, _, row)| row.operating.trials).min()?;
+    let powers: Vec<(f64, MonteCarloMean)> =
+        with_power.iter().map(|(x, power, _)| (*x, *power)).collect();
+    let found = crossing(&powers, find.power, along).filter(|_| trials >= FEW_TRIALS);
+    let truths = with_power.iter().map(|(x, _, row)| Some((*x, row.operating.truth.ok()?.value)));
+    let truths: Option<Vec<(f64, f64)>> = truths.collect();
+    let truth = match (along, found, truths) {
+        (Along::Effect, Some(found), Some(truths)) => of_truths(found, &truths),
+        _ => None,
     };
-    rows.chunk_by(is_one_line).filter_map(line).collect()
+    let formula = match along {
+        Along::People => {
+            last.2.formula().and_then(|formula| formula.people(find.power)).map(f64::from)
+        }
+        Along::Effect => last.2.least_effect(find.power),
+    };
+    let signed = |found: Crossing| Crossing {
+        at: sign * found.at,
+        low: found.low.map(|end| sign * end),
+        high: found.high.map(|end| sign * end),
+    };
+    Some(Sought {
+        name: rows[0].name.clone(),
+        term: rows[0].term.clone(),
+        simulated: found.map(signed),
+        truth,
+        formula,
+        ends: [first, last].map(|(x, power, _)| (sign * x, power.value)),
+        trials,
+    })
+}
+
+/// The true effects where a power is reached, between those of simulated values.
+fn of_truths(found: Crossing, truths: &[(f64, f64)]) -> Option<Crossing> {
+    let at = |x: f64| {
+        let pair = truths.windows(2).find(|pair| pair[0].0 <= x && x <= pair[1].0)?;
+        let part = (x - pair[0].0) / (pair[1].0 - pair[0].0);
+        Some(pair[0].1 + part * (pair[1].1 - pair[0].1))
+    };
+    let (mut low, mut high) = (found.low.and_then(at), found.high.and_then(at));
+    let middle = at(found.at)?;
+    // Where a larger value of the parameter means an effect below.
+    if low.is_some_and(|low| low > middle) || high.is_some_and(|high| high < middle) {
+        std::mem::swap(&mut low, &mut high);
+    }
+    Some(Crossing { at: middle, low, high })
 }

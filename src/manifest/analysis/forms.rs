@@ -1,12 +1,15 @@
 //! How the keys of analyses that are more than one value of a kind are read and written.
 
 use serde_json::{Value as Json, json};
+use toml::Spanned;
+use toml::de::DeString;
 
 use crate::job::Condition;
 use crate::key::{Kind, Parameter, Value};
 use crate::manifest::table::{Field, Need, TableReader};
 use crate::manifest::text::written::{condition, quoted};
 use crate::manifest::value::sweep::{Node, number, whole};
+use crate::text::Span;
 
 /// A family of contrasts whose p values are corrected together.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -174,11 +177,63 @@ impl Field for States {
     }
 }
 
-/// What is sought along the number of people.
+/// Expressions of SQL over the rows of the view `estimate`, each with its name; their place in the manifest.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Diagnosands {
+    /// The names with their expressions.
+    pub all: Vec<(String, String)>,
+    /// Where they stand; `None` without any.
+    pub(crate) span: Option<Span>,
+}
+
+impl Field for Diagnosands {
+    type Value = Diagnosands;
+
+    fn schema(_: Option<Kind>) -> Json {
+        json!({ "type": "object", "minProperties": 1, "additionalProperties": { "type": "string", "minLength": 1 } })
+    }
+
+    fn read(table: &mut TableReader<'_, '_>, key: &str, _: Option<Kind>) -> Option<Diagnosands> {
+        let Some(node) = table.node(key) else { return Some(Diagnosands::default()) };
+        let keys = node.get_ref().as_table().filter(|keys| !keys.is_empty());
+        let read = |(name, expression): (&Spanned<DeString<'_>>, &Node)| {
+            let name: &str = name.get_ref();
+            let is_name = |c: char| c.is_ascii_lowercase() || c.is_ascii_digit() || c == '_';
+            let is_short = !name.is_empty() && name.len() <= 40 && name.chars().all(is_name);
+            let expression = expression.get_ref().as_str().filter(|text| text.len() <= 2000);
+            Some((name.to_owned(), expression?.to_owned())).filter(|_| is_short)
+        };
+        let all = keys.and_then(|keys| keys.iter().map(read).collect::<Option<Vec<_>>>());
+        let Some(all) = all else {
+            let expected = "names of lower-case letters, each with an expression of SQL over the rows of the view \
+                            `estimate`, as in { largest = \"max(estimate)\" }";
+            table.reader.expected(key, expected, node);
+            return None;
+        };
+        Some(Diagnosands { all, span: Some(node.span().into()) })
+    }
+
+    fn written(value: &Diagnosands, key: &'static str) -> Vec<(&'static str, String)> {
+        let all = value.all.iter().map(|(name, sql)| format!("{name} = {}", quoted(sql)));
+        let all = all.collect::<Vec<_>>().join(", ");
+        if all.is_empty() { Vec::new() } else { vec![(key, format!("{{ {all} }}"))] }
+    }
+}
+
+/// What is sought: the smallest number of people, or the smallest value of a parameter, with a power.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Find {
+    /// The parameter on which the effect depends; `None` for the number of people.
+    pub effect: Option<Parameter>,
     /// The power, between 0 and 1.
     pub power: f64,
+}
+
+impl Find {
+    /// The parameter along which it is sought.
+    pub fn along(&self) -> Parameter {
+        self.effect.unwrap_or(Parameter::Trial("people"))
+    }
 }
 
 impl Field for Find {
@@ -188,7 +243,7 @@ impl Field for Find {
         let power = json!({ "type": "number", "exclusiveMinimum": 0, "exclusiveMaximum": 1 });
         json!({
             "type": "object",
-            "properties": { "power": power },
+            "properties": { "effect": { "$ref": "#/$defs/parameter" }, "power": power },
             "required": ["power"],
             "additionalProperties": false,
         })
@@ -196,17 +251,29 @@ impl Field for Find {
 
     fn read(table: &mut TableReader<'_, '_>, key: &str, _: Option<Kind>) -> Option<Find> {
         let node = table.node(key)?;
-        let power = node.get_ref().as_table().filter(|keys| keys.len() == 1);
-        let power = power.and_then(|keys| keys.get("power")).and_then(number);
+        let keys = node.get_ref().as_table();
+        let is_known = |name: &str| ["effect", "power"].contains(&name);
+        let keys = keys.filter(|keys| keys.keys().all(|name| is_known(name.get_ref())));
+        let power = keys.and_then(|keys| keys.get("power")).and_then(number);
         let power = power.filter(|power| *power > 0.0 && *power < 1.0);
-        if power.is_none() {
-            table.reader.expected(key, "{ power = 0.8 } or another number between 0 and 1", node);
-        }
-        table.need(node.span().into(), Need::Numbers(Parameter::Trial("people")));
-        power.map(|power| Find { power })
+        let Some(power) = power else {
+            let expected = "{ power = 0.8 } or another number between 0 and 1, and perhaps the parameter of an effect, as \
+                            in { effect = \"environment.parameters.effect\", power = 0.8 }";
+            table.reader.expected(key, expected, node);
+            return None;
+        };
+        let effect = match keys.and_then(|keys| keys.get("effect")) {
+            None => None,
+            Some(name) => Some(Parameter::of_numbers(table.reader, key, name)?),
+        };
+        let find = Find { effect, power };
+        table.need(node.span().into(), Need::Numbers(find.along()));
+        Some(find)
     }
 
     fn written(value: &Find, key: &'static str) -> Vec<(&'static str, String)> {
-        vec![(key, format!("{{ power = {} }}", Value::Real(value.power)))]
+        let effect =
+            value.effect.map_or_else(String::new, |one| format!("effect = {}, ", quoted(&one)));
+        vec![(key, format!("{{ {effect}power = {} }}", Value::Real(value.power)))]
     }
 }

@@ -8,7 +8,9 @@ use crate::job::{Condition, DataPart, MetricName, MetricPlace};
 use crate::key::{FixedKind, Kind, Parameter, Value, choices};
 use crate::manifest::analysis::axis::CurveAxis;
 use crate::manifest::analysis::figure_keys::FigureKeys;
-use crate::manifest::analysis::forms::{Bins, FamilyName, Find, NameList, ParameterList, States};
+use crate::manifest::analysis::forms::{
+    Bins, Diagnosands, FamilyName, Find, NameList, ParameterList, States,
+};
 use crate::manifest::analysis::participants;
 use crate::manifest::analysis::sides::Sides;
 use crate::manifest::table::{Fields, TableKey, TableReader, fields, name_key, names};
@@ -140,10 +142,13 @@ kinds! {
     OperatingCharacteristics = "operating_characteristics", [], LINES, {
         /// the names of the estimates; all by default
         estimates: NameList;
-        /// the horizontal axis of the figures; `trial.people` with `find`
+        /// the horizontal axis of the figures; with `find`, that along which is sought
         x: Option<Parameter>;
-        /// the power whose number of people is sought along `trial.people`
+        /// the power whose number of people is sought along `trial.people`, or whose smallest effect along the parameter
+        /// `effect`
         find: Option<Find>;
+        /// numbers of one's own: names, each with an expression of SQL over the rows of the view `estimate`
+        diagnosands: Diagnosands;
     }
 
     /// Whether what trials learn about the effect of a message in a state is more than chance.
@@ -478,10 +483,11 @@ impl Rules for OperatingCharacteristics {
         if !check_estimates("operating_characteristics", &self.estimates, rest, span, faults) {
             return;
         }
-        let other = self.x.filter(|x| *x != Parameter::Trial("people"));
-        if let (Some(_), Some(x)) = (self.find, other) {
-            let message = format!("`find` is sought along `trial.people`, and `x` is `{x}`");
-            let help = "leave out `x`, or seek the number of people in another analysis";
+        if let (Some(find), Some(x)) = (self.find, self.x)
+            && find.along() != x
+        {
+            let message = format!("`find` is sought along `{}`, and `x` is `{x}`", find.along());
+            let help = "leave out `x`, or seek it in another analysis";
             faults.add(Fault::at(span, message).help(help));
         }
     }

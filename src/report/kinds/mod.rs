@@ -10,7 +10,7 @@ mod heat_map;
 mod inference_error;
 mod learned;
 mod learning_curve;
-mod operating;
+pub(super) mod operating;
 mod randomisation;
 mod recovery;
 mod replay;

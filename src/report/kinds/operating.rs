@@ -2,8 +2,9 @@
 
 use super::{Drawn, Sheet, parameter};
 use crate::analyse::declared::{ArmId, FEW_TRIALS, OperatingFigure, OperatingRow, Sought, Term};
-use crate::analyse::{Interval, LEVEL, MonteCarloMean, Undefined};
+use crate::analyse::{Along, Crossing, Interval, LEVEL, MonteCarloMean, Undefined};
 use crate::job::{CONSTANT, GROSS_REWARD, Measure, MetricUnit, REWARD, counted, distinct};
+use crate::manifest::Find;
 use crate::report::data_table::{DataTable, TableEntry, shown};
 use crate::report::figure::{
     AxisScale, Chart, Line, NumberFormat, Panels, PlottedPoint, Spread, arm_label, axes_of, draw,
@@ -13,6 +14,51 @@ use crate::report::names::Names;
 use crate::report::scene::Scene;
 use crate::report::symbols;
 use crate::report::tables::{arm, between, high, in_unit, low, range, scaled};
+
+/// The columns of the table, before those of diagnosands.
+pub(in crate::report) const COLUMNS: [(&str, &str); 41] = [
+    ("arm", "Arm"),
+    ("estimate", "Estimate"),
+    ("term", "Term"),
+    ("x", "x"),
+    ("trials", "Trials"),
+    ("failed", "Failed"),
+    ("truth", "True effect"),
+    (".truth_low", ""),
+    (".truth_high", ""),
+    ("bias", "Bias"),
+    ("bias_interval", "95 % interval"),
+    (".bias_low", ""),
+    (".bias_high", ""),
+    ("empirical_error", "SD of estimates"),
+    (".empirical_error_low", ""),
+    (".empirical_error_high", ""),
+    ("mean_error", "Mean SE"),
+    (".mean_error_low", ""),
+    (".mean_error_high", ""),
+    ("coverage", "Coverage, %"),
+    ("coverage_interval", "95 % interval"),
+    (".coverage_low", ""),
+    (".coverage_high", ""),
+    ("power", "Power, %"),
+    ("power_interval", "95 % interval"),
+    (".power_low", ""),
+    (".power_high", ""),
+    ("rmse", "RMSE"),
+    (".rmse_low", ""),
+    (".rmse_high", ""),
+    ("mean_length", "Mean length"),
+    (".mean_length_low", ""),
+    (".mean_length_high", ""),
+    ("type_s", "Type S, %"),
+    ("type_s_interval", "95 % interval"),
+    (".type_s_low", ""),
+    (".type_s_high", ""),
+    ("exaggeration", "Exaggeration"),
+    ("exaggeration_interval", "95 % interval"),
+    (".exaggeration_low", ""),
+    (".exaggeration_high", ""),
+];
 
 /// What a figure shows of the rows, over the axis.
 #[derive(Clone, Copy, PartialEq, Eq)]
@@ -81,49 +127,19 @@ impl Drawn for OperatingFigure {
 
     fn table(&self, title: &str, _: Measure, names: &Names) -> DataTable {
         let axis = self.axis.as_deref().map(symbols::short);
-        let columns = [
-            ("arm", "Arm"),
-            ("estimate", "Estimate"),
-            ("term", "Term"),
-            (if axis.is_some() { "x" } else { ".x" }, axis.as_deref().unwrap_or("x")),
-            ("trials", "Trials"),
-            ("failed", "Failed"),
-            ("truth", "True effect"),
-            (".truth_low", ""),
-            (".truth_high", ""),
-            ("bias", "Bias"),
-            ("bias_interval", "95 % interval"),
-            (".bias_low", ""),
-            (".bias_high", ""),
-            ("empirical_error", "SD of estimates"),
-            (".empirical_error_low", ""),
-            (".empirical_error_high", ""),
-            ("mean_error", "Mean SE"),
-            (".mean_error_low", ""),
-            (".mean_error_high", ""),
-            ("coverage", "Coverage, %"),
-            ("coverage_interval", "95 % interval"),
-            (".coverage_low", ""),
-            (".coverage_high", ""),
-            ("power", "Power, %"),
-            ("power_interval", "95 % interval"),
-            (".power_low", ""),
-            (".power_high", ""),
-            ("rmse", "RMSE"),
-            (".rmse_low", ""),
-            (".rmse_high", ""),
-            ("mean_length", "Mean length"),
-            (".mean_length_low", ""),
-            (".mean_length_high", ""),
-            ("type_s", "Type S, %"),
-            ("type_s_interval", "95 % interval"),
-            (".type_s_low", ""),
-            (".type_s_high", ""),
-            ("exaggeration", "Exaggeration"),
-            ("exaggeration_interval", "95 % interval"),
-            (".exaggeration_low", ""),
-            (".exaggeration_high", ""),
-        ];
+        let x = match axis.as_deref() {
+            Some(axis) => ("x", axis),
+            None => (".x", "x"),
+        };
+        let known = COLUMNS.map(|column| if column.0 == "x" { x } else { column });
+        let own = self.rows.iter().map(|row| &row.diagnosands).max_by_key(|all| all.len());
+        let own = own.into_iter().flatten().flat_map(|(name, _)| {
+            let end = |end: &str| (format!(".{name}_{end}"), String::new());
+            [(name.clone(), name.clone()), end("low"), end("high")]
+        });
+        let own: Vec<(String, String)> = own.collect();
+        let own = own.iter().map(|(name, heading)| (name.as_str(), heading.as_str()));
+        let columns: Vec<(&str, &str)> = known.into_iter().chain(own).collect();
         let mut table = DataTable::new(title, &columns);
         let decimals = self.decimals();
         table.rows = self.rows.iter().map(|row| cells(row, decimals, names)).collect();
@@ -149,8 +165,8 @@ impl Drawn for OperatingFigure {
     fn finds(&self, _: Measure, names: &Names) -> Option<String> {
         let mut found: Vec<String> = match &self.sought {
             None => self.covers().into_iter().collect(),
-            Some((power, sought)) => {
-                sought.iter().map(|one| self.size(one, *power, names)).collect()
+            Some((find, sought)) => {
+                sought.iter().map(|one| self.reaches(one, *find, names)).collect()
             }
         };
         let wide = self.rows.iter().filter_map(|row| Some((row.operating.excess()?, &row.term)));
@@ -168,8 +184,8 @@ impl Drawn for OperatingFigure {
         if self.rows.is_empty() {
             return Some("no completed job has an estimate; `jitai run` computes them".to_owned());
         }
-        let failed: usize = self.rows.iter().map(|row| row.failed.0).sum();
-        let reason = self.rows.iter().find_map(|row| row.failed.1.as_ref());
+        let failed: usize = self.rows.iter().map(|row| row.failures().count()).sum();
+        let reason = self.rows.iter().find_map(|row| row.failures().next());
         let failed = reason
             .map(|reason| format!("{}, the first because {reason}", counted(failed, "estimate")));
         let lacking: usize = self.rows.iter().map(|row| row.lacking).sum();
@@ -214,7 +230,7 @@ impl OperatingFigure {
         let ends =
             xs.fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), x| (low.min(x), high.max(x)));
         let level = match what {
-            Shown::Power => self.sought.as_ref().map(|(power, _)| *power),
+            Shown::Power => self.sought.as_ref().map(|(find, _)| find.power),
             Shown::Coverage => Some(LEVEL),
             Shown::Bias => Some(0.0),
         };
@@ -279,49 +295,83 @@ impl OperatingFigure {
         (!all.is_empty()).then(|| all.join("; "))
     }
 
-    /// The number of people of a line, beside that of the formula.
-    fn size(&self, sought: &Sought, power: f64, names: &Names) -> String {
+    /// Where a line reaches a power, beside what the formula says.
+    fn reaches(&self, sought: &Sought, find: Find, names: &Names) -> String {
         let terms = self.terms().len() > 1;
         let of_term = match terms {
             true => format!(", {} of {}", sought.term.term, sought.term.estimate),
             false => String::new(),
         };
         let who = names.label(&sought.name) + &of_term;
-        let goal = format!("a power of {} %", shown(100.0 * power, 0));
-        let at = |(people, power): (f64, f64)| {
-            format!("{} % with {} people", shown(100.0 * power, 1), shown(people, 0))
+        let goal = format!("a power of {} %", shown(100.0 * find.power, 0));
+        let along = if find.effect.is_some() { Along::Effect } else { Along::People };
+        let key = find.effect.map(|key| symbols::short(&key.to_string()));
+        let (point, points) = match &key {
+            None => ("number of people".to_owned(), "numbers of people".to_owned()),
+            Some(key) => (format!("value of {key}"), format!("values of {key}")),
         };
+        let value = |value: f64| match &key {
+            None => format!("{} people", shown(value, 0)),
+            Some(key) => format!("{key} = {}", parameter(value)),
+        };
+        let at =
+            |(x, power): (f64, f64)| format!("{} % with {}", shown(100.0 * power, 1), value(x));
         let found = match sought.simulated {
             _ if sought.trials < FEW_TRIALS => format!(
-                "{who} has {} per number of people, too few for {goal}: declare {FEW_TRIALS} or more seeds",
+                "{who} has {} per {point}, too few for {goal}: declare {FEW_TRIALS} or more seeds",
                 counted(sought.trials, "trial")
             ),
-            Some(size) => {
-                let least = size.low.map_or("fewer than simulated".to_owned(), people);
-                let most = size.high.map_or("more than simulated".to_owned(), people);
-                format!(
-                    "{who} reaches {goal} with {} people (95 % interval {least} to {most})",
-                    people(size.people)
-                )
-            }
-            None if sought.ends[0].1 >= power => {
+            Some(found) => match along {
+                Along::People => {
+                    let ends = interval(found, people, "fewer than simulated");
+                    format!("{who} reaches {goal} with {} people ({ends})", people(found.at))
+                }
+                Along::Effect => {
+                    let three = |number: f64| parameter(with_three_digits(number));
+                    let ends = interval(found, three, "less than simulated");
+                    let effect = sought.truth.map_or_else(String::new, |truth| {
+                        let effect = |number: f64| shown(number, self.decimals());
+                        let ends = interval(truth, effect, "less than simulated");
+                        format!(", a true effect of {} ({ends})", effect(truth.at))
+                    });
+                    format!(
+                        "{who} reaches {goal} with {} ({ends}){effect}",
+                        value(with_three_digits(found.at))
+                    )
+                }
+            },
+            None if sought.ends[0].1 >= find.power => {
                 format!("{who} has more than {goal} already: {}", at(sought.ends[0]))
             }
             None => format!(
-                "{who} does not reach {goal} between the simulated numbers of people: {} and {}",
+                "{who} does not reach {goal} between the simulated {points}: {} and {}",
                 at(sought.ends[0]),
                 at(sought.ends[1])
             ),
         };
-        let formula = match sought.formula {
-            Some(formula) if sought.differs() => format!(
-                "; the formula of Liao et al. (2016) gives {formula}, outside this interval"
-            ),
-            Some(formula) => format!("; the formula of Liao et al. (2016) gives {formula}"),
-            None => String::new(),
-        };
+        let formula = sought.formula.map(|formula| match along {
+            Along::People => shown(formula, 0),
+            Along::Effect => format!("an effect of {}", shown(formula, self.decimals())),
+        });
+        let formula = formula.map_or_else(String::new, |formula| {
+            let outside = if sought.differs(along) { ", outside this interval" } else { "" };
+            format!("; the formula of Liao et al. (2016) gives {formula}{outside}")
+        });
         found + &formula
     }
+}
+
+/// The interval of what is found, in words.
+fn interval(found: Crossing, number: impl Fn(f64) -> String, less: &str) -> String {
+    let least = found.low.map_or(less.to_owned(), &number);
+    let most = found.high.map_or("more than simulated".to_owned(), &number);
+    format!("95 % interval {least} to {most}")
+}
+
+/// A number with three digits.
+fn with_three_digits(number: f64) -> f64 {
+    let scale = 10_f64.powf(2.0 - number.abs().log10().floor());
+    if scale.is_finite() && scale > 0.0 { (number * scale).round() / scale } else { number }
 }
 
 /// Whether the intervals of some rows hold the truth as often as they should.
@@ -387,7 +437,7 @@ fn cells(row: &OperatingRow, decimals: usize, names: &Names) -> Vec<TableEntry> 
             None => TableEntry::Missing("the arm lacks the parameter".to_owned()),
         },
         TableEntry::number(of.trials as f64, 0),
-        TableEntry::number(row.failed.0 as f64, 0),
+        TableEntry::number(row.failures().count() as f64, 0),
     ];
     let with_ends = |cells: &mut Vec<TableEntry>, value, entries: Vec<TableEntry>| {
         cells.extend(entries);
@@ -412,5 +462,11 @@ fn cells(row: &OperatingRow, decimals: usize, names: &Names) -> Vec<TableEntry> 
     let times = TableEntry::of(of.exaggeration.map(|times| times.value), 2);
     let times = vec![times, scaled(ends(of.exaggeration), (1.0, 2))];
     with_ends(&mut cells, of.exaggeration, times);
+    for (_, own) in &row.diagnosands {
+        match own {
+            Ok(value) => with_ends(&mut cells, Ok(*value), vec![plain(Ok(*value))]),
+            Err(why) => cells.extend([why; 3].map(|why| TableEntry::Missing(why.clone()))),
+        }
+    }
     cells
 }
