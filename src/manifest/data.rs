@@ -11,7 +11,7 @@ use toml::de::{DeTable, DeValue};
 use crate::agent::{Algorithm, DecisionRule, UNAVAILABLE, Unavailable};
 use crate::env::Scenario;
 use crate::env::recorded::{DATA, FAMILY, LIST, RecordedLog, RecordedModel};
-use crate::job::{Condition, EvaluatedOn, MetricName, RecordedDecisions, STAYS};
+use crate::job::{Condition, Estimator, EvaluatedOn, MetricName, RecordedDecisions, STAYS};
 use crate::key::{Content, Key, Parameter, SectionName, Value};
 use crate::manifest::analysis::declared::{Analysis, AnalysisDraft};
 use crate::manifest::analysis::figure_keys::FigureKeys;
@@ -101,9 +101,10 @@ pub(super) fn complete(draft: &mut Draft, faults: &mut FaultList) {
         draft.agents.insert(0, recorded_agent(span));
     }
     let agents = if agents.is_empty() { vec![RECORDED.to_owned()] } else { agents };
-    // Estimates rest on the probabilities by which actions were drawn, which no replay has.
-    for estimate in &mut draft.estimates {
-        estimate.estimate.agents.get_or_insert_with(|| agents.clone());
+    // Effects rest on the probabilities by which actions were drawn; what a replayed policy would have earned has its own, too.
+    let effects = draft.estimates.iter_mut().map(|one| &mut one.estimate);
+    for estimate in effects.filter(|one| one.declaration.estimator != Estimator::Value) {
+        estimate.agents.get_or_insert_with(|| agents.clone());
     }
     analyses(draft, &agents, span);
     let has_trial = draft.sections[SectionName::Trial].section.is_declared();
@@ -253,6 +254,20 @@ fn trial(settings: &mut Settings, log: &RecordedLog, faults: &mut FaultList) {
 pub(super) fn check(draft: &Draft, manifest: &Manifest, faults: &mut FaultList) {
     if manifest.family() != &FAMILY {
         return;
+    }
+    let recorded: Vec<String> =
+        draft.agents.iter().filter(|one| is_recorded(one)).map(named).collect();
+    for estimate in &draft.estimates {
+        let is_effect = estimate.estimate.declaration.estimator != Estimator::Value;
+        let others = estimate.estimate.agents.iter().flatten();
+        let others = others.filter(|name| is_effect && !recorded.contains(name));
+        for name in others {
+            let says = format!(
+                "`agents`: an effect rests on the recorded probabilities, and agent `{name}` has others"
+            );
+            let fault = Fault::at(estimate.span_of("agents"), says);
+            faults.add(fault.help(format!("agents of recorded actions: {}", recorded.join(", "))));
+        }
     }
     let model = first(&draft.sections[SectionName::Environment]);
     let log = model.as_ref().and_then(RecordedModel::log);

@@ -145,6 +145,24 @@ fn faults_of_the_file_and_of_the_table_are_said_before_anything_runs() {
 }
 
 #[test]
+fn the_value_of_a_policy_on_a_recorded_trial_has_its_errors() {
+    // The trial's own probability earns the trial's mean outcome; another one near it earns nearly as much.
+    let value = |name: &str, policy: f64| {
+        format!(
+            "\n[[estimate]]\nname = \"{name}\"\nestimator = \"value\"\ncontrol = [\"before\"]\npolicy = {policy}\n"
+        )
+    };
+    let folder = heartsteps(&(value("as it was", 0.6) + &value("more often", 0.8)));
+    folder.jitai(["run", "m.toml"]).succeeded();
+    let sql = "SELECT printf('%.9f', avg(reward)) FROM decision";
+    let mean = answers(&folder, sql);
+    let sql = "SELECT printf('%.9f', estimate), standard_error > 0 FROM estimate WHERE name = 'as it was' AND term LIKE '%inverse%'";
+    assert_eq!(answers(&folder, sql), [format!("{},1", mean[0])]);
+    let sql = "SELECT count(*) FROM estimate WHERE name = 'more often' AND failure IS NULL AND effective_sample_size > 1000";
+    assert_eq!(answers(&folder, sql), ["3"]);
+}
+
+#[test]
 fn agents_that_cannot_replay_are_refused_in_a_sentence_each() {
     let agents = "[[agent]]\nname = \"dqn\"\nalgorithm = \"dueling_dqn\"\n[[agent]]\nname = \"mine\"\n\
                   algorithm = \"external\"\ncommand = [\"./agent\"]\nversion = \"1\"\n[[agent]]\nname = \"bandit\"\n\
@@ -158,6 +176,10 @@ fn agents_that_cannot_replay_are_refused_in_a_sentence_each() {
     ] {
         assert!(refused.stderr.contains(said), "{said}: {}", refused.stderr);
     }
+    let bandit =
+        "agents = [\"b\"]\n[trial]\n[[agent]]\nname = \"b\"\nalgorithm = \"linear_thompson\"\n";
+    let says = "an effect rests on the recorded probabilities, and agent `b` has others";
+    heartsteps(bandit).jitai(["check", "m.toml"]).ended(2).says(says);
     let folder = heartsteps("[trial]\ndropout = 0.1\npeople = 12\n");
     let refused = folder.jitai(["check", "m.toml"]).ended(2);
     for said in ["`dropout` is for simulated people", "`people`: the file has 37 people"] {
