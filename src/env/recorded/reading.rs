@@ -14,6 +14,8 @@ use crate::text::{Fault, Span, shortened};
 
 /// How far probabilities of several actions may add to more than 1.
 const ROUNDING: f64 = 1e-9;
+/// The largest number of an outcome or state, whose squares have sums.
+const LARGEST: f64 = 1e100;
 /// The last day of a calendar, as that of a trial.
 const LAST_DAY: f64 = 100_000.0;
 /// Names that decisions have beside those of their state.
@@ -285,6 +287,14 @@ impl<'a> Building<'a> {
         {
             *line = if *count == 0 { self.table.lines[row] } else { *line };
             *count += 1;
+        }
+        let named = columns.state.iter().map(|(name, _)| name.as_str()).zip(state.iter().copied());
+        for (name, number) in named.chain([("outcome", outcome)]) {
+            if number.abs() > LARGEST {
+                let line = self.line(row);
+                self.faults
+                    .add(format!("{line}: `{name}` is {number:e}, above {LARGEST:e} in size"));
+            }
         }
         self.log.state.extend(state);
         for (name, flag) in [("available", available), ("reached", reached)] {

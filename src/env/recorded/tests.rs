@@ -92,6 +92,9 @@ fn every_fault_of_a_file_is_said_at_once_with_its_line() {
     let certain = faults(&parameters("a,0,0,1,1,0,1,1\na,1,0,1,0,1,1,1\n"));
     assert!(certain.contains("line 2: action 1 was taken with the probability 0"), "{certain}");
     assert!(certain.contains("line 3: action 0 was taken with the probability 0"), "{certain}");
+    let large = faults(&parameters("a,0,0,1,1,0.5,1e120,-2e110\n"));
+    assert!(large.contains("line 2: `outcome` is 1e120, above 1e100 in size"), "{large}");
+    assert!(large.contains("line 2: `mood` is -2e110"), "{large}");
     let empty = faults(&parameters("a,0,0,1,1,0.5,,1\n"));
     assert!(empty.contains("no decision has an action"), "{empty}");
 }
