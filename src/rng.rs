@@ -44,7 +44,7 @@ pub enum Purpose {
     /// The shift of the points at which a search draws settings; no job draws from it.
     Search = 16,
     /// The actions of a policy in the courses that show its true value, by person; nothing else depends on them.
-    PolicyCourse = 17,
+    PolicyCourse = 18,
 }
 
 /// Streams that run alongside another stream: for each word of the stream, a fixed number of independent
