@@ -385,13 +385,13 @@ mod tests {
         // The upper ends reach the power beyond the simulated numbers.
         let ends = sample_size(&[85.0, 90.0].map(at), 0.8).unwrap();
         assert_eq!((ends.low, ends.high), (None, None));
-        // Phi(2 d - 1.96) is 0.8 at (1.96 + 0.8416) / 2.
+        // Phi(2 d - 1.96) is 0.8 at (1.959964 + 0.841621) / 2.
         let of_effect = |effect: f64| {
             let (_, power) = at((2.0 * effect / 0.3).powi(2));
             (effect, power)
         };
         let found = crossing(&[0.0, 1.0, 3.0].map(of_effect), 0.8, Along::Effect).unwrap();
-        assert!((found.at - 1.400_592_609_2).abs() < 1e-6, "{found:?}");
+        assert!((found.at - 1.400_792_609).abs() < 1e-6, "{found:?}");
     }
 
     #[test]

@@ -1,12 +1,19 @@
 //! Where the features and the outcome of an estimate are in the decisions of a job.
 
-use crate::job::{Decision, EstimateDeclaration, STEP, StateNames, Treatment};
+use crate::job::{Decision, EstimateDeclaration, STEP, StateNames, TargetPolicy, Treatment};
+
+/// The name in the state of a recorded trial's probability of the action that was taken.
+const RECORDED_PROBABILITY: &str = "recorded_probability";
 
 /// Where the numbers of a decision are.
 #[derive(Clone, Debug)]
 pub struct Layout {
     /// The features of the model without treatment.
     pub control: Vec<Feature>,
+    /// The number that is the probability of a message under the policy of a value.
+    pub policy: Option<Feature>,
+    /// The index in the state of the probability with which the action was taken, where the agent's is another one.
+    pub recorded: Option<usize>,
     /// The features that the effect depends on.
     pub moderators: Vec<Feature>,
     /// The index of the outcome in the state; `None` for the reward.
@@ -83,7 +90,10 @@ impl Layout {
             _ => {}
         }
         let (control, moderators) = (features(&of.control)?, features(&of.moderators)?);
+        let policy = of.policy.as_ref().and_then(TargetPolicy::feature);
+        let policy = policy.map(|name| feature(&name.to_owned())).transpose()?;
+        let recorded = names.iter().position(|name| name == RECORDED_PROBABILITY);
         let is_own = outcome.is_some_and(|index| names.is_late(index));
-        Ok(Layout { control, moderators, outcome, is_own })
+        Ok(Layout { control, policy, recorded, moderators, outcome, is_own })
     }
 }

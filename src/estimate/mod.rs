@@ -26,7 +26,7 @@ mod wcls;
 pub(crate) use effect::with_standard_error;
 pub(crate) use emee::Rows;
 pub use estimation::Estimation;
-pub use layout::Layout;
+pub use layout::{Feature, Layout};
 pub(crate) use root::root;
 pub(crate) use student::{chi_squared_of_p, t_of_p, two_sided_p};
 pub use wcls::Correction;

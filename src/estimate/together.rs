@@ -4,7 +4,7 @@ use super::effect::{unfinished, with_standard_error};
 use super::emee::{NoRisks, Rows};
 use super::layout::Layout;
 use super::value::{Courses, LEAST_SIZE, Made, NoValue, Valued};
-use crate::job::{Decision, Effect, EstimateDeclaration, Estimator, counted};
+use crate::job::{Decision, Effect, EstimateDeclaration, Estimator, TargetPolicy, counted};
 
 /// What an estimator keeps of the decisions that it has read.
 #[derive(Clone, Debug)]
@@ -44,16 +44,11 @@ impl Together {
                 })
             }
             (Estimator::Value, None) => Together::Unfit("it has no `policy`".to_owned()),
-            (Estimator::Value, Some(policy)) => match policy.probabilities(actions) {
-                Ok(policy) => {
+            (Estimator::Value, Some(policy)) => match policy.probabilities(actions, 0.5) {
+                Ok(_) => {
                     let steps = declaration.steps as usize;
-                    Together::Courses(Courses {
-                        steps,
-                        controls,
-                        terms,
-                        policy,
-                        ..Courses::default()
-                    })
+                    let courses = Courses { steps, controls, terms, actions, ..Courses::default() };
+                    Together::Courses(courses)
                 }
                 Err(why) => Together::Unfit(why),
             },
@@ -87,11 +82,28 @@ impl Together {
             (Some(index), true) => decision.state[index],
             (Some(_), false) => f64::NAN,
         };
-        let (wanted, taken) = (courses.policy[action], decision.probabilities[action]);
-        let ratio = match (decision.can_send, wanted > 0.0) {
-            (false, _) => 1.0,
-            (true, false) => 0.0,
-            (true, true) => wanted / taken,
+        let policy = match (&declaration.policy, layout.policy) {
+            (Some(policy), Some(feature)) => {
+                let message = feature.of(decision);
+                if !(0.0..=1.0).contains(&message) && !message.is_nan() && decision.can_send {
+                    courses.misfit.get_or_insert((decision.episode, decision.step, message));
+                }
+                policy.probabilities(courses.actions, message).unwrap_or_default()
+            }
+            (Some(TargetPolicy::Named(_)) | None, None) | (None, Some(_)) => {
+                decision.probabilities.to_vec()
+            }
+            (Some(policy), None) => policy.probabilities(courses.actions, 0.0).unwrap_or_default(),
+        };
+        let taken = match layout.recorded {
+            Some(index) => decision.state[index],
+            None => decision.probabilities[action],
+        };
+        let wanted = policy[action];
+        let ratio = match decision.can_send {
+            true if wanted == 0.0 => 0.0,
+            true => wanted / taken,
+            false => 1.0,
         };
         courses.features.push(1.0);
         courses.features.extend(layout.control.iter().map(|one| one.of(decision)));
@@ -99,9 +111,13 @@ impl Together {
         courses.features.extend(layout.moderators.iter().map(|one| one.of(decision)));
         let Decision { step, can_send, terminated, .. } = *decision;
         courses.made.push(Made { person, step, action, can_send, ratio, outcome, terminated });
-        let mut pairs = courses.policy.iter().zip(&decision.probabilities);
+        let mut pairs = policy.iter().zip(&decision.probabilities);
+        let is_untried = pairs.any(|(wanted, tried)| *wanted > 0.0 && *tried == 0.0);
+        courses.policy.extend(policy);
         match can_send {
-            true if pairs.any(|(wanted, tried)| *wanted > 0.0 && *tried == 0.0) => Tried::Never,
+            // Of a recorded trial, only the probability of the action that was taken is known, and not of all decisions.
+            _ if layout.recorded.is_some() => Tried::Known,
+            true if is_untried => Tried::Never,
             true if taken.is_nan() => Tried::Unknown,
             _ => Tried::Known,
         }
@@ -133,6 +149,11 @@ impl Together {
             Together::Unfit(why) => return Err(why.clone()),
             Together::Nothing | Together::Rows(_) => return Err(NO_ROWS.to_owned()),
         };
+        if let Some((person, step, message)) = courses.misfit {
+            return Err(format!(
+                "its `policy` is {message} at step {step} of person {person}, which is no probability"
+            ));
+        }
         let found = courses.value().map_err(|why| no_value(why, courses.steps))?;
         let df = (found.people - 1) as f64;
         let effect = |of: &Valued| {

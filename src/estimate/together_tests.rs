@@ -144,7 +144,8 @@ fn balanced(person: usize) -> [Made; 2] {
 
 fn courses(steps: usize, made: Vec<Made>) -> Courses {
     let features = [1.0, 1.0].repeat(made.len());
-    Courses { steps, controls: 1, terms: 1, policy: vec![0.5, 0.5], features, made }
+    let policy = [0.5, 0.5].repeat(made.len());
+    Courses { steps, controls: 1, terms: 1, actions: 2, policy, features, made, misfit: None }
 }
 
 #[test]
@@ -250,4 +251,62 @@ fn a_value_without_a_number_has_a_reason() {
     };
     let why = reason(three, &rows(20, 0.2));
     assert_eq!(why, "`policy` lists 3 numbers, and the environment has 2 actions");
+    let named = |name: &str| EstimateDeclaration {
+        policy: Some(TargetPolicy::Named(name.to_owned())),
+        ..of(0.5, 1)
+    };
+    let why = reason(named("load"), &rows(20, 0.2));
+    assert!(why.contains("the recorded state has no `load`"), "{why}");
+    let mut over = rows(20, 0.2);
+    over[5].state[0] = 1.25;
+    let why = reason(named("share"), &over);
+    assert_eq!(why, "its `policy` is 1.25 at step 1 of person 2, which is no probability");
+}
+
+#[test]
+fn a_policy_can_be_a_number_of_the_state_or_the_agent() {
+    let mut rows: Vec<Decision> = Vec::new();
+    for person in 1..=20_u32 {
+        for step in 0..4_u32 {
+            let action = u8::from((person * 3 + step).is_multiple_of(2));
+            let reward = f64::from(person % 4 + step * u32::from(action));
+            let one = decision(person, step, action, 0.25 + 0.5 * f64::from(step % 2), reward);
+            rows.push(Decision { state: [0.75, 0.0].into(), ..one });
+        }
+    }
+    let of = |policy: TargetPolicy| {
+        let estimator = Estimator::Value;
+        let of = EstimateDeclaration { estimator, policy: Some(policy), ..declared(&[], &[], ANY) };
+        effects(of, &rows)
+    };
+    let named = |name: &str| of(TargetPolicy::Named(name.to_owned()));
+    assert_eq!(named("share"), of(TargetPolicy::Message(0.75)));
+    // What the agent did itself is the mean.
+    let mean = rows.iter().map(|one| one.reward).sum::<f64>() / 80.0;
+    for effect in named("agent").into_iter().take(2) {
+        let effect = effect.unwrap();
+        assert!((effect.value - mean).abs() < 1e-12, "{effect:?}");
+        assert_eq!(effect.effective_sample_size, Some(80.0));
+    }
+    // In a recorded trial, the actions were taken with other probabilities than the agent's. Without a number of the state,
+    // a decision is left out.
+    let mut replayed = rows.clone();
+    for one in &mut replayed {
+        one.state = [0.75, 0.5].into();
+    }
+    replayed[7].state[0] = f64::NAN;
+    let names = ["mood", "recorded_probability"].map(str::to_owned).to_vec();
+    let of = EstimateDeclaration {
+        estimator: Estimator::Value,
+        policy: Some(TargetPolicy::Named("agent".to_owned())),
+        ..declared(&["mood"], &[], ANY)
+    };
+    let mut estimation = Estimation::new(Arc::new(of), 2, &names.into());
+    replayed.iter().for_each(|decision| estimation.add(decision));
+    let terms = estimation.finish().terms;
+    let effect = terms[0].effect.clone().unwrap();
+    let kept = replayed.iter().enumerate().filter(|(index, _)| *index != 7);
+    let weighted = kept.map(|(_, one)| one.action_probability() / 0.5 * one.reward);
+    assert!((effect.value - weighted.sum::<f64>() / 79.0).abs() < 1e-12, "{effect:?}");
+    assert_eq!(effect.decisions, 79);
 }

@@ -25,11 +25,14 @@ pub(crate) struct Courses {
     pub(crate) controls: usize,
     /// The number of features that the effect of each message depends on, the constant included.
     pub(crate) terms: usize,
-    /// The probabilities of the policy, \[actions\].
+    pub(crate) actions: usize,
+    /// The probabilities of the policy at all decisions, \[decisions, actions\].
     pub(crate) policy: Vec<f64>,
     /// The control features and the terms of all decisions, \[decisions, controls + terms\].
     pub(crate) features: Vec<f64>,
     pub(crate) made: Vec<Made>,
+    /// The first person, from 1, and step at which the policy is no probability, and what it is.
+    pub(crate) misfit: Option<(u32, u32, f64)>,
 }
 
 /// A decision that was made.
@@ -41,7 +44,8 @@ pub(crate) struct Made {
     pub(crate) action: usize,
     /// Whether a message could be sent.
     pub(crate) can_send: bool,
-    /// The probability of the action under the policy, divided by that under which it was taken.
+    /// The probability of the action under the policy, divided by that under which it was taken. Not a number if the policy
+    /// is not known there.
     pub(crate) ratio: f64,
     /// Not a number if it is not known.
     pub(crate) outcome: f64,
@@ -102,7 +106,7 @@ impl Courses {
 
     /// The number of coefficients of the model of an outcome.
     pub(crate) fn columns(&self) -> usize {
-        self.controls + (self.policy.len() - 1) * self.terms
+        self.controls + (self.actions - 1) * self.terms
     }
 
     /// Adds `scale` times the regressors of a decision with these probabilities of the actions.
@@ -125,7 +129,8 @@ impl Courses {
     /// Adds the regressors under the policy; where no message can be sent, none is.
     fn add_policy(&self, index: usize, scale: f64, sums: &mut [f64]) {
         let can_send = f64::from(u8::from(self.made[index].can_send));
-        self.add_row(index, scale, |action| can_send * self.policy[action], sums);
+        let policy = &self.policy[index * self.actions..(index + 1) * self.actions];
+        self.add_row(index, scale, |action| can_send * policy[action], sums);
     }
 
     /// The last decision of a course that begins at a decision, behind its end; `None` if it does not count. Episodes
@@ -135,8 +140,15 @@ impl Courses {
         let course = &self.made[start..last];
         let is_whole = course.len() == self.steps || course.last()?.terminated;
         let is_in_time = course[0].step as usize + self.steps <= longest;
-        let are_known = course.iter().all(|one| one.outcome.is_finite());
+        let are_known = (start..last).all(|index| self.is_known(index));
         (is_whole && is_in_time && are_known).then_some(last)
+    }
+
+    /// Whether a decision has its outcome, its features and the policy.
+    fn is_known(&self, index: usize) -> bool {
+        let features = &self.features[index * self.width()..(index + 1) * self.width()];
+        let Made { outcome, ratio, .. } = self.made[index];
+        outcome.is_finite() && ratio.is_finite() && features.iter().all(|one| one.is_finite())
     }
 
     /// Whether the person's next decision stands behind a decision.
@@ -263,12 +275,15 @@ impl Courses {
         let width = triangle + columns + columns * columns;
         let mut sums = [vec![0.0; folds * width], vec![0.0; folds * width]];
         let (mut taken, mut next) = (vec![0.0; columns], vec![0.0; columns]);
-        for (index, one) in self.made.iter().enumerate().filter(|(_, one)| one.outcome.is_finite())
-        {
+        for (index, one) in self.made.iter().enumerate() {
+            if !self.is_known(index) {
+                continue;
+            }
             taken.fill(0.0);
             next.fill(0.0);
             self.add_taken(index, 1.0, &mut taken);
             let is_followed = self.is_followed(index);
+            let is_followed = is_followed && self.is_known(index + 1);
             if is_followed {
                 self.add_policy(index + 1, 1.0, &mut next);
             }

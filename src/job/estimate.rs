@@ -118,7 +118,10 @@ fn is_one(steps: &u32) -> bool {
     *steps == 1
 }
 
-/// A policy whose value is estimated, with the same probabilities at every decision at which a message can be sent.
+/// The policy of the job's own agent, in [`TargetPolicy::Named`].
+pub const AGENT: &str = "agent";
+
+/// A policy whose value is estimated, at decisions at which a message can be sent.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(untagged)]
 pub enum TargetPolicy {
@@ -126,15 +129,28 @@ pub enum TargetPolicy {
     Message(f64),
     /// The probabilities of all actions, \[actions\]; their sum is 1.
     Actions(Vec<f64>),
+    /// A number of the recorded state is the probability of a message; or [`AGENT`].
+    Named(String),
 }
 
 impl TargetPolicy {
-    /// The probabilities in an environment with this number of actions, \[actions\].
+    /// The number of the recorded state that is the probability of a message.
+    pub fn feature(&self) -> Option<&str> {
+        match self {
+            TargetPolicy::Named(name) if name != AGENT => Some(name),
+            TargetPolicy::Named(_) | TargetPolicy::Message(_) | TargetPolicy::Actions(_) => None,
+        }
+    }
+
+    /// The probabilities in an environment with this number of actions, \[actions\], where a named policy sends a message
+    /// with the probability `named`.
     ///
     /// **Errors**: the list has another length.
-    pub fn probabilities(&self, actions: usize) -> Result<Vec<f64>, String> {
+    pub fn probabilities(&self, actions: usize, named: f64) -> Result<Vec<f64>, String> {
         match self {
-            TargetPolicy::Message(probability) => {
+            TargetPolicy::Message(_) | TargetPolicy::Named(_) => {
+                let probability =
+                    if let TargetPolicy::Message(fixed) = self { *fixed } else { named };
                 let each = probability / actions.saturating_sub(1) as f64;
                 let messages = std::iter::repeat_n(each, actions.saturating_sub(1));
                 Ok([1.0 - probability].into_iter().chain(messages).collect())

@@ -22,8 +22,8 @@ mod trial;
 pub use condition::{Condition, Described, short_beside, short_name};
 pub use content::{Job, JobError, NoWeights};
 pub use estimate::{
-    CONSTANT, Effect, Estimate, EstimateDeclaration, Estimates, Estimator, GROSS_REWARD, Messages,
-    REWARD, STEP, StandardErrors, TargetPolicy, Treatment, VALUE_TERMS,
+    AGENT, CONSTANT, Effect, Estimate, EstimateDeclaration, Estimates, Estimator, GROSS_REWARD,
+    Messages, REWARD, STEP, StandardErrors, TargetPolicy, Treatment, VALUE_TERMS,
 };
 pub use evaluation::{
     EvaluatedOn, Evaluation, RecordedDecisions, RecordedEpisodes, RecordedQuartiles, TestActions,

@@ -4,8 +4,9 @@
 //! from each decision of the trial on. Courses change nothing in the trial, and draw from a stream of their own.
 
 use crate::agent::Rewards;
-use crate::env::{Action, EpisodeStatus, Simulated, VectorEnvironment};
-use crate::job::{Decision, EstimateDeclaration, Job};
+use crate::env::{Action, EpisodeStatus, Simulated, Simulation, VectorEnvironment};
+use crate::estimate::Feature;
+use crate::job::{Decision, EstimateDeclaration, Job, TargetPolicy};
 use crate::rng::{Purpose, Stream};
 use crate::state::resumable;
 use crate::train::decision_log::DecisionObserver;
@@ -16,8 +17,10 @@ use crate::train::roll::ChosenStep;
 #[derive(Debug)]
 pub(super) struct PolicyCourses {
     outcome: ProximalOutcome,
-    /// The probabilities of the policy, \[actions\].
-    policy: Vec<f64>,
+    policy: TargetPolicy,
+    /// The number before a decision that a named policy is.
+    feature: Option<Feature>,
+    actions: usize,
     /// The number of decisions of a course.
     steps: u32,
     seed: u64,
@@ -36,16 +39,29 @@ pub(super) struct CourseMean {
 }
 
 impl PolicyCourses {
-    /// No course yet; `None` if the job has no trial, or the estimate no policy for its actions.
+    /// No course yet; `None` if the job has no trial, the estimate no policy for its actions, or a policy that copies of
+    /// people do not have: the agent's own, or a number of the trial beside the state of people.
     pub(super) fn new(
         job: &Job,
         declaration: &EstimateDeclaration,
         outcome: ProximalOutcome,
+        feature: Option<Feature>,
     ) -> Option<PolicyCourses> {
         let actions = job.task().interface().actions;
+        let policy = declaration.policy.clone()?;
+        policy.probabilities(actions, 0.5).ok()?;
+        let of_person = job.environment.state_names().len();
+        let is_known = match (&policy, feature) {
+            (TargetPolicy::Named(_), None) => false,
+            (_, Some(Feature::State(index))) => index < of_person,
+            (_, Some(Feature::Step) | None) => true,
+        };
+        is_known.then_some(())?;
         Some(PolicyCourses {
             outcome,
-            policy: declaration.policy.as_ref()?.probabilities(actions).ok()?,
+            policy,
+            feature,
+            actions,
             steps: declaration.steps,
             seed: job.seed,
             per_day: job.trial.as_ref()?.decisions_per_day,
@@ -61,7 +77,8 @@ impl PolicyCourses {
 
     /// Whether the courses of both are the same.
     pub(super) fn equals(&self, other: &PolicyCourses) -> bool {
-        (&self.outcome, &self.policy, self.steps) == (&other.outcome, &other.policy, other.steps)
+        let content = |one: &PolicyCourses| (one.outcome, one.policy.clone(), one.steps);
+        content(self) == content(other)
     }
 
     /// The mean of the courses that begin at decisions which an estimate of the value counts; `None` if it counts none.
@@ -84,13 +101,29 @@ impl PolicyCourses {
         (count > 0.0).then(|| sum / count)
     }
 
-    /// The action of the policy at a decision of a course that began at a step of a person.
-    fn action(&self, person: usize, first: u32, step: u32) -> Action {
+    /// The probabilities of the policy at the next decision of a lane, \[actions\]. `state` is a buffer.
+    fn probabilities(&self, lanes: &dyn Simulation, lane: usize, state: &mut Vec<f64>) -> Vec<f64> {
+        let message = match self.feature {
+            Some(Feature::State(index)) => {
+                state.clear();
+                lanes.record_state(lane, state);
+                state[index]
+            }
+            Some(Feature::Step) => f64::from(lanes.times()[lane]),
+            None => 0.0,
+        };
+        // What is no probability leads to no estimate.
+        let message = if message.is_nan() { 0.0 } else { message.clamp(0.0, 1.0) };
+        self.policy.probabilities(self.actions, message).unwrap_or_default()
+    }
+
+    /// The action at a decision of a course that began at a step of a person.
+    fn action(&self, person: usize, (first, later): (u32, u32), probabilities: &[f64]) -> Action {
         let mut stream = Stream::of_person(self.seed, Purpose::PolicyCourse, person as u32);
-        stream.go_to(u64::from(first) * u64::from(self.steps) + u64::from(step));
+        stream.go_to(u64::from(first) * u64::from(self.steps) + u64::from(later));
         let mut rest = stream.unit();
         let mut chosen = 0;
-        for (action, probability) in self.policy.iter().enumerate().filter(|(_, p)| **p > 0.0) {
+        for (action, probability) in probabilities.iter().enumerate().filter(|(_, p)| **p > 0.0) {
             chosen = action;
             if rest < *probability {
                 break;
@@ -114,14 +147,16 @@ impl DecisionObserver for PolicyCourses {
         let mut sums = vec![0.0; decisions.len()];
         let mut state = Vec::new();
         let time = step.study.map_or(0, |study| study.time());
-        let probabilities = self.policy.repeat(lanes);
+        let mut probabilities = vec![0.0; lanes * self.actions];
         for later in 0..self.steps {
             if later > 0 && (time + later).is_multiple_of(self.per_day) {
                 copy.begin_day((time + later) / self.per_day);
             }
             for Decision { episode, step, .. } in decisions {
                 let person = *episode as usize - 1;
-                actions[person] = self.action(person, *step, later);
+                let own = self.probabilities(&*copy, person, &mut state);
+                actions[person] = self.action(person, (*step, later), &own);
+                probabilities[person * self.actions..][..self.actions].copy_from_slice(&own);
             }
             let is_running = |lane: usize| copy.statuses()[lane] == EpisodeStatus::Running;
             let running: Vec<bool> =

@@ -69,10 +69,16 @@ impl<'d> Truth<'d> {
         Some(sums.iter().map(coefficients).collect::<Option<Vec<_>>>()?.concat())
     }
 
+    /// Whether it is of the value of a policy.
+    pub(super) fn is_of_value(&self) -> bool {
+        self.declaration.estimator == Estimator::Value
+    }
+
     /// The courses of its policy, before the first; `None` for an effect.
     pub(super) fn courses(&self, job: &Job) -> Option<PolicyCourses> {
-        let is_value = self.declaration.estimator == Estimator::Value;
-        PolicyCourses::new(job, self.declaration, self.outcome()).filter(|_| is_value)
+        let policy = self.layout.policy;
+        PolicyCourses::new(job, self.declaration, self.outcome(), policy)
+            .filter(|_| self.is_of_value())
     }
 
     /// The coefficients β of each treatment with Σ f (exp(−f'β) Y₁ − Y₀) = 0 over decisions. They are those of pairs of rows,

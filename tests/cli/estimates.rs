@@ -412,9 +412,13 @@ fn faulty_estimates_are_reported_where_they_stand() {
         ),
         (
             "estimator = \"value\"\npolicy = 1.2",
-            "23:10: `policy`: expected the probability of a message, from 0 to 1, or a list",
+            "23:10: `policy`: expected the probability of a message, from 0 to 1, a list",
         ),
         ("estimator = \"value\"\npolicy = [0.5, 0.6, 0, 0]", "whose sum is 1"),
+        (
+            "estimator = \"value\"\npolicy = \"habituatoin\"",
+            "23:10: `policy`: the recorded state has no `habituatoin`",
+        ),
         (
             "estimator = \"value\"\npolicy = [0.5, 0.5]",
             "`policy` lists 2 numbers, and the environment has 4 actions",

@@ -193,7 +193,7 @@ fn a_diagnosand_that_is_no_aggregate_is_refused_before_the_report() {
         folder.jitai(["check", "sweep.toml"]).ended(2).says("write an aggregate over the rows");
         folder.jitai(["run", "sweep.toml", "--set", "seeds=1"]).succeeded();
         folder.jitai(["report", "sweep.toml", "--out", "report"]).ended(2).says(says);
-        assert!(!folder.path("report").exists());
+        assert!(!folder.path("report/index.html").exists());
     }
     let taken = effects().replace("find = ", "diagnosands = { bias = \"avg(estimate)\" }\nfind = ");
     let folder = Folder::with(&taken);

@@ -50,8 +50,8 @@ fields! {
         moderators: Vec<String> as Features = Vec::new();
         /// probability of treatment in the numerator of the weights; several treatments share it equally
         numerator: f64 as Share = 0.5;
-        /// the policy whose value is estimated: the probability of a message, which several messages share equally, or a list
-        /// of the probabilities of all actions
+        /// the policy whose value is estimated: the probability of a message, which several messages share equally; a list of
+        /// the probabilities of all actions; a number of the recorded state that is the probability of a message; or "agent"
         policy: Option<TargetPolicy>;
         /// consecutive decisions that the policy makes; the value is their mean outcome
         steps: u32 = 1, in Kind::Integer { min: 1, max: 1000 };
@@ -106,11 +106,16 @@ impl Field for TargetPolicy {
 
     fn schema(_: Option<Kind>) -> Json {
         let probability = json!({ "type": "number", "minimum": 0, "maximum": 1 });
-        json!({ "anyOf": [probability, schema::list(probability.clone())] })
+        let name = json!({ "type": "string", "minLength": 1 });
+        json!({ "anyOf": [probability, schema::list(probability.clone()), name] })
     }
 
     fn read(table: &mut TableReader<'_, '_>, key: &str, _: Option<Kind>) -> Option<TargetPolicy> {
         let node = table.node(key)?;
+        if node.get_ref().as_str().is_some() {
+            let name = table.reader.name(key, node).value;
+            return (!name.is_empty()).then_some(TargetPolicy::Named(name));
+        }
         let probability = |node: &Node| number(node).filter(|number| (0.0..=1.0).contains(number));
         let policy = match node.get_ref().as_array() {
             None => probability(node).map(TargetPolicy::Message),
@@ -121,8 +126,8 @@ impl Field for TargetPolicy {
             }
         };
         if policy.is_none() {
-            let expected = "the probability of a message, from 0 to 1, or a list of the probabilities of all actions, \
-                            whose sum is 1";
+            let expected = "the probability of a message, from 0 to 1, a list of the probabilities of all actions, whose \
+                            sum is 1, the name of a number of the recorded state, or \"agent\"";
             table.reader.expected(key, expected, node);
         }
         policy
@@ -131,6 +136,7 @@ impl Field for TargetPolicy {
     fn written(value: &TargetPolicy, key: &'static str) -> Vec<(&'static str, String)> {
         let text = match value {
             TargetPolicy::Message(probability) => format!("{probability:?}"),
+            TargetPolicy::Named(name) => quoted(name),
             TargetPolicy::Actions(all) => Value::Reals(all.clone()).to_string(),
         };
         vec![(key, text)]

@@ -3,7 +3,10 @@
 use std::collections::HashSet;
 
 use crate::env::recorded;
-use crate::job::{EstimateDeclaration, Estimator, Job, Pooling, STEP, StandardErrors, Treatment};
+use crate::job::{
+    AGENT, EstimateDeclaration, Estimator, Job, Pooling, STEP, StandardErrors, TargetPolicy,
+    Treatment,
+};
 use crate::key::{Constraint, KeyType, Parameter, Violation};
 use crate::manifest::declared::Manifest;
 use crate::manifest::draft::Draft;
@@ -137,7 +140,7 @@ impl Checked<'_> {
         let Some(policy) = policy.filter(|_| !job.environment.family().is_external()) else {
             return;
         };
-        if let Err(why) = policy.probabilities(job.task().interface().actions) {
+        if let Err(why) = policy.probabilities(job.task().interface().actions, 0.5) {
             let fault = Fault::at(self.estimate.span_of("policy"), why);
             let actions = (0..).zip(job.environment.actions());
             let actions = actions.map(|(number, meaning)| format!("{number}: {meaning}"));
@@ -189,6 +192,10 @@ impl Checked<'_> {
             }),
             false => None,
         };
+        let is_agent = declaration.policy == Some(TargetPolicy::Named(AGENT.to_owned()));
+        let of_agent = (is_agent && declaration.truth)
+            .then_some("the value of the agent's own policy is the mean outcome of its trial");
+        let reason = reason.or(of_agent);
         if let Some(reason) = reason {
             let fault = Fault::at(self.estimate.span_of("truth"), format!("`truth`: {reason}"));
             faults.add(fault.help("remove `truth`, or declare another estimate with `agents`"));
@@ -213,6 +220,8 @@ impl Checked<'_> {
         let lists = [("control", &declaration.control), ("moderators", &declaration.moderators)];
         let features =
             lists.into_iter().flat_map(|(key, list)| list.iter().map(move |one| (key, one)));
+        let policy = declaration.policy.as_ref().and_then(TargetPolicy::feature).map(str::to_owned);
+        let features = features.chain(policy.iter().map(|name| ("policy", name)));
         let late = |name: &String| {
             names.iter().position(|known| known == name).is_some_and(|index| names.is_late(index))
         };
