@@ -466,6 +466,74 @@ impl TrainedPolicy {
         PyArray1::from_vec(py, probabilities).reshape([count, actions])
     }
 
+    /// The bandit that has also learned from decisions, \[rows\], whose actions were drawn with these probabilities, \[rows,
+    /// actions\].
+    fn updated(
+        &self,
+        py: Python<'_>,
+        observations: PyReadonlyArray2<'_, f64>,
+        actions: Vec<i64>,
+        rewards: Vec<f64>,
+        probabilities: Option<PyReadonlyArray2<'_, f64>>,
+    ) -> PyResult<TrainedPolicy> {
+        let invalid = |says: String| Err(PyValueError::new_err(says));
+        let parameters: Option<LinearThompson> = self.stored.job.agent.parameters();
+        let Some(parameters) = parameters else {
+            let of = self.stored.job.algorithm();
+            return invalid(format!(
+                "linear_thompson alone learns from a log, and this policy is of {of}"
+            ));
+        };
+        let rows = self.read(&observations, None)?;
+        let (count, of_action) = (rows.count(), self.actions());
+        if [actions.len(), rewards.len()] != [count; 2] {
+            let (actions, rewards) = (actions.len(), rewards.len());
+            return invalid(format!(
+                "expected an action and a reward for each of {count} observations, found {actions} and {rewards}"
+            ));
+        }
+        let chances = match &probabilities {
+            Some(given) if given.shape() == [count, of_action] => given.as_slice()?.to_vec(),
+            Some(given) => {
+                let [rows, columns] = [given.shape()[0], given.shape()[1]];
+                return invalid(format!(
+                    "probabilities: expected {count} rows of {of_action} actions, found {rows} of {columns}"
+                ));
+            }
+            None if parameters.action_centring => {
+                let says =
+                    "probabilities: with action centring, learning needs those of all actions";
+                return invalid(says.to_owned());
+            }
+            None => vec![0.0; count * of_action],
+        };
+        let taken = |action: &i64| {
+            let index = usize::try_from(*action).ok().filter(|index| *index < of_action);
+            index.and_then(Action::from_index)
+        };
+        if let Some(row) = actions.iter().position(|action| taken(action).is_none()) {
+            let (action, last) = (actions[row], of_action - 1);
+            return invalid(format!("actions: row {row} has {action}, expected 0 to {last}"));
+        }
+        if let Some(row) = rewards.iter().position(|reward| !reward.is_finite()) {
+            return invalid(format!("rewards: row {row} has no finite number"));
+        }
+        if let Some(index) = chances.iter().position(|p| !(0.0..=1.0).contains(p)) {
+            let row = index / of_action;
+            return invalid(format!("probabilities: row {row} has a number outside of 0 to 1"));
+        }
+        py.detach(|| {
+            let (_, mut bandit) = bandit_of(&self.stored).map_err(no_policy)?;
+            for row in 0..count {
+                let own = &chances[row * of_action..(row + 1) * of_action];
+                let action = taken(&actions[row]).unwrap_or_default();
+                bandit.learn(rows.row(row), (action, own), rewards[row]);
+            }
+            let safetensors = Some(bandit.weights().to_bytes());
+            TrainedPolicy::of_stored(StoredWeights { safetensors, ..self.stored.clone() })
+        })
+    }
+
     /// The weights by name.
     #[getter]
     fn weights<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {

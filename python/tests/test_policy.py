@@ -496,3 +496,46 @@ def test_policies_can_be_pickled(store, jobs, bandits):
         assert (copied.job_key, copied.description) == (policy.job_key, policy.description)
         assert np.array_equal(copied.probabilities(rows), policy.probabilities(rows))
         assert np.array_equal(copied.act(rows), policy.act(rows))
+
+
+def test_a_bandit_learns_from_a_log_as_the_program_does(bandits, tmp_path):
+    store, keys, _ = bandits
+    if "plain" not in keys:
+        pytest.skip("rows of a one-hot have no columns in a log")
+    for agent in ("plain", "centred"):
+        key = keys[agent]
+        policy = jitai.Policy.from_store(store, key)
+        rows = observations(policy, 30)
+        chance = np.random.default_rng(3)
+        count = len(policy.description["actions"])
+        actions = chance.integers(0, count, 30)
+        rewards = chance.normal(50, 20, 30)
+        chances = chance.dirichlet(np.ones(count), 30)
+        learned = policy.update(rows, actions, rewards, chances)
+        # By conjugacy: the precision grows by the rows, and the order does not matter.
+        assert not np.array_equal(learned.weights["precision"], policy.weights["precision"])
+        halves = policy.update(rows[15:], actions[15:], rewards[15:], chances[15:])
+        halves = halves.update(rows[:15], actions[:15], rewards[:15], chances[:15])
+        for name in ("mean", "precision"):
+            np.testing.assert_allclose(halves.weights[name], learned.weights[name], rtol=1e-8, atol=1e-8)
+        # The program learns the same from files.
+        assert run("export", "--store", str(store), "--policy", key, "--out", str(tmp_path / agent)).returncode == 0
+        file = tmp_path / agent / "policy.json"
+        names = [feature["name"] for feature in policy.description["features"]]
+        columns = {name: rows[:, index] for index, name in enumerate(names)}
+        columns |= {"action": actions, "reward": rewards}
+        columns |= {f"probability_{index}": chances[:, index] for index in range(1, count)}
+        log = tmp_path / f"{agent}.csv"
+        lines = (",".join(repr(float(column[row])) for column in columns.values()) for row in range(30))
+        log.write_text("\n".join([",".join(columns), *lines]) + "\n")
+        new = tmp_path / f"{agent}.json"
+        ran = run("decide", "--policy", str(file), "--data", str(log), "--update", str(new))
+        assert ran.returncode == 0, ran.stderr
+        of_program = json.loads(new.read_text())["posterior"]
+        np.testing.assert_allclose(of_program["mean"], learned.weights["mean"], rtol=1e-6, atol=1e-6)
+    with pytest.raises(ValueError, match="row 0 has 99"):
+        policy.update(rows[:1], [99], [1.0], chances[:1])
+    with pytest.raises(ValueError, match="an action and a reward for each of 2"):
+        policy.update(rows[:2], [1], [1.0])
+    with pytest.raises(TypeError, match="whole numbers"):
+        policy.update(rows[:1], [0.5], [1.0])

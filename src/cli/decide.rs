@@ -171,7 +171,7 @@ impl FileBandit {
             chances.extend(others);
             chances.resize(self.actions, 0.0);
             let seen = self.observation(&table, row);
-            self.policy.learn(&seen, (taken, &chances), reward);
+            self.policy.learn((&seen, None), (taken, &chances), reward);
         }
         let earlier = digest(self.about.to_string().as_bytes());
         let weights = self.policy.weights();
@@ -186,6 +186,11 @@ impl FileBandit {
         self.about["posterior"]["mean"] = json!(rows("mean"));
         self.about["posterior"]["precision"] =
             json!(rows("precision").chunks_exact(width).collect::<Vec<_>>());
+        if let Some(posterior) = self.about["posterior"].as_object_mut() {
+            // What was known of a person of whom nothing is known is now what is known of the person of the log.
+            posterior.remove("person_sd");
+            posterior.remove("person_mean");
+        }
         self.about["updated"] = json!({
             "decisions": table.lines.len(),
             "log_sha256": digest(text.as_bytes()),

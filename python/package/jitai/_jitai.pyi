@@ -165,6 +165,13 @@ class TrainedPolicy:
 
     @staticmethod
     def from_store(path: str | os.PathLike[str], key: str) -> TrainedPolicy: ...
+    def updated(
+        self,
+        observations: npt.NDArray[np.float64],
+        actions: list[int],
+        rewards: list[float],
+        probabilities: npt.NDArray[np.float64] | None,
+    ) -> TrainedPolicy: ...
     @property
     def job_key(self) -> str: ...
     def describe(self) -> dict[str, Any]: ...

@@ -18,7 +18,7 @@ class Policy:
 
     ``act`` takes the same actions as the program, to the bit: by default as the policy was trained,
     including exploration, or the best actions if ``greedy``. A bandit draws its coefficients for
-    each decision, and does not learn. A network with a GRU remembers the observations that ``act`` saw
+    each decision, and learns by ``update`` alone. A network with a GRU remembers the observations that ``act`` saw
     since ``begin``: rows are the next observations of as many episodes. A rule that acts on the true
     state takes it from ``info``. Policies can be pickled.
     """
@@ -100,6 +100,27 @@ class Policy:
         rows, is_single = _rows(observations)
         probabilities = self._policy.probabilities(rows, self._states(rows, info))
         return probabilities[0] if is_single else probabilities
+
+    def update(
+        self,
+        observations: npt.ArrayLike,
+        actions: npt.ArrayLike,
+        rewards: npt.ArrayLike,
+        probabilities: npt.ArrayLike | None = None,
+    ) -> Policy:
+        """The bandit that has also learned from decisions, as a trial's update does; this one stays as it is.
+
+        ``observations`` has a row for each decision, ``actions`` and ``rewards`` a number, and ``probabilities`` a row with
+        the probabilities with which the actions were drawn, which bandits with action centring need. Its actions begin
+        at the start of the random stream.
+        """
+        rows, _ = _rows(observations)
+        taken = np.asarray(actions)
+        if taken.dtype.kind not in "iu":
+            raise TypeError(f"actions: expected whole numbers, found {taken.dtype}")
+        paid = np.asarray(rewards, np.float64)
+        chances = None if probabilities is None else np.ascontiguousarray(np.atleast_2d(probabilities), np.float64)
+        return Policy(self._policy.updated(rows, taken.ravel().tolist(), paid.ravel().tolist(), chances))
 
     def _states(
         self, rows: npt.NDArray[np.float64], info: Mapping[str, Any] | None

@@ -68,9 +68,15 @@ impl BanditPolicy {
         })
     }
 
-    /// Learns from a decision whose action was drawn with these probabilities, as in a trial.
-    pub fn learn(&mut self, letters: &[f64], (action, chances): (Action, &[f64]), reward: f64) {
-        self.design.fill_exact(letters, None, &mut self.decision.features);
+    /// Learns from a decision at an observation, whose one-hot is 1 at `moment`, and whose action was drawn with these
+    /// probabilities, as in a trial.
+    pub fn learn(
+        &mut self,
+        (letters, moment): (&[f64], Option<u32>),
+        (action, chances): (Action, &[f64]),
+        reward: f64,
+    ) {
+        self.design.fill_exact(letters, moment, &mut self.decision.features);
         self.decision.action = action;
         self.decision.probabilities.copy_from_slice(chances);
         self.acting.learn(&self.decision, reward);
