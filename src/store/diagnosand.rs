@@ -186,8 +186,9 @@ mod tests {
             ("estimate", "it has a value for each trial"),
             ("1", "it has a value for each trial"),
             ("avg(low), avg(high)", "row value misused"),
-            ("avg(low)) FROM estimate; DELETE FROM estimate WHERE (1", "single expression"),
+            ("avg(low)) FROM estimate; SELECT (1", "expected a single expression"),
             ("avg(low)), (avg(high)", "expected a single expression"),
+            ("avg(low)) FROM estimate; DELETE FROM estimate WHERE (1", "syntax error"),
             ("(SELECT sum(estimate) FROM other)", "no such table: other"),
         ] {
             let why = diagnosand_fault(expression).unwrap_or_default();
