@@ -1,7 +1,7 @@
 //! `jitai fit`: the coefficients of a model's people, from a pilot.
 
 use std::fs::{self, File};
-use std::io::{self, BufReader, Write};
+use std::io::{self, Write};
 use std::path::{Path, PathBuf};
 use std::sync::atomic::AtomicBool;
 
@@ -100,7 +100,7 @@ fn pilot(arguments: &Arguments, stop: &AtomicBool) -> Result<Option<Pilot>, Erro
     let text = fs::read_to_string(&arguments.model).map_err(unreadable(&arguments.model))?;
     let data = File::open(&arguments.data).map_err(unreadable(&arguments.data))?;
     let [model, name] = [&arguments.model, &arguments.data].map(|path| path.display().to_string());
-    match read((&model, &text), (&name, BufReader::with_capacity(1 << 20, data)), stop) {
+    match read((&model, &text), (&name, data), stop) {
         Ok(pilot) => Ok(Some(pilot)),
         Err(NoPilot::Stopped) => Ok(None),
         Err(NoPilot::Model(faults)) => Err(Error::Manifests(vec![faults])),

@@ -63,39 +63,79 @@ pub(super) fn people(pilot: &Pilot, fit: &Fit) -> Vec<u8> {
     csv_of(rows)
 }
 
-/// The rows of the model's [replay] and the residuals of every draw, by person.
+/// The rows of the model's [replay] and the residuals of every draw, by person: a row for every decision of whole days, so that
+/// a replay keeps the decision of the day. What is missing of a replayed column comes from the same decision of another day.
 pub(super) fn residuals(pilot: &Pilot, fit: &Fit) -> Vec<u8> {
+    replay_of(pilot, fit).0
+}
+
+/// The file, and the number of rows with something from another day.
+pub(super) fn replay_of(pilot: &Pilot, fit: &Fit) -> (Vec<u8>, usize) {
     let replayed = pilot.replayed();
-    let is_own =
-        |name: &str| pilot.draws.iter().any(|draw| name == format!("residual_{}", draw.name));
-    let contexts: Vec<_> = replayed.iter().filter(|(name, _)| !is_own(name)).collect();
-    let names = contexts.iter().map(|(name, _)| (*name).to_owned());
-    let own = pilot.draws.iter().map(|draw| format!("residual_{}", draw.name));
-    let mut rows =
-        vec![["person".to_owned()].into_iter().chain(names).chain(own).collect::<Vec<String>>()];
+    let names: Vec<String> =
+        pilot.draws.iter().map(|draw| format!("residual_{}", draw.name)).collect();
+    let contexts: Vec<_> =
+        replayed.iter().filter(|(name, _)| !names.iter().any(|own| own == name)).collect();
+    let is_replayed: Vec<bool> =
+        names.iter().map(|own| replayed.iter().any(|(name, _)| name == own)).collect();
+    let header = contexts.iter().map(|(name, _)| (*name).to_owned()).chain(names);
+    let mut rows = vec![["person".to_owned()].into_iter().chain(header).collect::<Vec<String>>()];
     let mut next = vec![0; pilot.draws.len()];
+    let (per_day, mut filled) = (pilot.decisions_per_day(), 0);
     for (index, person) in pilot.people.iter().enumerate() {
-        for decision in person.decisions.clone() {
-            let mut own = Vec::new();
-            for (draw, next) in pilot.draws.iter().zip(&mut next) {
+        let own = person.decisions.clone();
+        let mut columns: Vec<Vec<f64>> = Vec::new();
+        for (_, values) in &contexts {
+            // Of rows that `where` leaves out, nothing is known.
+            let value = |row: usize| if pilot.used[row] { values[row] } else { f64::NAN };
+            columns.push(own.clone().map(value).collect());
+        }
+        for (draw, next) in pilot.draws.iter().zip(&mut next) {
+            let residual = |decision: usize| {
                 let is_row = draw.decisions.get(*next) == Some(&(decision as u32));
-                own.push(match is_row && fit.is_complete[index] {
-                    true => residual(draw, *next, &fit.values[index]),
-                    false => f64::NAN,
-                });
+                let row = *next;
                 *next += usize::from(is_row);
+                if is_row { residual(draw, row, &fit.values[index]) } else { f64::NAN }
+            };
+            columns.push(own.clone().map(residual).collect());
+        }
+        if !fit.is_complete[index] {
+            continue;
+        }
+        let whole = own.len().next_multiple_of(per_day);
+        let needed = contexts.iter().map(|_| true).chain(is_replayed.iter().copied());
+        let mut is_filled = vec![false; whole];
+        for (column, is_needed) in columns.iter_mut().zip(needed) {
+            column.resize(whole, f64::NAN);
+            if is_needed {
+                fill(column, per_day, &mut is_filled);
             }
-            let is_empty = own.iter().all(|residual| residual.is_nan());
-            let lacks = contexts.iter().any(|(_, values)| values[decision].is_nan());
-            if !fit.is_complete[index] || is_empty || lacks {
-                continue;
-            }
-            let of_contexts = contexts.iter().map(|(_, values)| values[decision]);
-            let numbers = of_contexts.chain(own).map(field);
+        }
+        filled += is_filled.iter().filter(|is| **is).count();
+        for decision in 0..whole {
+            let numbers = columns.iter().map(|column| field(column[decision]));
             rows.push([person.name.clone()].into_iter().chain(numbers).collect());
         }
     }
-    csv_of(rows)
+    (csv_of(rows), filled)
+}
+
+/// Fills what is missing from the same decision of the nearest day, the earlier one of two, or else from the nearest decision.
+fn fill(column: &mut [f64], per_day: usize, is_filled: &mut [bool]) {
+    let known = column.to_vec();
+    let near = |index: usize, step: usize| {
+        let before = |far: usize| index.checked_sub(far * step).map(|at| known[at]);
+        let after = |far: usize| known.get(index + far * step).copied();
+        let mut all = (1..=known.len() / step + 1).flat_map(|far| [before(far), after(far)]);
+        all.find_map(|value| value.filter(|value| !value.is_nan()))
+    };
+    for index in 0..known.len() {
+        if known[index].is_nan()
+            && let Some(value) = near(index, per_day).or_else(|| near(index, 1))
+        {
+            (column[index], is_filled[index]) = (value, true);
+        }
+    }
 }
 
 /// The value minus its mean; of a lognormal draw, of logarithms.

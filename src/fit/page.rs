@@ -81,8 +81,14 @@ pub(super) fn page(pilot: &Pilot, fit: &Fit, check: &Check, environment: &str) -
         Standing::Fitted => ("Fitted", Vec::new()),
         Standing::NotFitted(why) => ("Not fitted", why.clone()),
     };
+    let all = check.numbers.iter().chain(&check.weeks).chain(&check.slots);
+    let marked: Vec<&str> = all.filter(|one| is_marked(one)).map(|one| one.name.as_str()).collect();
+    let marks = match marked.is_empty() {
+        true => String::new(),
+        false => format!(" More than two errors away from its data: {}.", marked.join(", ")),
+    };
     let lead = format!(
-        "{word}: {complete} of {} people have all coefficients{}.",
+        "{word}: {complete} of {} people have all coefficients{}.{marks}",
         pilot.people.len(),
         imputed_words(pilot)
     );
@@ -102,6 +108,11 @@ pub(super) fn page(pilot: &Pilot, fit: &Fit, check: &Check, environment: &str) -
     ];
     let kicker = "jitai fit".to_owned();
     PlainPage { kicker, title: title.to_owned(), lead, sections }
+}
+
+/// Whether the pilot is more than two errors away; a number that no simulated pilot varies has no error.
+fn is_marked(one: &CheckedNumber) -> bool {
+    one.off().is_finite() && one.off().abs() > MARKED
 }
 
 /// Words on imputed effects, for whatever rests on them.
@@ -170,7 +181,7 @@ fn against(pilot: &Pilot, check: &Check, unit: &str) -> PlainSection {
         .chain(&check.weeks)
         .chain(check.slots.iter().filter(|_| check.slots.len() > 1))
     {
-        let mark = if one.off().abs() > MARKED { "beyond 2" } else { "" };
+        let mark = if is_marked(one) { "beyond 2" } else { "" };
         table.rows.push(vec![
             TableEntry::text(one.name.clone()),
             number(one.pilot),
@@ -268,7 +279,7 @@ fn effect(pilot: &Pilot, check: &Check, unit: &str) -> PlainSection {
          standard errors of Mancl and DeRouen; of simulated pilots, mean and standard deviation{}.",
         imputed_words(pilot)
     ));
-    if effect.off().abs() > MARKED {
+    if is_marked(effect) {
         section.warnings.push(format!("The pilot's effect is {:.1} errors away.", effect.off()));
     }
     section.tables.push(("effect".to_owned(), table));

@@ -148,6 +148,12 @@ fn faults_of_data_say_where_they_are_all_at_once() {
         }
         assert!(!folder.path("fitted").exists());
     }
+    // Lines of Windows are counted as others are.
+    let windows = with("ann,1,1,", "ann,1,0,").replace('\n', "\r\n");
+    folder(MODEL, &windows)
+        .jitai(FIT)
+        .ended(2)
+        .says("line 3: the same decision of person ann as line 2");
     let folder = folder(MODEL, &good.replace("0.4,1,2", "often,1,x2"));
     folder
         .jitai(FIT)
@@ -369,4 +375,45 @@ fn a_stop_ends_a_long_fit_promptly_and_writes_nothing() {
     assert_prompt(asked);
     assert!(finished.code == Some(130) || finished.code == Some(0), "{:?}", finished.code);
     assert!(finished.code == Some(0) || !folder.path("fitted/people.csv").exists());
+}
+
+#[test]
+fn a_replay_keeps_the_decision_of_the_day() {
+    let model = MODEL
+        .replace("[linear]", "[replay]\norder = \"cyclic\"\ncolumns = [\"hour\"]\n[linear]")
+        .replace("columns     = {", "columns     = { hour = \"hour\",");
+    let model = model.replace("\"minutes\"\nfeatures", "\"minutes\"\nstate = [\"hour\"]\nfeatures");
+    // Mornings have 8, evenings 20; a row is missing, another has no hour, and the last evening is no row.
+    let mut text = HEADER.trim_end().to_owned() + ",hour\n";
+    for (index, line) in data().lines().skip(1).enumerate() {
+        let hour = if index % 2 == 0 { "8" } else { "20" };
+        match index {
+            3 | 11 => {}
+            6 => writeln!(text, "{line},").unwrap(),
+            _ => writeln!(text, "{line},{hour}").unwrap(),
+        }
+    }
+    let folder = folder(&model, &text);
+    let environment = folder
+        .jitai(FIT)
+        .succeeded()
+        .says("note: 3 rows of residuals.csv have something of the same decision of another day")
+        .stdout
+        .clone();
+    let rows = folder.read("fitted/residuals.csv");
+    let hours: Vec<&str> =
+        rows.lines().skip(1).map(|line| line.split(',').nth(1).unwrap()).collect();
+    assert_eq!(hours.len(), 24, "{rows}");
+    assert!(hours.chunks(2).all(|day| day == ["8", "20"]), "{rows}");
+    let manifest = format!(
+        "format = 1\nname = \"next\"\nscenarios = \"all\"\nseeds = 1\n{environment}[trial]\npeople = 4\ndays = 20\n\
+         decisions_per_day = 2\n[evaluation]\non = \"trial\"\nrecord_decisions = \"test\"\n[[agent]]\nname = \"random\"\n\
+         algorithm = \"rule\"\nrule = \"random\"\n"
+    );
+    folder.write("next.toml", manifest);
+    folder.jitai(["run", "next.toml"]).succeeded();
+    let off =
+        "SELECT count(*) FROM decision WHERE json_extract(state, '$.hour') <> 8 + 12 * (step % 2)";
+    assert_eq!(folder.number(off), 0);
+    assert_eq!(folder.number("SELECT count(*) FROM decision"), 160);
 }

@@ -3,7 +3,7 @@
 //! Every fault of the file is reported, with line and column.
 
 use std::collections::HashMap;
-use std::io::Read;
+use std::io::{self, BufRead, BufReader, Read};
 
 use crate::env::declared::expression::Expression;
 use crate::env::declared::grammar;
@@ -244,8 +244,48 @@ pub(in crate::env) fn header(reader: &mut csv::Reader<impl Read>) -> Result<Head
 }
 
 /// A reader of a CSV file.
-pub(in crate::env) fn reader<R: Read>(from: R) -> csv::Reader<R> {
+pub(in crate::env) fn reader<R: Read>(from: R) -> csv::Reader<LineEnds<R>> {
+    let from = LineEnds { from: BufReader::with_capacity(1 << 16, from), held: false };
     csv::ReaderBuilder::new().trim(csv::Trim::All).from_reader(from)
+}
+
+/// A text whose lines end with line feeds alone: after a carriage return as well, the reader of CSV counts a line too few.
+pub(in crate::env) struct LineEnds<R> {
+    from: BufReader<R>,
+    /// Whether the last byte was a carriage return.
+    held: bool,
+}
+
+impl<R: Read> Read for LineEnds<R> {
+    fn read(&mut self, out: &mut [u8]) -> io::Result<usize> {
+        let mut written = 0;
+        while written == 0 && !out.is_empty() {
+            let bytes = self.from.fill_buf()?;
+            if bytes.is_empty() {
+                if std::mem::take(&mut self.held) {
+                    (out[0], written) = (b'\r', 1);
+                }
+                return Ok(written);
+            }
+            let mut used = 0;
+            while used < bytes.len() && written < out.len() {
+                let byte = bytes[used];
+                if std::mem::take(&mut self.held) && byte != b'\n' {
+                    out[written] = b'\r';
+                    written += 1;
+                    continue;
+                }
+                used += 1;
+                self.held = byte == b'\r';
+                if !self.held {
+                    out[written] = byte;
+                    written += 1;
+                }
+            }
+            self.from.consume(used);
+        }
+        Ok(written)
+    }
 }
 
 fn broken(error: &csv::Error) -> String {
