@@ -206,6 +206,21 @@ fn faults_of_the_section_have_lines_and_suggestions() {
 }
 
 #[test]
+fn columns_whose_names_are_no_words_are_suggested() {
+    let data = data().replacen("part", "slot#", 1).replacen("walked", "min walked", 1);
+    for (from, to, says) in [
+        ("\"part\"]", "\"slot# - 1\"]", "the column `slot#` is `slot_` in an expression"),
+        ("\"walked\"", "\"min walkd\"", "did you mean `min walked`?"),
+    ] {
+        let model =
+            MODEL.replace("\"part\"]", "\"slot#\"]").replace("\"walked\"", "\"min walked\"");
+        let model =
+            model.replace(&from.replace("part", "slot#").replace("\"walked", "\"min walked"), to);
+        folder(&model, &data).jitai(FIT).ended(2).says(says);
+    }
+}
+
+#[test]
 fn what_the_data_do_not_say_is_said_with_counts() {
     // A missing value, a gap, a person with one row, and one with equal values.
     let mut text = data().replacen("ann,1,0,0,0.4,1,20", "ann,1,0,0,0.4,1,", 1);

@@ -119,7 +119,7 @@ impl Header {
             }
             let says = format!("`{}`: {}", shortened(&written.text), fault.says);
             let located = Fault::at(written.span, says);
-            match fault.help {
+            match self.odd_name(&written.text).or(fault.help) {
                 Some(help) => located.help(help),
                 None => located,
             }
@@ -142,9 +142,17 @@ impl Header {
         Ok(ColumnFormula::Expression(ColumnExpression(expression, names)))
     }
 
+    /// How a column whose name is no word is written in an expression, if a text has the name.
+    fn odd_name(&self, text: &str) -> Option<String> {
+        let mut odd = self.names.iter().zip(&self.words).filter(|(name, word)| name != word);
+        let (name, word) =
+            odd.find(|(name, _)| !name.is_empty() && text.contains(name.as_str()))?;
+        Some(format!("the column `{}` is `{}` in an expression", shortened(name), shortened(word)))
+    }
+
     fn unknown(&self, name: &str, span: Span) -> Fault {
         let fault = Fault::at(span, format!("the data have no column `{}`", shortened(name)));
-        let words = self.words.iter().chain(&self.names).map(String::as_str);
+        let words = self.names.iter().chain(&self.words).map(String::as_str);
         match nearest(name, words) {
             Some(near) => fault.help(format!("did you mean `{near}`?")),
             None => fault.help(format!("their columns are {}", shortened(&self.names.join(", ")))),
