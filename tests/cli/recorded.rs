@@ -163,6 +163,28 @@ fn the_value_of_a_policy_on_a_recorded_trial_has_its_errors() {
 }
 
 #[test]
+fn what_a_replaying_agent_would_have_earned_is_the_value_of_its_policy() {
+    let folder = heartsteps(
+        "\n[trial]\n[[agent]]\nname = \"never\"\nalgorithm = \"rule\"\nrule = \"never\"\n[[agent]]\nname = \"bandit\"\n\
+         algorithm = \"linear_thompson\"\npi_min = 0.2\n[[estimate]]\nname = \"own\"\nestimator = \"value\"\n\
+         policy = \"agent\"\ncontrol = [\"before\"]\nagents = [\"never\", \"bandit\"]\n[[estimate]]\nname = \"none\"\n\
+         estimator = \"value\"\npolicy = 0\ncontrol = [\"before\"]\nagents = [\"recorded\"]\n",
+    );
+    folder.jitai(["run", "m.toml"]).succeeded();
+    let of = |what: &str| {
+        let sql = format!(
+            "SELECT term, printf('%.9f %.9f %.6f', estimate, standard_error, effective_sample_size) FROM estimate \
+             WHERE {what} AND failure IS NULL ORDER BY number"
+        );
+        answers(&folder, &sql)
+    };
+    let never = of("name = 'own' AND agent = 'never'");
+    assert_eq!((never.len(), &never), (3, &of("name = 'none'")));
+    let bandit = of("name = 'own' AND agent = 'bandit'");
+    assert!(bandit.len() == 3 && bandit != never, "{bandit:?}");
+}
+
+#[test]
 fn agents_that_cannot_replay_are_refused_in_a_sentence_each() {
     let agents = "[[agent]]\nname = \"dqn\"\nalgorithm = \"dueling_dqn\"\n[[agent]]\nname = \"mine\"\n\
                   algorithm = \"external\"\ncommand = [\"./agent\"]\nversion = \"1\"\n[[agent]]\nname = \"bandit\"\n\

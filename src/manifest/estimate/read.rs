@@ -295,11 +295,15 @@ impl Checked<'_> {
 
     /// Reports agents that never draw their actions.
     fn randomisation(&self, faults: &mut FaultList) {
+        // The actions of a recorded trial were drawn, whatever the policy whose value is estimated.
+        let is_value = self.estimate.estimate.declaration.estimator == Estimator::Value;
+        let is_drawn = |job: &Job| is_value && job.environment.family() == &recorded::FAMILY;
+        let is_never = |job: Job| job.never_draws() && !is_drawn(&job);
         let never: Vec<&str> = self
             .grids
             .iter()
             .filter(|grid| self.is_estimated(grid))
-            .filter(|grid| grid.first().is_some_and(|cell| grid.job(&cell).never_draws()))
+            .filter(|grid| grid.first().is_some_and(|cell| is_never(grid.job(&cell))))
             .map(Grid::agent_name)
             .collect();
         if never.is_empty() || self.draft.invalid_agents() {
