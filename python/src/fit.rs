@@ -61,20 +61,18 @@ impl FittedPilot {
     }
 }
 
-/// Fits a model, with the name of its file and its text, to the decisions of a CSV text. `on_progress` is called on this
+/// Fits a model, with the name of its file and its text, to the decisions of a CSV text. `asked` is the number of simulated
+/// pilots, that of draws, whether draws are a bootstrap, and the seed. `on_progress` is called on this
 /// thread with what is done, how many, and of how many.
 #[pyfunction]
-#[pyo3(signature = (model, data, simulations, draws, bootstrap, seed, on_progress))]
 pub(crate) fn fit(
     py: Python<'_>,
     model: (String, String),
     data: (String, Vec<u8>),
-    simulations: u32,
-    draws: u32,
-    bootstrap: bool,
-    seed: u64,
+    asked: (u32, u32, bool, u64),
     on_progress: Option<Py<PyAny>>,
 ) -> PyResult<FittedPilot> {
+    let (simulations, draws, bootstrap, seed) = asked;
     let from = if bootstrap { DrawnFrom::People } else { DrawnFrom::Estimates };
     let request = FitRequest { simulations, draws, from, seed };
     let stop = AtomicBool::new(false);
@@ -88,7 +86,7 @@ pub(crate) fn fit(
             NoPilot::Data(says) => refused(says),
         })?;
         // A closed channel means that the call has ended.
-        let mut progress = |what, done, of| drop(events.send((what, done, of)));
+        let mut progress = |what, done, of| _ = events.send((what, done, of));
         Fitted::new(pilot, request, &stop, &mut progress).map_err(|why| match why {
             NoFit::Stopped => stopped(),
             NoFit::Nobody(ref notes) => refused(format!("{why}; {}", notes.join("; "))),

@@ -24,7 +24,7 @@ pub enum NoPilot {
     Data(String),
 }
 
-/// Reads a model with a section [fit], and the decisions of its pilot from CSV. Each comes with its name for messages.
+/// Reads a model with a section `[fit]`, and the decisions of its pilot from CSV. Each comes with its name for messages.
 ///
 /// **Errors**: [`NoPilot`].
 pub fn read(

@@ -164,7 +164,7 @@ def fit(
     text = Path(path).read_text(encoding="utf-8")
     told = progress if callable(progress) else _said() if progress else None
     name, content, frames = _csv(data)
-    fitted = _jitai.fit((path, text), (name, content), simulations, draws, bootstrap, seed, told)
+    fitted = _jitai.fit((path, text), (name, content), (simulations, draws, bool(bootstrap), seed), told)
     return Fit(fitted, path, frames)
 
 

@@ -32,10 +32,7 @@ def figures(
 def fit(
     model: tuple[str, str],
     data: tuple[str, bytes],
-    simulations: int,
-    draws: int,
-    bootstrap: bool,
-    seed: int,
+    asked: tuple[int, int, bool, int],
     on_progress: Callable[[str, int, int], object] | None,
 ) -> FittedPilot: ...
 
