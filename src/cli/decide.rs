@@ -36,9 +36,17 @@ pub(super) struct Arguments {
     place: u64,
 }
 
+/// The largest number of a table, whose squares have sums; and that of a feature in single precision.
+const LARGEST: f64 = 1e100;
+const LARGEST_SINGLE: f64 = 1e30;
+/// How far the probabilities of messages may add to more than 1.
+const ROUNDING: f64 = 1e-9;
+
 /// A bandit of a file.
 struct FileBandit {
     about: Json,
+    /// The digest of the file.
+    sha256: String,
     names: Vec<String>,
     actions: usize,
     seed: u64,
@@ -66,8 +74,9 @@ impl FileBandit {
         let text = read(path)?;
         let refused =
             |says: String| Error::Usage(format!("--policy: `{}`: {says}", path.display()));
-        let about: Json =
-            serde_json::from_str(&text).map_err(|error| refused(error.to_string()))?;
+        let about: Json = serde_json::from_str(&text).map_err(|error| {
+            refused(format!("this is no policy.json of `jitai export --policy` ({error})"))
+        })?;
         let job = Job::from_canonical(&about["job"].to_string()).map_err(|error| {
             refused(format!(
                 "its `job` cannot be read ({error}); expected a file of `jitai export --policy`"
@@ -87,9 +96,13 @@ impl FileBandit {
                 |one: &Json| one["name"].as_str().or(one.as_str()).unwrap_or_default().to_owned();
             list.as_array().map(|list| list.iter().map(name).collect()).unwrap_or_default()
         };
-        let (names, actions) =
-            (names(&about["features"]), about["actions"].as_array().map_or(0, Vec::len));
-        if about["posterior"]["one_hot"].as_u64() != Some(0) {
+        let names = names(&about["features"]);
+        // The prior has checked it: the actions, or their number.
+        let actions = match &about["actions"] {
+            Json::Array(actions) => actions.len(),
+            number => number.as_u64().map_or(0, |number| number as usize),
+        };
+        if about["posterior"]["one_hot"].as_u64().is_some_and(|times| times > 0) {
             return Err(refused(
                 "its features have a one-hot of time, for which a row has no column".to_owned(),
             ));
@@ -106,14 +119,25 @@ impl FileBandit {
                 .map_err(|error| refused(error.to_string()))?;
         let is_single = about["observation_bits"].as_u64() != Some(64);
         let seed = job.seed;
-        Ok(FileBandit { about, names, actions, seed, parameters: of_prior, policy, is_single })
+        let sha256 = digest(text.as_bytes());
+        let parameters = of_prior;
+        Ok(FileBandit { about, sha256, names, actions, seed, parameters, policy, is_single })
     }
 
     /// The numbers of these columns.
     fn table(&self, path: &Path, text: &str, more: &[String]) -> Result<NumberTable, Error> {
         let names = [&self.names, more].concat();
-        NumberTable::read(text, &names)
-            .map_err(|faults| Error::Usage(faults.text(&path.display().to_string())))
+        let table = NumberTable::read(text, &names)
+            .map_err(|faults| Error::Usage(faults.text(&path.display().to_string())))?;
+        let largest = if self.is_single { LARGEST_SINGLE } else { LARGEST };
+        for (index, (name, column)) in names.iter().zip(&table.columns).enumerate() {
+            let largest = if index < self.names.len() { largest } else { LARGEST };
+            if let Some(row) = column.iter().position(|number| number.abs() > largest) {
+                let says = format!("`{name}` is {:e}, above {largest:e} in size", column[row]);
+                return Err(fault(path, table.lines[row], &says));
+            }
+        }
+        Ok(table)
     }
 
     /// The observation of a row, in the precision that the agent had.
@@ -145,40 +169,78 @@ impl FileBandit {
     }
 
     fn update(&mut self, arguments: &Arguments, text: &str, new: &Path) -> Result<Exit, Error> {
+        let log = digest(text.as_bytes());
+        let mut updated = match self.about["updated"].take() {
+            Json::Array(list) => list,
+            Json::Null => Vec::new(),
+            one => vec![one],
+        };
+        if updated.iter().any(|one| one["log_sha256"] == json!(log)) {
+            let says = format!(
+                "--data: `{}`: this log is already in the policy; use the earlier policy, or a log of later decisions",
+                arguments.data.display()
+            );
+            return Err(Error::Usage(says));
+        }
+        let decisions = self.learn(&arguments.data, text)?;
+        self.renew_posterior()?;
+        updated.push(json!({
+            "decisions": decisions,
+            "log_sha256": log,
+            "policy_sha256": self.sha256,
+        }));
+        self.about["updated"] = Json::Array(updated);
+        let mut partial = new.as_os_str().to_owned();
+        partial.push(".partial");
+        let failure = |source| Error::Io { what: format!("write `{}`", new.display()), source };
+        fs::write(&partial, format!("{:#}\n", self.about))
+            .and_then(|()| fs::rename(&partial, new))
+            .inspect_err(|_| _ = fs::remove_file(&partial))
+            .map_err(failure)?;
+        writeln!(io::stderr(), "{}", new.display())?;
+        Ok(Exit::Done)
+    }
+
+    /// Learns from the rows of a log, and returns their number.
+    fn learn(&mut self, path: &Path, text: &str) -> Result<usize, Error> {
         let mut more = vec!["action".to_owned(), "reward".to_owned()];
         if self.parameters.action_centring {
             more.extend((1..self.actions).map(|action| format!("probability_{action}")));
         }
-        let table = self.table(&arguments.data, text, &more)?;
+        let table = self.table(path, text, &more)?;
         let first = self.names.len();
-        for row in 0..table.lines.len() {
+        for (row, line) in table.lines.iter().enumerate() {
             let number = |column: usize| table.columns[first + column][row];
             let (action, reward) = (number(0), number(1));
             let taken = Action::from_index(action as usize).filter(|taken| {
                 taken.index() < self.actions && action.fract() == 0.0 && action >= 0.0
             });
             let Some(taken) = taken else {
-                let says = format!(
-                    "{}: line {}: `action` is {action}, expected a whole number from 0 to {}",
-                    arguments.data.display(),
-                    table.lines[row],
-                    self.actions - 1
-                );
-                return Err(Error::Usage(says));
+                let most = self.actions - 1;
+                let says =
+                    format!("`action` is {action}, expected a whole number from 0 to {most}");
+                return Err(fault(path, *line, &says));
             };
-            let others: Vec<f64> = (2..more.len()).map(number).collect();
-            let mut chances = vec![1.0 - others.iter().sum::<f64>()];
-            chances.extend(others);
+            let messages: Vec<f64> = (2..more.len()).map(number).collect();
+            let mut chances = match self.parameters.action_centring {
+                true => chances(&messages, taken).map_err(|says| fault(path, *line, &says))?,
+                false => vec![1.0],
+            };
             chances.resize(self.actions, 0.0);
             let seen = self.observation(&table, row);
             self.policy.learn((&seen, None), (taken, &chances), reward);
         }
-        let earlier = digest(self.about.to_string().as_bytes());
+        Ok(table.lines.len())
+    }
+
+    /// Writes what was learned into the content of the file.
+    fn renew_posterior(&mut self) -> Result<(), Error> {
         let weights = self.policy.weights();
         let values = |name: &str| weights.doubles.get(name).map_or(&[][..], |of| &of.values);
         let width = weights.doubles.get("mean").map_or(1, |mean| mean.shape[1]);
         let rows = |name: &str| values(name).chunks_exact(width).collect::<Vec<_>>();
-        if !values("mean").iter().all(|number| number.is_finite()) {
+        let mut numbers = values("mean").iter().chain(values("precision"));
+        if !numbers.all(|number| number.is_finite()) {
             return Err(Error::Usage(
                 "--update: the log gives no posterior: its numbers are too large".to_owned(),
             ));
@@ -190,18 +252,35 @@ impl FileBandit {
             // What was known of a person of whom nothing is known is now what is known of the person of the log.
             posterior.remove("person_sd");
             posterior.remove("person_mean");
+            // A file has one of both.
+            posterior.remove("covariance");
         }
-        self.about["updated"] = json!({
-            "decisions": table.lines.len(),
-            "log_sha256": digest(text.as_bytes()),
-            "policy_sha256": earlier,
-        });
-        let partial = new.with_extension("partial");
-        let failure = |source| Error::Io { what: format!("write `{}`", new.display()), source };
-        fs::write(&partial, format!("{:#}\n", self.about))
-            .and_then(|()| fs::rename(&partial, new))
-            .map_err(failure)?;
-        writeln!(io::stderr(), "{}", new.display())?;
-        Ok(Exit::Done)
+        Ok(())
+    }
+}
+
+fn fault(path: &Path, line: u32, says: &str) -> Error {
+    Error::Usage(format!("{}: line {line}: {says}", path.display()))
+}
+
+/// The probabilities of all actions from those of the messages.
+///
+/// **Errors**: why they are no probabilities with which the action was taken.
+fn chances(messages: &[f64], taken: Action) -> Result<Vec<f64>, String> {
+    let is_probability = |number: &f64| (0.0..=1.0).contains(number);
+    if let Some(index) = messages.iter().position(|number| !is_probability(number)) {
+        let (action, number) = (index + 1, messages[index]);
+        return Err(format!("`probability_{action}` is {number}, expected a number from 0 to 1"));
+    }
+    let rest = 1.0 - messages.iter().sum::<f64>();
+    if rest < -ROUNDING {
+        return Err(format!("the probabilities of the messages add to {}, above 1", 1.0 - rest));
+    }
+    // The first is a difference, whose rounding is no chance.
+    let first = if rest <= ROUNDING { 0.0 } else { rest };
+    let all: Vec<f64> = [first].into_iter().chain(messages.iter().copied()).collect();
+    match all[taken.index()] {
+        0.0 => Err(format!("action {} was taken with the probability 0", taken.index())),
+        _ => Ok(all),
     }
 }

@@ -113,7 +113,7 @@ impl Estimation {
             Drawn::Unknown => return self.unknown += 1,
         };
         self.fill_row(decision, treatment);
-        // A recorded trial may lack a feature of the decision.
+        // A recorded trial may lack a feature of the decision, or its outcome.
         if self.row.iter().any(|number| number.is_nan()) {
             return;
         }
@@ -122,6 +122,9 @@ impl Estimation {
             Ok((Some(index), true)) => decision.state[index],
             _ => return self.keep(person, decision.step, weight),
         };
+        if outcome.is_nan() {
+            return;
+        }
         self.vary(person, self.row[1 + self.declaration.control.len()], weight);
         self.sums.add(person, &self.row, weight, outcome);
         self.together.add(person, &self.row, weight, outcome);
@@ -228,7 +231,7 @@ impl Estimation {
         let stride = 2 + self.sums.columns;
         let Some(own) = self.last.get_mut(person * stride..(person + 1) * stride) else { return };
         let weight = std::mem::take(&mut own[0]);
-        if weight > 0.0 && own[1] + 1.0 == f64::from(next.step) {
+        if weight > 0.0 && own[1] + 1.0 == f64::from(next.step) && !outcome.is_nan() {
             self.sums.add(person, &own[2..], weight, outcome);
             self.together.add(person, &own[2..], weight, outcome);
             let centred = own[3 + self.declaration.control.len()];

@@ -2,9 +2,6 @@
 
 use crate::job::{Decision, EstimateDeclaration, STEP, StateNames, TargetPolicy, Treatment};
 
-/// The name in the state of a recorded trial's probability of the action that was taken.
-const RECORDED_PROBABILITY: &str = "recorded_probability";
-
 /// Where the numbers of a decision are.
 #[derive(Clone, Debug)]
 pub struct Layout {
@@ -92,7 +89,7 @@ impl Layout {
         let (control, moderators) = (features(&of.control)?, features(&of.moderators)?);
         let policy = of.policy.as_ref().and_then(TargetPolicy::feature);
         let policy = policy.map(|name| feature(&name.to_owned())).transpose()?;
-        let recorded = names.iter().position(|name| name == RECORDED_PROBABILITY);
+        let recorded = names.recorded();
         let is_own = outcome.is_some_and(|index| names.is_late(index));
         Ok(Layout { control, policy, recorded, moderators, outcome, is_own })
     }

@@ -194,6 +194,32 @@ fn the_order_of_people_and_interruptions_change_no_bit() {
 }
 
 #[test]
+fn a_decision_without_its_outcome_is_left_out() {
+    let of =
+        Arc::new(EstimateDeclaration { outcome: "mood".to_owned(), ..declared(&[], &[], ANY) });
+    let mut decisions = Vec::new();
+    for person in 1..=8_u32 {
+        for step in 0..5_u32 {
+            let action = u8::from((person * 3 + step * step).is_multiple_of(2));
+            decisions.push(decision(person, step, action, 0.5, f64::from(person * step % 7)));
+        }
+    }
+    let effect = |decisions: &[Decision]| {
+        let mut estimation = Estimation::new(of.clone(), 2, &vec!["mood".to_owned()].into());
+        decisions.iter().for_each(|decision| estimation.add(decision));
+        estimation.finish().terms[0].effect.clone().unwrap()
+    };
+    let all = effect(&decisions);
+    // Without the number at step 2 of person 4, the outcome of step 1 is missing.
+    let mut unavailable = decisions.clone();
+    unavailable[16].can_send = false;
+    decisions[17].state[0] = f64::NAN;
+    let left = effect(&decisions);
+    assert_eq!(left.decisions, all.decisions - 1);
+    assert_eq!(left, effect(&unavailable));
+}
+
+#[test]
 fn a_state_as_outcome_is_that_of_the_next_decision() {
     let mut decisions = Vec::new();
     for (person, next) in [(1, 4.0), (2, 6.0), (3, 9.0), (4, 1.0)] {

@@ -82,19 +82,7 @@ impl Together {
             (Some(index), true) => decision.state[index],
             (Some(_), false) => f64::NAN,
         };
-        let policy = match (&declaration.policy, layout.policy) {
-            (Some(policy), Some(feature)) => {
-                let message = feature.of(decision);
-                if !(0.0..=1.0).contains(&message) && !message.is_nan() && decision.can_send {
-                    courses.misfit.get_or_insert((decision.episode, decision.step, message));
-                }
-                policy.probabilities(courses.actions, message).unwrap_or_default()
-            }
-            (Some(TargetPolicy::Named(_)) | None, None) | (None, Some(_)) => {
-                decision.probabilities.to_vec()
-            }
-            (Some(policy), None) => policy.probabilities(courses.actions, 0.0).unwrap_or_default(),
-        };
+        let policy = courses.policy_at(layout, declaration, decision);
         let taken = match layout.recorded {
             Some(index) => decision.state[index],
             None => decision.probabilities[action],
@@ -111,16 +99,9 @@ impl Together {
         courses.features.extend(layout.moderators.iter().map(|one| one.of(decision)));
         let Decision { step, can_send, terminated, .. } = *decision;
         courses.made.push(Made { person, step, action, can_send, ratio, outcome, terminated });
-        let mut pairs = policy.iter().zip(&decision.probabilities);
-        let is_untried = pairs.any(|(wanted, tried)| *wanted > 0.0 && *tried == 0.0);
+        let tried = tried(layout, decision, &policy, taken);
         courses.policy.extend(policy);
-        match can_send {
-            // Of a recorded trial, only the probability of the action that was taken is known, and not of all decisions.
-            _ if layout.recorded.is_some() => Tried::Known,
-            true if is_untried => Tried::Never,
-            true if taken.is_nan() => Tried::Unknown,
-            _ => Tried::Known,
-        }
+        tried
     }
 
     /// The coefficients of the treatments on the scale of the log relative risk, from this number of people and rows, whose
@@ -168,6 +149,57 @@ impl Together {
         };
         Ok(found.values.iter().map(effect).collect())
     }
+}
+
+impl Courses {
+    /// The probabilities of the policy at a decision, \[actions\].
+    fn policy_at(
+        &mut self,
+        layout: &Layout,
+        declaration: &EstimateDeclaration,
+        decision: &Decision,
+    ) -> Vec<f64> {
+        // Where nothing can be sent, the number of the state may be missing.
+        if !decision.can_send {
+            return (0..self.actions).map(|action| f64::from(u8::from(action == 0))).collect();
+        }
+        match (&declaration.policy, layout.policy) {
+            (Some(policy), Some(feature)) => {
+                let message = feature.of(decision);
+                if !(0.0..=1.0).contains(&message) && !message.is_nan() {
+                    self.misfit.get_or_insert((decision.episode, decision.step, message));
+                }
+                policy.probabilities(self.actions, message).unwrap_or_default()
+            }
+            (Some(TargetPolicy::Named(_)) | None, None) | (None, Some(_)) => {
+                decision.probabilities.to_vec()
+            }
+            (Some(policy), None) => policy.probabilities(self.actions, 0.0).unwrap_or_default(),
+        }
+    }
+}
+
+/// What is known of the actions of a policy at a decision whose action was taken with the probability `taken`.
+///
+/// The state of a recorded trial has this probability alone. The others are 0 if it is 1; otherwise they are those of the
+/// agent if the agent has the same one, as the rule `recorded` has, and are not known if it has another.
+fn tried(layout: &Layout, decision: &Decision, policy: &[f64], taken: f64) -> Tried {
+    if !decision.can_send {
+        return Tried::Known;
+    }
+    let (action, agent) = (usize::from(decision.action), &decision.probabilities);
+    let is_recorded = layout.recorded.is_some();
+    let is_of_agent = !is_recorded || agent[action] == taken;
+    let is_zero = |other: usize| match other == action {
+        true => taken == 0.0,
+        false if is_of_agent => agent[other] == 0.0,
+        false => taken >= 1.0,
+    };
+    if (0..policy.len()).any(|other| policy[other] > 0.0 && is_zero(other)) {
+        return Tried::Never;
+    }
+    // A decision of a recorded trial without its probability is left out.
+    if taken.is_nan() && !is_recorded { Tried::Unknown } else { Tried::Known }
 }
 
 const NO_ROWS: &str = "it has read no decisions";

@@ -9,7 +9,9 @@ use super::emee::Rows;
 use super::tests::{ANY, decision, declared};
 use super::together::Together;
 use super::value::{Courses, Made, NoValue};
-use crate::job::{Decision, Effect, EstimateDeclaration, Estimator, TargetPolicy, VALUE_TERMS};
+use crate::job::{
+    Decision, Effect, EstimateDeclaration, Estimator, StateNames, TargetPolicy, VALUE_TERMS,
+};
 
 fn texts(list: &Json) -> Vec<String> {
     serde_json::from_value(list.clone()).unwrap()
@@ -301,12 +303,91 @@ fn a_policy_can_be_a_number_of_the_state_or_the_agent() {
         policy: Some(TargetPolicy::Named("agent".to_owned())),
         ..declared(&["mood"], &[], ANY)
     };
-    let mut estimation = Estimation::new(Arc::new(of), 2, &names.into());
-    replayed.iter().for_each(|decision| estimation.add(decision));
-    let terms = estimation.finish().terms;
-    let effect = terms[0].effect.clone().unwrap();
+    let effect = of_recorded(of.clone(), 2, &names, &replayed)[0].clone().unwrap();
     let kept = replayed.iter().enumerate().filter(|(index, _)| *index != 7);
     let weighted = kept.map(|(_, one)| one.action_probability() / 0.5 * one.reward);
     assert!((effect.value - weighted.sum::<f64>() / 79.0).abs() < 1e-12, "{effect:?}");
     assert_eq!(effect.decisions, 79);
+    // In another trial, a number of this name is like any other.
+    let mut estimation = Estimation::new(Arc::new(of), 2, &names.into());
+    replayed.iter().for_each(|decision| estimation.add(decision));
+    let effect = estimation.finish().terms[0].effect.clone().unwrap();
+    let mean = rows.iter().enumerate().filter(|(index, _)| *index != 7);
+    let mean = mean.map(|(_, one)| one.reward).sum::<f64>() / 79.0;
+    assert!((effect.value - mean).abs() < 1e-12, "{effect:?}");
+}
+
+/// The effects of a trial that happened, which has this number of actions.
+fn of_recorded(
+    of: EstimateDeclaration,
+    actions: usize,
+    names: &[String],
+    decisions: &[Decision],
+) -> Vec<Result<Effect, String>> {
+    let names = StateNames::of_recorded(names.to_vec());
+    let mut estimation = Estimation::new(Arc::new(of), actions, &names);
+    decisions.iter().for_each(|decision| estimation.add(decision));
+    estimation.finish().terms.into_iter().map(|term| term.effect).collect()
+}
+
+#[test]
+fn a_value_needs_the_actions_of_its_policy_in_a_trial_that_happened() {
+    let names = ["recorded_probability".to_owned()];
+    let of = |policy: Vec<f64>| EstimateDeclaration {
+        estimator: Estimator::Value,
+        policy: Some(TargetPolicy::Actions(policy)),
+        ..declared(&[], &[], ANY)
+    };
+    // The agent that replays the trial has probabilities of its own.
+    let rows = |taken: f64, probabilities: &[f64]| -> Vec<Decision> {
+        let of_person = |person: u32| {
+            (0..4).map(move |step| {
+                let action = u8::from((person + step).is_multiple_of(2));
+                let one = decision(person, step, action, 0.5, f64::from(person % 3 + step));
+                Decision { state: [taken].into(), probabilities: probabilities.into(), ..one }
+            })
+        };
+        (1..=20).flat_map(of_person).collect()
+    };
+    let mut replayed = rows(0.5, &[0.4, 0.6]);
+    let found = |policy: Vec<f64>, rows: &[Decision]| {
+        of_recorded(of(policy.clone()), policy.len(), &names, rows)[1].clone()
+    };
+    assert!(found(vec![0.5, 0.5], &replayed).is_ok());
+    // Person 1 took action 1 at step 3, with certainty.
+    replayed[3].state[0] = 1.0;
+    let why = found(vec![0.5, 0.5], &replayed).unwrap_err();
+    assert!(why.contains("had probability 0, the first at step 3 of person 1"), "{why}");
+    assert!(found(vec![0.0, 1.0], &replayed).is_ok());
+    // Of three actions, the rule `recorded` has the probabilities of all.
+    let third = rows(0.5, &[0.5, 0.5, 0.0]);
+    let why = found(vec![0.4, 0.3, 0.3], &third).unwrap_err();
+    assert!(why.contains("80 decisions at which an action of the policy"), "{why}");
+    assert!(found(vec![0.6, 0.4, 0.0], &third).is_ok());
+    // Of another agent, they are not known.
+    assert!(found(vec![0.4, 0.3, 0.3], &rows(0.5, &[0.6, 0.4, 0.0])).is_ok());
+}
+
+#[test]
+fn where_nothing_can_be_sent_a_policy_of_the_state_may_be_missing() {
+    let rows = |missing: f64| -> Vec<Decision> {
+        let of_person = |person: u32| {
+            (0..4).map(move |step| {
+                let action = u8::from(step != 2 && (person + step).is_multiple_of(2));
+                let one = decision(person, step, action, 0.5, f64::from(person % 3 + step));
+                let share = if step == 2 { missing } else { 0.75 };
+                Decision { state: [share, 0.0].into(), can_send: step != 2, ..one }
+            })
+        };
+        (1..=20).flat_map(of_person).collect()
+    };
+    let of = |policy: TargetPolicy| EstimateDeclaration {
+        estimator: Estimator::Value,
+        policy: Some(policy),
+        steps: 2,
+        ..declared(&[], &[], ANY)
+    };
+    let named = effects(of(TargetPolicy::Named("share".to_owned())), &rows(f64::NAN));
+    assert!(named.iter().all(Result::is_ok), "{named:?}");
+    assert_eq!(named, effects(of(TargetPolicy::Message(0.75)), &rows(0.5)));
 }

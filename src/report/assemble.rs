@@ -68,7 +68,7 @@ pub fn assemble(
         let analyses = all.iter().copied().zip(concerned).collect::<Vec<_>>();
         let words = Words::of(manifest, data.description.as_deref());
         let mut findings = carry_out(&analyses, published.as_ref(), words.return_unit);
-        let of_findings = findings.iter_mut().zip(&manifest.analyses);
+        let of_findings = findings.iter_mut().zip(&all);
         of_findings.for_each(|(finding, analysis)| diagnosands::add(analysis, finding));
         // As TOML writes them; they would turn the text around them.
         let escaped = |c: char| match hidden(c) {

@@ -3,15 +3,22 @@
 //! An expression is evaluated over a table in memory, whose rows are those of the view `estimate` of one term over the trials
 //! of an arm. No file is opened, and the connection permits nothing but reading that table.
 
+use std::sync::Arc;
+use std::sync::atomic::{AtomicU32, Ordering};
+
 use rusqlite::types::Value;
-use rusqlite::{Connection, Error};
+use rusqlite::{Connection, Error, ErrorCode};
 
 use crate::job::Effect;
 
-use super::sandbox::{add_functions, allow_reading_only};
+use super::sandbox::{MOST_STEPS, add_functions, allow_diagnosands_only, limit_steps};
 
 /// The estimates of a term over the trials of an arm.
-pub struct Diagnosed(Connection);
+pub struct Diagnosed {
+    connection: Connection,
+    /// What its statement has used of its steps.
+    used: Arc<AtomicU32>,
+}
 
 /// The most groups of trials of which each is left out once for the Monte Carlo error.
 const GROUPS: i64 = 20;
@@ -31,7 +38,7 @@ impl Diagnosed {
     ///
     /// **Errors**: why SQLite cannot hold them.
     pub fn new(trials: &[Result<Effect, String>]) -> Result<Diagnosed, String> {
-        let fill = || -> rusqlite::Result<Connection> {
+        let fill = || -> rusqlite::Result<Diagnosed> {
             let mut connection = Connection::open_in_memory()?;
             add_functions(&connection)?;
             connection.execute(TABLE, [])?;
@@ -41,10 +48,11 @@ impl Diagnosed {
                 insert.execute(rusqlite::params_from_iter(row(number, trial)))?;
             }
             drop(insert);
-            allow_reading_only(&mut connection)?;
-            Ok(connection)
+            allow_diagnosands_only(&mut connection)?;
+            let used = limit_steps(&mut connection)?;
+            Ok(Diagnosed { connection, used })
         };
-        fill().map(Diagnosed).map_err(|error| error.to_string())
+        fill().map_err(|error| error.to_string())
     }
 
     /// The value of an expression; NULL and texts are none. With a group, the trials of that group are left out.
@@ -61,7 +69,8 @@ impl Diagnosed {
             "WITH estimate AS (SELECT * FROM main.estimate WHERE trial % {groups} <> {of})
             SELECT (\n{expression}\n) FROM estimate"
         );
-        let mut statement = self.0.prepare(&sql).map_err(|error| in_words(&error))?;
+        self.used.store(0, Ordering::Relaxed);
+        let mut statement = self.connection.prepare(&sql).map_err(|error| in_words(&error))?;
         if statement.column_count() != 1 || !statement.readonly() {
             return Err(NOT_ONE.to_owned());
         }
@@ -89,7 +98,7 @@ impl Diagnosed {
     pub fn without_each(&self, expression: &str) -> Result<Vec<f64>, String> {
         let count = "SELECT count(*) FROM estimate";
         let trials: i64 =
-            self.0.query_row(count, [], |row| row.get(0)).map_err(|one| in_words(&one))?;
+            self.connection.query_row(count, [], |row| row.get(0)).map_err(|one| in_words(&one))?;
         let groups = trials.min(GROUPS);
         let values = (0..groups).map(|of| self.value(expression, Some((of, groups))));
         let values = values.collect::<Result<Vec<_>, _>>()?;
@@ -128,9 +137,20 @@ fn row(number: i64, trial: &Result<Effect, String>) -> Vec<Value> {
 fn in_words(error: &Error) -> String {
     match error {
         Error::MultipleStatement => NOT_ONE.to_owned(),
-        Error::SqlInputError { msg, .. } if msg.starts_with("not authorized") => {
-            "it may only read the table `estimate`".to_owned()
+        Error::SqlInputError { msg, .. } | Error::SqliteFailure(_, Some(msg))
+            if msg.starts_with("not authorized") =>
+        {
+            match msg.strip_prefix("not authorized to use function: ") {
+                Some(function) => format!(
+                    "it may not use `{function}`: a diagnosand has the same value at any time"
+                ),
+                None => "it may only read the table `estimate`, and has no recursion".to_owned(),
+            }
         }
+        other if other.sqlite_error_code() == Some(ErrorCode::OperationInterrupted) => format!(
+            "it takes more than {} million steps of SQLite; expected an aggregate that reads each trial a few times",
+            MOST_STEPS / 1_000_000
+        ),
         Error::SqlInputError { msg, .. } => msg.clone(),
         other => other.to_string(),
     }
@@ -195,5 +215,26 @@ mod tests {
             assert!(why.contains(expected), "{expression}: {why}");
         }
         assert_eq!(diagnosand_fault("avg(estimate)"), None);
+    }
+
+    #[test]
+    fn a_diagnosand_ends_and_is_the_same_at_any_time() {
+        let endless = "(WITH RECURSIVE t(x) AS (SELECT 1 UNION ALL SELECT x + 1 FROM t) SELECT sum(x) FROM t)";
+        for (expression, expected) in [
+            (endless, "has no recursion"),
+            ("avg(random())", "it may not use `random`"),
+            ("max(length(RandomBlob(9)))", "it may not use `RandomBlob`"),
+            ("max(julianday('now'))", "it may not use `julianday`"),
+            ("max(current_timestamp)", "it may not use `current_timestamp`"),
+        ] {
+            let why = diagnosand_fault(expression).unwrap_or_default();
+            assert!(why.to_lowercase().contains(&expected.to_lowercase()), "{expression}: {why}");
+        }
+        let many = Diagnosed::new(&(0..100).flat_map(|_| trials()).collect::<Vec<_>>()).unwrap();
+        let pairs = "(SELECT count(*) FROM estimate a, estimate b, estimate c, estimate d WHERE a.low < d.low)";
+        let why = many.value(&format!("max({pairs})"), None).unwrap_err();
+        assert!(why.contains("more than 100 million steps"), "{why}");
+        // The next one has its own steps.
+        assert_eq!(many.value("avg(estimate)", None), Ok(Some(3.0)));
     }
 }

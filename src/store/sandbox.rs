@@ -1,5 +1,8 @@
 //! The abilities of a reading connection: additional functions, rejected statements, and memory limits.
 
+use std::sync::Arc;
+use std::sync::atomic::{AtomicU32, Ordering};
+
 use rusqlite::Connection;
 use rusqlite::functions::{Aggregate, Context, FunctionFlags};
 use rusqlite::hooks::{AuthAction, AuthContext, Authorization};
@@ -76,6 +79,32 @@ pub(super) fn allow_reading_only(connection: &mut Connection) -> rusqlite::Resul
     connection.authorizer(Some(authorize))
 }
 
+/// Makes the connection of a diagnosand read its table alone, with one value for the same rows at any time, and gives up a
+/// statement after a number of steps.
+pub(super) fn allow_diagnosands_only(connection: &mut Connection) -> rusqlite::Result<()> {
+    allow_reading_only(connection)?;
+    connection.set_limit(Limit::SQLITE_LIMIT_LENGTH, LONGEST_OF_DIAGNOSAND)?;
+    connection.authorizer(Some(authorize_diagnosand))
+}
+
+/// Interrupts the statements of the connection after [`MOST_STEPS`] steps of SQLite, which are counted from where the number
+/// that this returns is set to 0.
+pub(super) fn limit_steps(connection: &mut Connection) -> rusqlite::Result<Arc<AtomicU32>> {
+    let rounds = Arc::new(AtomicU32::new(0));
+    let counted = rounds.clone();
+    let is_over = move || counted.fetch_add(1, Ordering::Relaxed) >= MOST_STEPS / STEPS_OF_ROUND;
+    connection.progress_handler(STEPS_OF_ROUND as i32, Some(is_over))?;
+    Ok(rounds)
+}
+
+/// The maximum number of steps of SQLite's virtual machine for a diagnosand; a second or two.
+pub(super) const MOST_STEPS: u32 = 100_000_000;
+/// The steps between two counts.
+const STEPS_OF_ROUND: u32 = 10_000;
+
+/// The maximum number of bytes of a value in a diagnosand.
+const LONGEST_OF_DIAGNOSAND: i32 = 1 << 20;
+
 /// The maximum number of bytes of a value, a row or the SQL itself; the weights of the largest network take
 /// 80 MB.
 const LONGEST_VALUE: i32 = 128 << 20;
@@ -91,6 +120,34 @@ fn authorize(context: AuthContext<'_>) -> Authorization {
     };
     if allowed { Authorization::Allow } else { Authorization::Deny }
 }
+
+fn authorize_diagnosand(context: AuthContext<'_>) -> Authorization {
+    match context.action {
+        AuthAction::Recursive => Authorization::Deny,
+        AuthAction::Function { function_name }
+            if CHANGING_FUNCTIONS.contains(&function_name.to_ascii_lowercase().as_str()) =>
+        {
+            Authorization::Deny
+        }
+        _ => authorize(context),
+    }
+}
+
+/// Functions of SQLite whose values are others at another time.
+const CHANGING_FUNCTIONS: &[&str] = &[
+    "random",
+    "randomblob",
+    "date",
+    "time",
+    "datetime",
+    "julianday",
+    "unixepoch",
+    "strftime",
+    "timediff",
+    "current_date",
+    "current_time",
+    "current_timestamp",
+];
 
 /// Functions of SQLite or its usual extensions that reach outside the store.
 const ACTING_FUNCTIONS: &[&str] =

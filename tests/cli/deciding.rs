@@ -1,5 +1,7 @@
 //! `jitai decide`: actions of an exported bandit for a table of states, and what it learns from a log.
 
+use sha2::{Digest, Sha256};
+
 use crate::support::Folder;
 
 /// A bandit that never learned in its trial, with its policy beside one that learned.
@@ -77,7 +79,7 @@ fn a_log_teaches_what_the_trial_has_learned() {
             }
         }
         let rows = folder.read("log.csv").lines().count() as f64 - 1.0;
-        assert_eq!(numbers(&folder, "new.json", "/updated/decisions"), [rows]);
+        assert_eq!(numbers(&folder, "new.json", "/updated/0/decisions"), [rows]);
     }
 }
 
@@ -114,7 +116,12 @@ fn faults_of_a_table_and_of_a_policy_are_sentences() {
     folder.write("states.csv", "C,H\n1,\n0,0.5\n");
     folder.jitai(decide).ended(2).says("line 2: column `H` is empty");
     folder.write("states.csv", "C,Ha\n1,2\n");
-    folder.jitai(decide).ended(2).says("there is no column `H`");
+    folder.jitai(decide).ended(2).says("there is no column `H`; did you mean `Ha`?");
+    folder.write("states.csv", "C,H\n,0.5\n");
+    let first = folder.jitai(decide).ended(2).says("line 2: column `C` is empty");
+    assert!(!first.stderr.contains("person"), "{}", first.stderr);
+    folder.write("states.csv", "C,H\n1,-1e200\n");
+    folder.jitai(decide).ended(2).says("line 2: `H` is -1e200, above 1e30 in size");
     folder.write("log.csv", "C,H,action,reward\n1,0.5,7,1\n");
     folder
         .jitai(["decide", "--policy", "prior.json", "--data", "log.csv", "--update", "new.json"])
@@ -125,4 +132,60 @@ fn faults_of_a_table_and_of_a_policy_are_sentences() {
         .jitai(["decide", "--policy", "prior.json", "--data", "log.csv"])
         .ended(2)
         .says("`prior.json`: its `job` cannot be read");
+    folder
+        .jitai(["decide", "--policy", "log.csv", "--data", "log.csv"])
+        .ended(2)
+        .says("`log.csv`: this is no policy.json of `jitai export --policy`");
+}
+
+#[test]
+fn a_log_needs_probabilities_with_which_its_actions_were_taken() {
+    let folder = folder("action_centring = true");
+    let update = ["decide", "--policy", "prior.json", "--data", "log.csv", "--update", "new.json"];
+    for (row, says) in [
+        ("1,7,0,0", "`probability_1` is 7, expected a number from 0 to 1"),
+        ("1,0.5,-0.1,0", "`probability_2` is -0.1, expected a number from 0 to 1"),
+        ("1,0.5,0.5,0.25", "the probabilities of the messages add to 1.25, above 1"),
+        ("3,0.5,0.25,0", "action 3 was taken with the probability 0"),
+        ("0,0.5,0.25,0.25", "action 0 was taken with the probability 0"),
+    ] {
+        let header = "C,H,action,reward,probability_1,probability_2,probability_3";
+        let (action, chances) = row.split_once(',').unwrap();
+        let rows = format!("{header}\n1,0.5,0,1,0.25,0.25,0.25\n1,0.5,{action},1,{chances}\n");
+        folder.write("log.csv", rows);
+        folder.jitai(update).ended(2).says(&format!("log.csv: line 3: {says}"));
+        assert!(!folder.path("new.json").exists());
+    }
+}
+
+#[test]
+fn a_log_is_learned_from_once_and_files_are_named_by_their_bytes() {
+    let folder = folder("");
+    // Written by hand: the number of actions, and the covariance.
+    let mut about: serde_json::Value = serde_json::from_str(&folder.read("prior.json")).unwrap();
+    about["actions"] = 4.into();
+    about["posterior"]["covariance"] = about["posterior"]["precision"].take();
+    about["posterior"].as_object_mut().unwrap().remove("precision");
+    folder.write("policy.json", format!("{about:#}"));
+    let earlier = Sha256::digest(folder.read("policy.json"));
+    let earlier: String = earlier.iter().map(|byte| format!("{byte:02x}")).collect();
+    let update =
+        ["decide", "--policy", "policy.json", "--data", "log.csv", "--update", "policy.json"];
+    folder.jitai(update).succeeded();
+    assert!(
+        !folder.path("policy.partial").exists() && !folder.path("policy.json.partial").exists()
+    );
+    let once = folder.read("policy.json");
+    let learned: serde_json::Value = serde_json::from_str(&once).unwrap();
+    assert_eq!(learned["updated"][0]["policy_sha256"], serde_json::json!(earlier));
+    folder.jitai(update).ended(2).says("`log.csv`: this log is already in the policy");
+    assert_eq!(folder.read("policy.json"), once);
+    // Another log is added to the list, and the first one is still known.
+    let log = folder.read("log.csv");
+    folder
+        .write("log.csv", log.lines().take(4).map(|line| format!("{line}\n")).collect::<String>());
+    folder.jitai(update).succeeded();
+    assert_eq!(numbers(&folder, "policy.json", "/updated/1/decisions"), [3.0]);
+    folder.write("log.csv", &log);
+    folder.jitai(update).ended(2).says("this log is already in the policy");
 }

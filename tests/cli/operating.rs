@@ -180,6 +180,30 @@ fn the_smallest_effect_is_found_and_numbers_of_ones_own_are_shown() {
 }
 
 #[test]
+fn the_formula_is_of_least_squares_alone() {
+    let manifest = |estimator: &str| {
+        format!(
+            "format = 1\nname = \"sizes\"\nscenarios = \"all\"\nseeds = 20\n\
+             environment = {{ family = \"declared\", model = \"binary_outcome.toml\" }}\n\
+             trial = {{ people = [10, 60], days = 30 }}\nevaluation.on = \"trial\"\n\
+             [[agent]]\nname = \"random\"\nalgorithm = \"rule\"\nrule = \"random\"\n\
+             [[estimate]]\nname = \"mean\"\nestimator = \"{estimator}\"\n\
+             [[analysis]]\nname = \"size\"\nkind = \"operating_characteristics\"\nfind = {{ power = 0.8 }}\n"
+        )
+    };
+    let model = std::fs::read_to_string("experiments/models/binary_outcome.toml").unwrap();
+    for (estimator, has_formula) in [("wcls", true), ("emee", false)] {
+        let folder = Folder::with(&manifest(estimator));
+        folder.write("binary_outcome.toml", &model);
+        folder.jitai(["run", "sweep.toml"]).succeeded();
+        folder.jitai(["report", "sweep.toml", "--out", "report"]).succeeded();
+        let page = folder.read("report/index.html");
+        assert!(page.contains("a power of 80"), "{page}");
+        assert_eq!(page.contains("the formula of Liao"), has_formula, "{estimator}");
+    }
+}
+
+#[test]
 fn a_diagnosand_that_is_no_aggregate_is_refused_before_the_report() {
     for (expression, says) in [
         ("avg(estimat)", "`diagnosands`: `own`: no such column: estimat"),

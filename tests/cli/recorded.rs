@@ -52,6 +52,23 @@ fn heartsteps_gives_its_published_effects() {
 }
 
 #[test]
+fn diagnosands_are_those_of_their_analysis_although_randomisation_comes_first() {
+    let folder = heartsteps(
+        "[[analysis]]\nname = \"trials\"\nkind = \"operating_characteristics\"\n\
+         diagnosands = { largest = \"max(estimate)\" }\n\
+         [[analysis]]\nname = \"drawn\"\nkind = \"randomisation\"\n",
+    );
+    folder.jitai(["run", "m.toml"]).succeeded();
+    folder.jitai(["report", "m.toml", "--out", "report"]).succeeded();
+    let table = folder.read("report/tables/heartsteps-v1-trials.csv");
+    let mut rows = csv::Reader::from_reader(table.as_bytes());
+    let index = rows.headers().unwrap().iter().position(|name| name == "largest").unwrap();
+    let largest = rows.records().map(|row| row.unwrap()[index].parse().unwrap());
+    let largest: Vec<f64> = largest.collect();
+    assert!((largest[0] - 0.1312).abs() < 1e-4, "{table}");
+}
+
+#[test]
 fn a_recorded_trial_is_reported_merged_exported_and_forgotten_as_others_are() {
     let folder = heartsteps("");
     folder.jitai(["run", "m.toml"]).succeeded();

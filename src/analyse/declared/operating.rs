@@ -6,7 +6,7 @@ use super::arm::{Arm, ArmId, arms, by_value, decided_by};
 use crate::analyse::{
     Along, Crossing, Formula, Interval, MonteCarloMean, Operating, TrialEstimate, crossing,
 };
-use crate::job::{CONSTANT, Effect, distinct};
+use crate::job::{CONSTANT, Effect, Estimator, distinct};
 use crate::manifest::Find;
 use crate::manifest::kind::OperatingCharacteristics;
 use crate::record::JobRecord;
@@ -50,7 +50,8 @@ pub struct OperatingRow {
     pub diagnosands: Vec<(String, Diagnosand)>,
     /// Completed trials whose estimate is not computed yet.
     pub lacking: usize,
-    /// `None` without an estimate or for several coefficients.
+    /// `None` without an estimate, for several coefficients, and for other estimators than least squares, of which alone the
+    /// formula is.
     design: Option<Design>,
 }
 
@@ -171,6 +172,7 @@ fn row(arm: &Arm<'_>, x: Option<f64>, jobs: &[&JobRecord], term: &Term) -> Opera
         }
         design = design.or_else(|| {
             let of = of.filter(|of| of.terms.len() == 1 && term.term == CONSTANT)?;
+            let of = Some(of).filter(|of| of.declaration.estimator == Estimator::Wcls)?;
             let people = job.number("trial.people")?;
             Some((people, of.declaration.numerator, of.declaration.control.len() + 1))
         });

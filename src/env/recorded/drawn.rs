@@ -33,4 +33,7 @@ pub struct DrawnGroup {
     pub expected: f64,
     /// The sum of p (1 - p).
     pub variance: f64,
+    /// The sum of the fourth cumulants p (1 - p) (1 - 6 p (1 - p)); stores of earlier releases do not have it.
+    #[serde(default)]
+    pub fourth_cumulant: f64,
 }

@@ -14,17 +14,25 @@ const PERSON: &str = "person";
 /// Available decisions, each with what it is grouped by.
 struct Groups<'l> {
     log: &'l RecordedLog,
+    /// The action that is counted; any above 0 without one.
+    action: Option<usize>,
     groups: BTreeMap<u64, DrawnGroup>,
 }
 
 impl Groups<'_> {
     fn add(&mut self, key: u64, decision: usize) {
         let group = self.groups.entry(key).or_default();
-        let p = 1.0 - self.log.probabilities[decision * self.log.actions];
+        let (taken, first) = (usize::from(self.log.taken[decision]), decision * self.log.actions);
+        let (is_counted, p) = match self.action {
+            Some(action) => (taken == action, self.log.probabilities[first + action]),
+            None => (taken > 0, 1.0 - self.log.probabilities[first]),
+        };
         group.decisions += 1;
-        group.taken += u64::from(self.log.taken[decision] > 0);
+        group.taken += u64::from(is_counted);
         group.expected += p;
-        group.variance += p * (1.0 - p);
+        let variance = p * (1.0 - p);
+        group.variance += variance;
+        group.fourth_cumulant += variance * (1.0 - 6.0 * variance);
     }
 }
 
@@ -35,7 +43,7 @@ impl Randomisation {
         let grouping = |by: &str,
                         key: &dyn Fn(usize, usize, u32) -> Option<u64>,
                         name: &dyn Fn(u64) -> String| {
-            let mut groups = Groups { log, groups: BTreeMap::new() };
+            let mut groups = Groups { log, action: None, groups: BTreeMap::new() };
             for (person, own) in log.people.iter().enumerate() {
                 for step in 0..own.decisions {
                     let decision = own.first + step as usize;
@@ -75,6 +83,10 @@ impl Randomisation {
             groupings.push(grouping(name, &key, &within));
         }
         groupings.retain(|grouping| grouping.by == "all" || grouping.groups.len() > 1);
+        // Of two actions, the share of one says all.
+        if log.actions > 2 {
+            groupings.extend((1..log.actions).map(|action| of_action(log, action)));
+        }
         Randomisation { groupings, counts: counts(log, is_drawn) }
     }
 
@@ -87,6 +99,16 @@ impl Randomisation {
                 number.checked_sub(1).map_or_else(String::new, |index| names[index].clone());
         }
     }
+}
+
+/// The counts of one action at all decisions.
+fn of_action(log: &RecordedLog, action: usize) -> Grouping {
+    let mut groups = Groups { log, action: Some(action), groups: BTreeMap::new() };
+    let drawn = (0..log.is_drawn.len()).filter(|decision| log.is_drawn[*decision]);
+    drawn.for_each(|decision| groups.add(0, decision));
+    let by = format!("action {action}");
+    let named = |group: DrawnGroup| DrawnGroup { name: by.clone(), ..group };
+    Grouping { groups: groups.groups.into_values().map(named).collect(), by: by.clone() }
 }
 
 /// The first and last value of each group: of each value if there are few, of each quarter otherwise.

@@ -1,6 +1,7 @@
 //! Named columns of numbers, such as the states before decisions.
 
-use crate::env::declared::{DataFaults, header, reader, rows};
+use crate::env::declared::{DataFaults, Header, header, reader, rows};
+use crate::text::{nearest, shortened};
 
 /// Columns of a CSV file.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -23,13 +24,13 @@ impl NumberTable {
         for name in names {
             match header.column(name) {
                 Some(index) => indices.push(index),
-                None => faults.add(format!("line 1: there is no column `{name}`")),
+                None => faults.add(lacking(&header, name, names)),
             }
         }
-        let Some(first) = indices.first().copied().filter(|_| faults.is_empty()) else {
+        if !faults.is_empty() {
             return Err(faults);
-        };
-        let table = rows(&mut reader, header, first, &indices, &|| false)?;
+        }
+        let table = rows(&mut reader, header, None::<usize>, &indices, &|| false)?;
         let column = |index: &usize| -> Vec<f64> {
             (0..table.lines.len()).map(|row| table.number(*index, row)).collect()
         };
@@ -47,4 +48,14 @@ impl NumberTable {
     pub fn row(&self, row: usize, columns: usize) -> Vec<f64> {
         self.columns[..columns].iter().map(|column| column[row]).collect()
     }
+}
+
+/// That there is no column of this name, of those that are read.
+fn lacking(header: &Header, name: &str, read: &[String]) -> String {
+    let others = header.names().iter().filter(|other| !read.contains(*other));
+    let help = match nearest(name, others.map(String::as_str)) {
+        Some(near) => format!("did you mean `{}`?", shortened(near)),
+        None => format!("its columns are {}", shortened(&header.names().join(", "))),
+    };
+    format!("line 1: there is no column `{name}`; {help}")
 }

@@ -206,9 +206,23 @@ fn actions_are_counted_beside_their_probabilities() {
     let all = &groupings[0].groups[0];
     assert_eq!((all.decisions, all.taken, all.expected), (4, 2, 0.5 + 0.5 + 0.25 + 0.25));
     assert_eq!(all.variance, 2.0 * 0.25 + 2.0 * 0.1875);
+    assert_eq!(all.fourth_cumulant, 2.0 * 0.25 * -0.5 + 2.0 * 0.1875 * -0.125);
     let moods: Vec<(&str, u64)> =
         groupings[3].groups.iter().map(|one| (one.name.as_str(), one.taken)).collect();
     assert_eq!(moods, [("1", 1), ("2", 0), ("3", 1)]);
     let count = |what: &str| counts.iter().find(|(known, _)| known.starts_with(what)).unwrap().1;
     assert_eq!([count("different"), count("decisions without"), count("people who")], [2, 1, 1]);
+}
+
+#[test]
+fn each_of_several_messages_is_counted() {
+    let rows = "a,0,0,1,2,0.4,1,1\na,1,0,1,1,0.4,1,1\na,2,0,1,2,0.4,1,1\n";
+    let parameters = LogParameters { probability: format!("p{LIST}0.5 * p"), ..parameters(rows) };
+    let Randomisation { groupings, .. } = Randomisation::of(&read(&parameters).unwrap());
+    let found = groupings.iter().filter(|one| one.by.starts_with("action"));
+    let found: Vec<(&str, u64)> = found.map(|one| (one.by.as_str(), one.groups[0].taken)).collect();
+    assert_eq!(found, [("action 1", 1), ("action 2", 2)]);
+    let of_two = &groupings.last().unwrap().groups[0];
+    assert!((of_two.expected - 0.6).abs() < 1e-12 && (of_two.variance - 0.48).abs() < 1e-12);
+    assert!((of_two.fourth_cumulant - 0.48 * 0.04).abs() < 1e-12);
 }

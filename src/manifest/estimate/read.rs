@@ -23,6 +23,9 @@ const MOST_NUMBERS: u64 = 50_000_000;
 /// The numbers of a decision that is kept to the end, besides those of its row.
 const OF_DECISION: u64 = 24;
 
+/// The most groups of people from whose others the models of a value are fitted.
+const GROUPS: u64 = 20;
+
 /// Agents whose people share some of what they learn.
 const SHARED: Constraint = Constraint {
     parameters: &[POOLING],
@@ -265,8 +268,8 @@ impl Checked<'_> {
             Some(trial) => (trial.people, trial.decisions()),
             None => (job.evaluation.test_episodes, u64::from(job.environment.longest_episode())),
         };
+        let actions = job.task().interface().actions;
         let of_one = |declaration: &EstimateDeclaration| {
-            let actions = job.task().interface().actions;
             let treatments = declaration.treatment.count(actions);
             let (controls, terms) =
                 (1 + declaration.control.len(), 1 + declaration.moderators.len());
@@ -282,7 +285,9 @@ impl Checked<'_> {
             }
         };
         let each = self.manifest.estimates.iter().map(|one| of_one(&one.declaration)).sum::<u64>();
-        let numbers = u64::from(people).saturating_mul(each);
+        let declared = self.manifest.estimates.iter().map(|one| &*one.declaration);
+        let models = declared.map(|one| of_models(one, actions, people)).sum::<u64>();
+        let numbers = u64::from(people).saturating_mul(each).saturating_add(models);
         if numbers > MOST_NUMBERS {
             let message = format!(
                 "the estimates hold {numbers} numbers of {people} people in memory; the maximum is {MOST_NUMBERS}"
@@ -321,5 +326,63 @@ impl Checked<'_> {
             true => "add an agent that draws its actions, such as the rule \"random\"".to_owned(),
             false => format!("write agents = [{}] in the [[estimate]]", others.join(", ")),
         }));
+    }
+}
+
+/// The numbers of the models of a value, with this number of actions and people: for a course's last decision and for all
+/// earlier ones, products of the regressors with each other, with the outcome and with those of the next decision; and a
+/// model per decision.
+fn of_models(declaration: &EstimateDeclaration, actions: usize, people: u32) -> u64 {
+    let (controls, terms) = (1 + declaration.control.len(), 1 + declaration.moderators.len());
+    let columns = (controls + actions.saturating_sub(1) * terms) as u64;
+    let sums = 2 * (columns * (columns + 1) / 2 + columns + columns * columns);
+    match declaration.estimator {
+        Estimator::Wcls | Estimator::Emee => 0,
+        Estimator::Value => {
+            u64::from(people).min(GROUPS) * (sums + u64::from(declaration.steps) * columns)
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::manifest::parse;
+
+    #[test]
+    fn the_models_of_a_value_count() {
+        let text = r#"
+format = 1
+name = "t"
+scenarios = ["C-H-D"]
+seeds = 2
+environment.sigma = 0.4
+evaluation.on = "trial"
+trial = { people = 30, days = 6 }
+[[agent]]
+name = "random"
+algorithm = "rule"
+rule = "random"
+[[estimate]]
+name = "value"
+estimator = "value"
+policy = 0.5
+steps = 3
+control = ["habituation", "disengagement"]
+moderators = ["habituation"]
+"#;
+        let manifest = parse("t", text.as_bytes()).unwrap();
+        let of = &manifest.estimates[0].declaration;
+        // 3 + 3 x 2 columns: 2 x (45 + 9 + 81), and 3 x 9, of each of 20 groups.
+        assert_eq!(of_models(of, 4, 30), 20 * (270 + 27));
+        assert_eq!(of_models(of, 4, 5), 5 * (270 + 27));
+        // 200 actions of six terms are too many, however few people there are.
+        let many = EstimateDeclaration {
+            moderators: vec!["habituation".to_owned(); 5],
+            ..EstimateDeclaration::clone(of)
+        };
+        assert!(of_models(&many, 200, 20) > MOST_NUMBERS);
+        let wcls = EstimateDeclaration { estimator: Estimator::Wcls, ..many };
+        assert_eq!(of_models(&wcls, 200, 20), 0);
     }
 }

@@ -13,7 +13,7 @@ use crate::report::scene::Scene;
 
 /// The quantile of the normal distribution of a 95 % interval.
 const WIDE: f64 = 1.96;
-/// Below this probability, a test contradicts the recorded probabilities; several are made.
+/// Below this corrected probability, a test contradicts the recorded probabilities.
 const SMALL: f64 = 0.01;
 
 impl Drawn for RandomisationFigure {
@@ -39,6 +39,7 @@ impl Drawn for RandomisationFigure {
             ("chi_squared", "χ²"),
             ("degrees_of_freedom", "df"),
             ("p", "p"),
+            ("p_holm", "Corrected p"),
             ("furthest", "Furthest group"),
             ("standardised", "Its standardised difference"),
             ("count", "Count"),
@@ -77,21 +78,21 @@ impl Drawn for RandomisationFigure {
             shown(100.0 * all.share, 1),
             shown(100.0 * all.expected, 1)
         );
-        let tested = self.tests.iter().filter_map(|test| Some((test, test.p?)));
+        let count = counted(self.tests.iter().filter(|test| test.p.is_some()).count(), "test");
+        let tested = self.tests.iter().filter_map(|test| Some((test, test.corrected?)));
         let least = tested.min_by(|one, other| one.1.total_cmp(&other.1));
         Some(match least {
             None => {
                 format!("{overall}; every action was certain, so that no effect can be estimated")
             }
             Some((test, p)) if p < SMALL => format!(
-                "{overall}; by {} the actions contradict the recorded probabilities (p {}), and estimates that rest on \
-                 them cannot be trusted",
+                "{overall}; by {} the actions contradict the recorded probabilities (p {}, corrected for {count}), \
+                 and estimates that rest on them cannot be trusted",
                 test.by,
                 related(p)
             ),
             Some((test, p)) => format!(
-                "{overall}; nothing contradicts the recorded probabilities, the smallest p of {} tests being {} by {}",
-                self.tests.len(),
+                "{overall}; nothing contradicts the recorded probabilities, the smallest p, corrected for {count}, being {} by {}",
                 shown(p, 3),
                 test.by
             ),
@@ -167,8 +168,9 @@ fn cells(test: &RandomisationTest) -> Vec<TableEntry> {
         TableEntry::number(test.share, 4),
         TableEntry::number(test.expected, 4),
         TableEntry::number(test.chi_squared, 2),
-        TableEntry::number(test.degrees_of_freedom as f64, 0),
+        TableEntry::number(test.degrees_of_freedom, 1),
         TableEntry::p(test.p.ok_or_else(certain)),
+        TableEntry::p(test.corrected.ok_or_else(certain)),
         TableEntry::text(furthest.map_or("", |(name, _)| name)),
         TableEntry::of(furthest.map(|(_, z)| *z).ok_or_else(certain), 2),
         TableEntry::text(""),

@@ -159,6 +159,10 @@ impl Header {
         }
     }
 
+    pub fn names(&self) -> &[String] {
+        &self.names
+    }
+
     pub fn name(&self, index: usize) -> &str {
         &self.names[index]
     }
@@ -309,16 +313,17 @@ fn broken(error: &csv::Error) -> String {
     }
 }
 
-/// Reads the rows: the column of people, and these columns as numbers.
+/// Reads the rows: the column of people, and these columns as numbers. Without a column of people, all rows are of one.
 ///
 /// **Errors**: every fault of the rows.
 pub(in crate::env) fn rows(
     reader: &mut csv::Reader<impl Read>,
     header: Header,
-    person: usize,
+    person: impl Into<Option<usize>>,
     used: &[usize],
     stop: &dyn Fn() -> bool,
 ) -> Result<RecordedRows, DataFaults> {
+    let person = person.into();
     let mut faults = DataFaults::default();
     let mut used = used.to_vec();
     used.sort_unstable();
@@ -354,8 +359,8 @@ pub(in crate::env) fn rows(
             break;
         }
         let line = record.position().map_or(0, csv::Position::line);
-        let name = &record[person];
-        if name.is_empty() {
+        let name = person.map_or("", |person| &record[person]);
+        if let Some(person) = person.filter(|_| name.is_empty()) {
             let column = table.header.name(person);
             faults.add(format!("line {line}: column `{column}` is empty, and names the person"));
         }
