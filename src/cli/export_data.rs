@@ -5,9 +5,9 @@ use std::fs;
 use std::io::{self, Write as _};
 use std::path::Path;
 
-use crate::agent::LinearThompson;
+use crate::agent::{DecisionRule, LinearThompson, RuleParameters};
 use crate::cli::{Error, Exit, folder, simulate};
-use crate::env::recorded::RECORDED_PROBABILITY;
+use crate::env::recorded::{FAMILY, RECORDED_PROBABILITY};
 use crate::job::{Decision, Job, Trial};
 use crate::key::{Key, Keyed, Value};
 use crate::store::Reader;
@@ -36,7 +36,7 @@ pub(super) fn write(reader: &Reader, key: &str, out: &Path) -> Result<Exit, Erro
     let refused = |says: String| Error::Usage(format!("--data: {says}"));
     let stored = reader.weights(key).map_err(|error| simulate::refused_key("--data", error))?;
     let (key, job) = (stored.job_key.to_string(), stored.job);
-    if let Some(says) = unknown_rewards(&job) {
+    if let Some(says) = replayed(&job).or_else(|| unknown_rewards(&job)) {
         return Err(refused(format!("job {key}: {says}")));
     }
     let mut names = job.state_names().to_vec();
@@ -64,6 +64,16 @@ pub(super) fn write(reader: &Reader, key: &str, out: &Path) -> Result<Exit, Erro
         writeln!(io::stderr(), "note: {note}")?;
     }
     Ok(Exit::Done)
+}
+
+/// Why the decisions of a job never happened.
+fn replayed(job: &Job) -> Option<&'static str> {
+    let rule = job.agent.parameters::<RuleParameters>();
+    let repeats = rule.is_some_and(|rule| rule.rule == DecisionRule::Recorded);
+    let is_replay = job.environment.family() == &FAMILY && !repeats;
+    is_replay.then_some(
+        "it replayed a trial, whose actions another agent chose; export the job of the agent with rule = \"recorded\"",
+    )
 }
 
 /// Why the store does not have the rewards that the agent of a job learned from.
@@ -175,10 +185,21 @@ impl Columns {
         if !state.is_empty() {
             let _ = writeln!(text, "state = {{ {} }}", state.join(", "));
         }
-        if let Some(trial) = &job.trial {
-            let per_day = trial.decisions_per_day;
-            let _ =
-                write!(text, "calendar_day = \"calendar_day\"\ndecisions_per_day = {per_day}\n");
+        if job.trial.is_some() {
+            text += "calendar_day = \"calendar_day\"\n";
+        }
+        let own = job.environment.decisions_per_day();
+        let per_day = job.trial.as_ref().map(|trial| trial.decisions_per_day).or(own);
+        let unit = Value::Text(job.environment.return_unit().to_owned());
+        let data = [
+            ("decisions_per_day", per_day.map(u64::from).map(Value::Integer)),
+            ("unit", Some(unit)),
+        ];
+        for (name, value) in data {
+            let key = FAMILY.keys.iter().find(|key| key.name == name);
+            if let Some((key, value)) = key.zip(value) {
+                write_key(&mut text, key, &value);
+            }
         }
         if self.replays(job) {
             text += "\n[trial]\n";

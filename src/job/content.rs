@@ -13,7 +13,7 @@ use super::{
 };
 use crate::agent::{Agent, Algorithm, Engine, External, Task, Work};
 use crate::env::outside::OutsideModel;
-use crate::env::{Environment, Family, Scenario};
+use crate::env::{Environment, Family, Scenario, recorded};
 use crate::key::{
     CanonicalError, Key, Keyed, Parameter, PerSection, SectionName, Value, free_key, read_object,
 };
@@ -125,6 +125,11 @@ impl Job {
         let is_greedy = self.evaluation.test_actions == TestActions::Greedy;
         (is_greedy && self.trial.is_none() && self.agent.algorithm().learns())
             || self.agent.never_draws()
+    }
+
+    /// Whether numbers of the state can be missing, as in the file of a recorded trial.
+    pub fn can_miss_numbers(&self) -> bool {
+        self.environment.family() == &recorded::FAMILY
     }
 
     /// Whether the agent or the environment is an outside program.

@@ -99,7 +99,7 @@ impl Decision {
     }
 
     /// The first number that no store accepts; see [`Results::unusable_number`].
-    fn unusable_number(&self, state_names: &[String]) -> Option<String> {
+    fn unusable_number(&self, state_names: &[String], can_miss: bool) -> Option<String> {
         let described = |name: &str, value: f64| {
             let phase = match self.phase {
                 Phase::Train => "training",
@@ -108,7 +108,8 @@ impl Decision {
             let Decision { episode, step, .. } = self;
             format!("{name} at step {step} of {phase} episode {episode} is {value}")
         };
-        let state = (0..).zip(&self.state).find(|(_, value)| !value.is_finite());
+        let is_usable = |value: f64| value.is_finite() || can_miss && value.is_nan();
+        let state = (0..).zip(&self.state).find(|(_, value)| !is_usable(**value));
         if let Some((index, value)) = state {
             let name = state_names.get::<usize>(index).map_or("a state", String::as_str);
             return Some(described(name, *value));
@@ -264,8 +265,9 @@ pub struct Results {
 
 impl Results {
     /// The first number that no store accepts, with its name: one that is not finite, or a probability outside 0
-    /// to 1. `None` if there is none. Weights and estimates are not looked at.
-    pub fn unusable_number(&self) -> Option<String> {
+    /// to 1. `None` if there is none. Weights and estimates are not looked at. Where numbers of the state can be missing, NaN
+    /// stands for them.
+    pub fn unusable_number(&self, can_miss: bool) -> Option<String> {
         let unusable = |name: &dyn Fn() -> String, value: f64| {
             (!value.is_finite()).then(|| format!("{} is {value}", name()))
         };
@@ -296,7 +298,8 @@ impl Results {
             .or_else(|| self.curve.iter().find_map(point))
             .or_else(|| (1..).zip(&self.episodes).find_map(episode))
             .or_else(|| {
-                self.decisions.iter().find_map(|one| one.unusable_number(&self.state_names))
+                let number = |one: &Decision| one.unusable_number(&self.state_names, can_miss);
+                self.decisions.iter().find_map(number)
             })
             .or_else(|| self.participants.iter().find_map(participant))
             .or_else(|| self.posteriors.iter().find_map(posterior))
@@ -379,11 +382,11 @@ pub enum Outcome {
 }
 
 impl Outcome {
-    /// The same outcome, or a failure if a store would not accept a number of its results. `episode` is the number of
-    /// finished training episodes.
-    pub fn judged(self, episode: u32) -> Outcome {
+    /// The same outcome, or a failure if a store would not accept a number of its results; see
+    /// [`Results::unusable_number`]. `episode` is the number of finished training episodes.
+    pub fn judged(self, episode: u32, can_miss: bool) -> Outcome {
         let number = match &self {
-            Outcome::Completed(results) => results.unusable_number(),
+            Outcome::Completed(results) => results.unusable_number(can_miss),
             Outcome::Failed(_) | Outcome::Interrupted => None,
         };
         match number {
@@ -452,7 +455,13 @@ mod tests {
 
     #[test]
     fn a_number_that_is_not_finite_fails_the_job_and_is_named() {
-        assert_eq!(results().unusable_number(), None);
+        assert_eq!(results().unusable_number(false), None);
+        // A recorded trial may lack numbers of the state, and has no other ones without a value.
+        let mut lacking = results();
+        lacking.decisions[0].state = [f64::NAN].into();
+        assert_eq!(lacking.unusable_number(true), None);
+        lacking.decisions[0].state = [f64::INFINITY].into();
+        assert!(lacking.unusable_number(true).is_some());
         type Change = fn(&mut Results);
         let cases: [(Change, &str); 9] = [
             (|all| all.metrics[0].value = f64::INFINITY, "mean_return is inf"),
@@ -489,7 +498,7 @@ mod tests {
         for (spoil, expected) in cases {
             let mut spoilt = results();
             spoil(&mut spoilt);
-            let Outcome::Failed(failure) = Outcome::Completed(spoilt).judged(7) else {
+            let Outcome::Failed(failure) = Outcome::Completed(spoilt).judged(7, false) else {
                 panic!("{expected}")
             };
             let message = format!("{expected}: no result is stored");

@@ -349,7 +349,8 @@ fn report(
     let keys = chosen.parameters().filter(|key| *key != Parameter::SCENARIO);
     let span = keys.filter_map(|key| draft.span_of(agent, key)).max();
     let name = &draft.agents[agent].name;
-    let fault = |message| Fault::at(span.unwrap_or(name.span), message);
+    let name_span = name.span;
+    let fault = |message| Fault::at(span.unwrap_or(name_span), message);
     let of = match concerned {
         Concerned::Environment(_) => String::new(),
         Concerned::Agent(_) if name.value.is_empty() => String::new(),
@@ -365,7 +366,8 @@ fn report(
         Violation::InFile { parameter, content, faults: found } => {
             let name = parameter.key();
             let says = faults.add_of_file(content.file(), content.text(), found);
-            fault(format!("{of}`{name}`: {says}"))
+            let span = draft.span_of(agent, parameter).or(span);
+            Fault::at(span.unwrap_or(name_span), format!("{of}`{name}`: {says}"))
         }
         Violation::TooLarge(Size { what, unit, size, most }) => {
             let says = format!("{what} {size} {unit}; the maximum is {most}");

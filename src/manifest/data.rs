@@ -51,6 +51,11 @@ pub(super) fn unfolded<'r, 't>(
     }
     let mut node = node.clone();
     if let DeValue::Table(table) = node.get_mut() {
+        if let Some((written, _)) = table.get_key_value(free::FAMILY) {
+            let says = "`family`: [data] is a recorded trial, and has no family";
+            faults.add(Fault::at(written.span().into(), says).help("remove it"));
+            table.remove(free::FAMILY);
+        }
         table.iter_mut().for_each(|(_, node)| join(node));
         let family = Spanned::new(key.span(), DeValue::String(FAMILY.name.into()));
         table.insert(Spanned::new(key.span(), free::FAMILY.into()), family);
@@ -98,6 +103,13 @@ pub(super) fn complete(draft: &mut Draft, faults: &mut FaultList) {
     let agents: Vec<String> =
         draft.agents.iter().filter(|one| is_recorded(one)).map(named).collect();
     if agents.is_empty() {
+        if let Some(other) = draft.agents.iter().find(|one| one.name.value == RECORDED) {
+            let says = format!(
+                "agent `{RECORDED}`: this is the name of the agent that repeats the recorded actions"
+            );
+            let help = "give it another name, or declare an agent with rule = \"recorded\"";
+            faults.add(Fault::at(other.name.span, says).help(help));
+        }
         draft.agents.insert(0, recorded_agent(span));
     }
     let agents = if agents.is_empty() { vec![RECORDED.to_owned()] } else { agents };
@@ -113,14 +125,39 @@ pub(super) fn complete(draft: &mut Draft, faults: &mut FaultList) {
     if has_trial {
         give(evaluation, "on", Value::Choice(EvaluatedOn::Trial.word()), span);
     }
-    let Some(model) = first(&draft.sections[SectionName::Environment]) else { return };
-    let Some(log) = model.log() else { return };
-    if !has_trial {
-        let people = Value::Integer(log.people.len() as u64);
-        give(&mut draft.sections[SectionName::Evaluation], "test_episodes", people, span);
-        return;
+    let model = first(&draft.sections[SectionName::Environment]);
+    let Some((model, log)) = model.as_ref().and_then(|model| Some((model, model.log()?))) else {
+        // Faults of the file are reported, and people and days are its own.
+        return unknown(&mut draft.sections[SectionName::Trial]);
+    };
+    if has_trial {
+        return trial(&mut draft.sections[SectionName::Trial], model, faults);
     }
-    trial(&mut draft.sections[SectionName::Trial], log, faults);
+    let people = log.people.len();
+    let evaluation = &mut draft.sections[SectionName::Evaluation];
+    if let Some(own) = other_than(evaluation, "test_episodes", people) {
+        let says =
+            format!("`test_episodes`: the file has {people} people, and each is one episode");
+        faults.add(Fault::at(own, says).help("remove it"));
+    }
+    give(evaluation, "test_episodes", Value::Integer(people as u64), span);
+}
+
+/// Marks the keys of `[trial]` that a faulty file would give.
+fn unknown(settings: &mut Settings) {
+    let span = settings.span.unwrap_or(Span { start: 0, end: 0 });
+    for key in ["people", "days"] {
+        if let Some((index, _)) = settings.section.find(key) {
+            settings.mark_invalid(index, span);
+        }
+    }
+}
+
+/// Where a key has another number than the file.
+fn other_than(settings: &Settings, key: &str, number: usize) -> Option<Span> {
+    let (index, _) = settings.section.find(key)?;
+    let given = settings.given.get(&index).filter(|given| !given.value.is_empty())?;
+    (given.value != [Value::Integer(number as u64)]).then_some(given.span)
 }
 
 /// Adds what the report of every recorded trial has.
@@ -210,11 +247,24 @@ pub(super) fn notes(manifest: &Manifest) -> Vec<String> {
         parameters.map(|(_, values)| values.first().cloned()).collect();
     let environment = values.and_then(|values| (FAMILY.read)(&FAMILY, &values, &[]));
     let model: Option<&RecordedModel> = environment.as_ref().and_then(|of| of.model());
-    model.and_then(RecordedModel::log).map_or_else(Vec::new, |log| log.notes.clone())
+    let Some((model, log)) = model.and_then(|model| Some((model, model.log()?))) else {
+        return Vec::new();
+    };
+    let has_names = log.people.iter().any(|person| person.name.parse::<f64>().is_err());
+    let mut notes = log.notes.clone();
+    if model.stores_file() && has_names {
+        notes.push(
+            "the trial stands in the manifest, whose text the store keeps with the names of people; number people, or \
+             write the name of the file"
+                .to_owned(),
+        );
+    }
+    notes
 }
 
 /// Completes `[trial]`, and reports what contradicts the file.
-fn trial(settings: &mut Settings, log: &RecordedLog, faults: &mut FaultList) {
+fn trial(settings: &mut Settings, model: &RecordedModel, faults: &mut FaultList) {
+    let Some(log) = model.log() else { return };
     for key in ANSWERED {
         if let Some(span) = settings.differs(key) {
             let says = format!("`{key}` is for simulated people, and the file says what happened");
@@ -227,27 +277,40 @@ fn trial(settings: &mut Settings, log: &RecordedLog, faults: &mut FaultList) {
         let says = format!("the file has {people} people; a replay has at most {MOST_PEOPLE}");
         faults.add(Fault::at(span, says).help("replay a part of the people"));
     }
-    if let Some(own) = settings.span_of("people")
-        && settings.section.find("people").is_some_and(|(index, _)| {
-            settings.given[&index].value != [Value::Integer(people as u64)]
-        })
-    {
+    if let Some(own) = other_than(settings, "people", people) {
         let says = format!("`people`: the file has {people} people");
         faults.add(Fault::at(own, says).help("remove it"));
     }
-    let enters = ["entry", "entry_every_days", "entry_people", "entry_first_day"];
-    let has_calendar = log.stays().any(|(start, _)| start > 0);
-    if has_calendar && enters.iter().all(|key| settings.span_of(key).is_none()) {
-        let rows = log.stays().map(|(start, end)| format!("{start},{end}\n"));
-        let text = format!("start_day,end_day\n{}", rows.collect::<String>());
-        if let Ok(entry) = Content::read(&STAYS, &text) {
-            give(settings, "entry", Value::Content(entry), span);
-        }
+    if model.has_calendar() {
+        calendar(settings, log, span, faults);
     }
     let per_day = u64::from(log.per_day);
     give(settings, "people", Value::Integer(people as u64), span);
     give(settings, "days", Value::Integer(u64::from(log.horizon()) / per_day), span);
     give(settings, "decisions_per_day", Value::Integer(per_day), span);
+}
+
+/// People enter by the calendar of the file.
+fn calendar(settings: &mut Settings, log: &RecordedLog, span: Span, faults: &mut FaultList) {
+    let mut of_file = None;
+    if log.stays().any(|(start, _)| start > 0) {
+        let rows = log.stays().map(|(start, end)| format!("{start},{end}\n"));
+        let text = format!("start_day,end_day\n{}", rows.collect::<String>());
+        of_file = Content::read(&STAYS, &text).ok().map(Value::Content);
+    }
+    for key in ["entry", "entry_every_days", "entry_people", "entry_first_day"] {
+        let Some(own) = settings.differs(key) else { continue };
+        // A manifest that is written out in full has what the file says.
+        let given = settings.section.find(key).and_then(|(index, _)| settings.given.get(&index));
+        if key == "entry" && given.is_some_and(|given| given.value.iter().eq(of_file.iter())) {
+            continue;
+        }
+        let says = format!("`{key}`: people enter by `calendar_day` of [data]");
+        faults.add(Fault::at(own, says).help("remove one of the two"));
+    }
+    if let Some(entry) = of_file {
+        give(settings, "entry", entry, span);
+    }
 }
 
 /// Reports agents that cannot replay a recorded trial.
@@ -277,7 +340,11 @@ pub(super) fn check(draft: &Draft, manifest: &Manifest, faults: &mut FaultList) 
             faults.add(Fault::at(agent.name.span, format!("agent `{name}`: {says}")).help(help));
         };
         match declared.algorithm.name() {
-            "rule" => {}
+            "rule" if manifest.has_trial() || recorded.contains(name) => {}
+            "rule" => fault(
+                "it replays the updates of a trial, and the manifest has no [trial]".to_owned(),
+                "write [trial] with `update_every_days`, such as 1, or rule = \"recorded\"",
+            ),
             "linear_thompson" => {
                 if !manifest.has_trial() {
                     let says = "it learns at the updates of a trial, and the manifest has no [trial]";

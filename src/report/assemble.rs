@@ -193,6 +193,7 @@ fn add_recorded(
         let conditions: Vec<Condition> = analysis.of_jobs().collect();
         for job in &mut data.jobs {
             let is_concerned = conditions.iter().all(|condition| condition.is_met_by(job));
+            let per_day = job.number(&Parameter::Trial("decisions_per_day").to_string());
             let JobStatus::Completed(run) = &mut job.status else { continue };
             if !is_concerned {
                 continue;
@@ -202,7 +203,8 @@ fn add_recorded(
                 run.description = reader.description(&job.job_key)?;
             }
             if replayed && run.replayed.is_none() {
-                run.replayed = Some(reader.replayed(&job.job_key, SAME)?);
+                let per_day = per_day.unwrap_or(1.0) as u32;
+                run.replayed = Some(reader.replayed(&job.job_key, per_day, SAME)?);
             }
         }
     }

@@ -189,7 +189,7 @@ fn work(
     let curve = CurveFile::new(shared.curves, entry);
     let keeps = Some(Keeps { keeper, curve });
     let control = SlotControl { slot, halt: shared.halt, keeps, estimates, folder };
-    let outcome = match caught(slot, || (shared.train)(job, &control)) {
+    let outcome = match caught(slot, job, || (shared.train)(job, &control)) {
         Outcome::Interrupted if slot.deadline.rings() => {
             Outcome::Failed(over_time(slot, limit, job))
         }
@@ -222,7 +222,7 @@ fn compute(
     let Queued { job, estimates, folder, .. } = queued;
     if queued.trains() {
         let control = SlotControl { slot, halt: shared.halt, keeps: None, estimates, folder };
-        let outcome = match caught(slot, || (shared.train)(job, &control)) {
+        let outcome = match caught(slot, job, || (shared.train)(job, &control)) {
             Outcome::Interrupted if slot.deadline.rings() => Outcome::Failed(Failure {
                 kind: FailureKind::OverTime,
                 message: "training it again exceeded its time limit".to_owned(),
@@ -308,12 +308,12 @@ impl TrainingControl for SlotControl<'_> {
 }
 
 /// The outcome of a training. A panic and results that cannot be stored are failures.
-pub(super) fn caught(slot: &Slot, train: impl FnOnce() -> Outcome) -> Outcome {
+pub(super) fn caught(slot: &Slot, job: &Job, train: impl FnOnce() -> Outcome) -> Outcome {
     let outcome = panic::catch(train).unwrap_or_else(|message| {
         let (kind, episode) = (FailureKind::Panicked, slot.episode());
         Outcome::Failed(Failure { kind, message, episode })
     });
-    outcome.judged(slot.episode())
+    outcome.judged(slot.episode(), job.can_miss_numbers())
 }
 
 /// The failure of a job that was stopped at its time limit.

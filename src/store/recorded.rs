@@ -135,8 +135,14 @@ impl Reader {
         })
     }
 
-    /// How the decisions of a job, which replays a recorded trial, differ from the record by more than a threshold.
-    pub fn replayed(&self, key: &JobKey, threshold: f64) -> Result<ReplayedDecisions, StoreError> {
+    /// How the decisions of a job, which replays a recorded trial with this number of decisions per day, differ from the
+    /// record by more than a threshold.
+    pub fn replayed(
+        &self,
+        key: &JobKey,
+        per_day: u32,
+        threshold: f64,
+    ) -> Result<ReplayedDecisions, StoreError> {
         self.read("read decisions", |connection| {
             let sql = "WITH replay AS (
                     SELECT episode, step, action_probability AS replayed,
@@ -146,9 +152,9 @@ impl Reader {
                 )
                 SELECT episode, step, CAST(day AS INTEGER), recorded, replayed FROM replay
                 WHERE recorded IS NOT NULL
-                ORDER BY day, step, episode";
+                ORDER BY day, step % ?2, episode";
             let mut statement = connection.prepare_cached(sql)?;
-            let mut rows = statement.query([key.to_string()])?;
+            let mut rows = statement.query((key.to_string(), per_day.max(1)))?;
             let mut all = ReplayedDecisions::default();
             while let Some(row) = rows.next()? {
                 all.add(

@@ -344,7 +344,14 @@ fn a_changed_outcome_is_found_at_the_first_update_after_it() {
     folder.jitai(["run", "log/trial.toml"]).succeeded();
     assert!(difference(&folder) > 1e-6);
     folder.jitai(["report", "log/trial.toml", "--out", "report"]).succeeded();
-    assert!(folder.read("report/index.html").contains("first differs on day 6 at decision"));
+    // The first in the order of time: by day, decision of the day, and person.
+    let sql = "SELECT printf('day %d at decision %d of person %d', json_extract(decision.state, '$.calendar_day'), step, episode)
+        FROM decision JOIN run_summary USING (job_key) WHERE agent = 'replayed' AND can_send
+        AND abs(action_probability - json_extract(decision.state, '$.recorded_probability')) > 1e-12
+        ORDER BY json_extract(decision.state, '$.calendar_day'), step % 2, episode LIMIT 1";
+    let first = answers(&folder, sql)[0].clone();
+    assert!(first.starts_with("day 6"), "{first}");
+    assert!(folder.read("report/index.html").contains(&format!("first differs on {first} (")));
 }
 
 #[test]
@@ -382,4 +389,96 @@ fn a_job_without_decisions_or_with_hidden_features_says_what_it_lacks() {
         FROM decision JOIN run_summary USING (job_key) WHERE agent = 'replayed'";
     assert_eq!(answers(&folder, sql), ["1"]);
     folder.jitai(["export", "--data", "fffffff", "--out", "log"]).ended(2);
+}
+
+/// A trial of two people, two decisions a day.
+const SMALL: &str = "id,n,day,sent,p,before,after\nann,0,3,1,0.6,211,340\nann,1,3,0,0.6,,3\nann,2,4,0,0.6,0,55\n\
+    ann,3,4,1,0.6,97,120\nbob,0,5,0,0.6,34,18\nbob,1,5,1,0.6,0,77\nbob,2,6,1,0.6,15,29\nbob,3,6,0,0.6,8,30\n";
+
+/// A manifest of the small trial, with more keys of `[data]` and after it.
+fn small(more: &str) -> Folder {
+    let folder = Folder::new();
+    folder.write("trial.csv", SMALL);
+    folder.write(
+        "m.toml",
+        format!(
+            "format = 1\nname = \"small\"\n[data]\nfile = \"trial.csv\"\nperson = \"id\"\norder = \"n\"\n\
+             action = \"sent\"\nprobability = \"p\"\noutcome = \"log(after)\"\ndecisions_per_day = 2\n\
+             unit = \"log steps\"\nstate = {{ before = \"before\" }}\n{more}"
+        ),
+    );
+    folder
+}
+
+#[test]
+fn a_missing_number_of_the_state_is_null_and_estimates_leave_it_out() {
+    let folder = small("[[estimate]]\nname = \"effect\"\ncontrol = [\"before\"]\n");
+    folder.jitai(["check", "m.toml"]).succeeded().says("1 decisions have no `before`");
+    folder.jitai(["run", "m.toml"]).succeeded();
+    let sql = "SELECT count(*), sum(json_extract(state, '$.before') IS NULL), sum(json_type(state, '$.before') = 'null')
+        FROM decision";
+    assert_eq!(answers(&folder, sql), ["8,1,1"]);
+    assert_eq!(answers(&folder, "SELECT DISTINCT decisions FROM estimate"), ["7"]);
+    folder.jitai(["merge", "jitai.sqlite", "--store", "other.sqlite"]).succeeded();
+    folder.jitai(["doctor", "--store", "other.sqlite"]).succeeded();
+    folder.jitai(["report", "m.toml", "--out", "report"]).succeeded();
+    // What is written out reads back, with its unit and its decisions per day.
+    let key = answers(&folder, "SELECT job_key FROM run_summary")[0].clone();
+    folder.jitai(["export", "--data", &key, "--out", "log"]).succeeded();
+    let again = folder.read("log/trial.toml");
+    assert!(again.contains("decisions_per_day = 2\nunit = \"log steps\"\n"), "{again}");
+    folder.jitai(["run", "log/trial.toml"]).succeeded();
+    assert_eq!(folder.runs(), 2);
+}
+
+#[test]
+fn what_a_recorded_trial_cannot_have_is_refused() {
+    let rule = "[[agent]]\nname = \"chance\"\nalgorithm = \"rule\"\nrule = \"random\"\n";
+    let bandit = "[[agent]]\nname = \"recorded\"\nalgorithm = \"linear_thompson\"\n";
+    for (more, said) in [
+        (
+            rule,
+            "agent `chance`: it replays the updates of a trial, and the manifest has no [trial]",
+        ),
+        ("[evaluation]\ntest_episodes = 3\n", "`test_episodes`: the file has 2 people"),
+        ("family = \"declared\"\n", "`family`: [data] is a recorded trial"),
+        (
+            "calendar_day = \"day\"\n[trial]\nentry_every_days = 3\n",
+            "`entry_every_days`: people enter by `calendar_day`",
+        ),
+    ] {
+        small(more).jitai(["check", "m.toml"]).ended(2).says(said);
+    }
+    let says = "agent `recorded`: this is the name of the agent that repeats the recorded actions";
+    small(&format!("[trial]\n{bandit}")).jitai(["check", "m.toml"]).ended(2).says(says);
+    small("[evaluation]\ntest_episodes = 2\n").jitai(["check", "m.toml"]).succeeded();
+    // A faulty file is the only fault, and the mark is at its name.
+    let folder = small("[trial]\n");
+    folder.write("trial.csv", SMALL.replacen("340", "many", 1));
+    let found = folder.jitai(["check", "m.toml"]).ended(2).says("m.toml:4:8: `file`: `trial.csv`");
+    assert!(found.stderr.contains("1 fault in m.toml"), "{}", found.stderr);
+    folder.write("trial.csv", b"id,n\nJos\xe9,0\n");
+    folder.jitai(["check", "m.toml"]).ended(2).says("it is not in UTF-8; save the file as UTF-8");
+}
+
+#[test]
+fn a_replay_is_no_trial_and_is_written_out_as_it_is_read() {
+    let rule = "[[agent]]\nname = \"chance\"\nalgorithm = \"rule\"\nrule = \"random\"\n";
+    let folder = small(&format!("calendar_day = \"day\"\n[trial]\n{rule}"));
+    // A manifest that is written out in full has the calendar of the file as a text.
+    let recorded = "[[agent]]\nname = \"recorded\"\nalgorithm = \"rule\"\nrule = \"recorded\"\n";
+    folder.write("m.toml", folder.read("m.toml") + recorded);
+    folder.jitai(["run", "m.toml"]).succeeded();
+    let resolved = folder.jitai(["plan", "m.toml", "--resolved"]).succeeded();
+    folder.write("resolved.toml", resolved.stdout);
+    folder.jitai(["run", "resolved.toml"]).succeeded();
+    assert_eq!(folder.runs(), 2);
+    let key = |agent: &str| {
+        let sql = format!("SELECT job_key FROM run_summary WHERE agent = '{agent}'");
+        answers(&folder, &sql)[0].clone()
+    };
+    let refused = folder.jitai(["export", "--data", &key("chance"), "--out", "log"]).ended(2);
+    assert!(refused.stderr.contains("it replayed a trial"), "{}", refused.stderr);
+    folder.jitai(["export", "--data", &key("recorded"), "--out", "log"]).succeeded();
+    folder.jitai(["run", "log/trial.toml"]).succeeded();
 }

@@ -4,7 +4,7 @@ use super::arm::{ArmId, arms};
 use crate::record::{JobRecord, ReplayedDecisions};
 
 /// Up to this difference, probabilities count as equal: the rounding of sums in another order.
-pub const SAME: f64 = 1e-9;
+pub const SAME: f64 = 1e-12;
 
 /// Replays of a recorded trial.
 #[derive(Clone, Debug, PartialEq)]

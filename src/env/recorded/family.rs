@@ -8,7 +8,7 @@ use crate::env::recorded::constraints::CONSTRAINTS;
 use crate::env::recorded::description::{LogDescription, shown};
 use crate::env::recorded::log::{RECORDED_PROBABILITY, RecordedLog};
 use crate::env::recorded::parameters::LogParameters;
-use crate::env::recorded::reading::known;
+use crate::env::recorded::reading::{known, parts};
 use crate::env::recorded::world::{RecordedWorld, spec};
 use crate::env::scenario::Scenario;
 use crate::env::simulation::Simulated;
@@ -56,6 +56,16 @@ impl RecordedModel {
     /// The decisions; `None` if the text of the file is not known, or has faults.
     pub fn log(&self) -> Option<&Arc<RecordedLog>> {
         self.log.as_ref()
+    }
+
+    /// Whether the file says on which days people entered.
+    pub fn has_calendar(&self) -> bool {
+        !parts(&self.parameters.calendar_day).is_empty()
+    }
+
+    /// Whether the manifest has the text of the file, and names of people are not to be kept.
+    pub fn stores_file(&self) -> bool {
+        self.parameters.file.file().is_none() && !self.parameters.keep_identifiers
     }
 
     fn simulation(&self, scenario: &Scenario, lanes: usize) -> Simulated {

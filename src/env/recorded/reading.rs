@@ -12,7 +12,7 @@ use crate::env::recorded::parameters::{KnownLogs, LIST, LogParameters, NONE};
 use crate::key::{Content, Keyed};
 use crate::text::{Fault, Span, shortened};
 
-/// How far probabilities of several actions may add to more than 1.
+/// How far from 1 the sum of the probabilities of several actions is by rounding.
 const ROUNDING: f64 = 1e-9;
 /// The largest number of an outcome or state, whose squares have sums.
 const LARGEST: f64 = 1e100;
@@ -51,7 +51,7 @@ struct LogColumns {
 }
 
 /// The parts of a list of expressions.
-fn parts(text: &str) -> Vec<&str> {
+pub(super) fn parts(text: &str) -> Vec<&str> {
     let all = text.split(LIST.trim()).map(str::trim);
     all.filter(|part| !part.is_empty() && *part != NONE).collect()
 }
@@ -207,6 +207,8 @@ struct Building<'a> {
     calendar: Calendar,
     log: RecordedLog,
     left_out: LeftOut,
+    /// \[people\]: whether a row with a day of the calendar was read.
+    has_day: Vec<bool>,
     faults: DataFaults,
 }
 
@@ -241,7 +243,8 @@ impl<'a> Building<'a> {
             is_drawn: vec![false; decisions],
         };
         let (left_out, faults) = Default::default();
-        Building { columns, table, calendar, log, left_out, faults }
+        let has_day = vec![false; log.people.len()];
+        Building { columns, table, calendar, log, left_out, has_day, faults }
     }
 
     fn fill(&mut self) {
@@ -314,7 +317,7 @@ impl<'a> Building<'a> {
         if !is_available {
             own[0] = 1.0;
         } else {
-            own[0] = (1.0 - chances.iter().sum::<f64>()).max(0.0);
+            own[0] = remainder(&chances);
             own[1..].copy_from_slice(&chances);
             self.chances(decision, row, &chances, is_action);
         }
@@ -328,8 +331,10 @@ impl<'a> Building<'a> {
             (true, true, false) => {
                 self.log.is_used[decision] = true;
                 left_out.unreached += u64::from(reached == 0.0);
-                let certain = |p: &&f64| is_available && (**p == 0.0 || **p == 1.0);
-                left_out.certain += u64::from(chances.iter().any(|p| certain(&p)));
+                let actions = self.log.actions;
+                let own = &self.log.probabilities[decision * actions..(decision + 1) * actions];
+                let is_certain = is_available && own.iter().any(|p| *p == 0.0 || *p == 1.0);
+                left_out.certain += u64::from(is_certain);
             }
         }
     }
@@ -388,8 +393,7 @@ impl<'a> Building<'a> {
         }
         let entered = (day - within) as u32;
         let own = &mut self.log.people[person];
-        let is_first = !self.log.is_used[own.first..own.first + step].contains(&true);
-        if is_first {
+        if !std::mem::replace(&mut self.has_day[person], true) {
             own.start_day = entered;
         } else if own.start_day != entered {
             let (name, start) = (shortened(&own.name), own.start_day);
@@ -433,6 +437,17 @@ impl<'a> Building<'a> {
                 "{count} decisions have no `{name}`, the first in line {line}; estimates that read it leave them out"
             ));
         }
+    }
+}
+
+/// The probability of action 0 beside those of the others; NaN if one is missing.
+fn remainder(chances: &[f64]) -> f64 {
+    let rest = 1.0 - chances.iter().sum::<f64>();
+    match chances.len() > 1 && rest.abs() <= ROUNDING {
+        true => 0.0,
+        // Negative numbers are faults.
+        false if rest < 0.0 => 0.0,
+        false => rest,
     }
 }
 

@@ -100,6 +100,43 @@ fn every_fault_of_a_file_is_said_at_once_with_its_line() {
 }
 
 #[test]
+fn a_missing_probability_leaves_a_decision_out_and_rounding_is_no_probability() {
+    let log = read(&parameters("a,0,0,1,0,,1,1\na,1,0,1,0,0.5,1,1\n")).unwrap();
+    assert_eq!(log.is_used, [false, true]);
+    assert!(log.notes.contains(&"1 decisions have no probability and are left out".to_owned()));
+    // Probabilities of two actions that add to 1 leave nothing for action 0.
+    let two = |rows| LogParameters { probability: "p; 0.9 - p".to_owned(), ..parameters(rows) };
+    let log = read(&two("a,0,0,1,1,0.2,1,1\n")).unwrap();
+    assert!((log.probabilities[0] - 0.1).abs() < 1e-15);
+    let sums = |rows| LogParameters { probability: "p; mood".to_owned(), ..parameters(rows) };
+    let log = read(&sums("a,0,0,1,1,0.7,1,0.29999999999999993\n")).unwrap();
+    assert_eq!(log.probabilities, [0.0, 0.7, 0.29999999999999993]);
+    assert!(log.notes[1].contains("have an action with the probability 0 or 1"), "{:?}", log.notes);
+    let said = faults(&sums("a,0,0,1,0,0.7,1,0.29999999999999993\n"));
+    assert!(said.contains("line 2: action 0 was taken with the probability 0"), "{said}");
+}
+
+#[test]
+fn an_order_of_huge_numbers_is_a_fault_and_no_panic() {
+    let two = |rows: &str| LogParameters {
+        order: "n; day".to_owned(),
+        decisions_per_day: 5,
+        ..parameters(rows)
+    };
+    for huge in ["1e308", "9007199254740993", "-1e12"] {
+        for of in [two as fn(&str) -> LogParameters, parameters] {
+            let said = faults(&of(&format!("a,{huge},0,1,1,0.5,1,1\na,0,0,1,1,0.5,1,1\n")));
+            let expected = "line 2: the order of the decision is";
+            assert!(said.contains(expected) && said.contains("up to 1e9"), "{said}");
+        }
+    }
+    let person = |who: usize| format!("{who},0,0,1,1,0.5,1,1\n{who},1000,0,1,1,0.5,1,1\n");
+    let rows: String = (0..12_000).map(person).collect();
+    let said = faults(&parameters(&rows));
+    assert!(said.contains("24000 rows, and with the decisions that the file skips more"), "{said}");
+}
+
+#[test]
 fn expressions_name_columns_and_states_names() {
     let wrong = LogParameters {
         outcome: "log(afer)".to_owned(),
@@ -134,6 +171,10 @@ fn people_enter_by_the_calendar_and_their_days_agree_with_the_order() {
     assert_eq!(log.horizon(), 4);
     let said = faults(&by_day(&rows.replace("a,2,4", "a,2,5")));
     assert!(said.contains("line 4: `calendar_day` is 5, and decision 2 of person a"), "{said}");
+    // Rows that are left out have their days, too.
+    let unused = "a,0,3,1,0,0.5,,1\na,1,4,1,0,0.5,,1\na,2,4,1,0,0.5,1,1\n";
+    let said = faults(&by_day(unused));
+    assert!(said.contains("line 3: `calendar_day` is 4, and decision 1 of person a"), "{said}");
 }
 
 fn world(parameters: &LogParameters, lanes: usize) -> RecordedWorld {

@@ -358,7 +358,7 @@ scenarios = ["C-H-D"]
 seeds = 2
 environment.sigma = 0.4
 evaluation.on = "trial"
-trial = { people = 30, days = 6 }
+trial = { people = 30, days = 50 }
 [[agent]]
 name = "random"
 algorithm = "rule"

@@ -1,7 +1,7 @@
 //! Reads distributions and rows of participants, and files.
 
 use std::fs::{self, File};
-use std::io::Read;
+use std::io::{self, Read};
 
 use toml::de::DeValue;
 
@@ -154,7 +154,10 @@ impl Reader<'_> {
         let mut text = String::new();
         let file = File::open(&path).map_err(|error| unreadable(&error.to_string()))?;
         let read = file.take(most + 1).read_to_string(&mut text);
-        read.map_err(|error| unreadable(&error.to_string()))?;
+        read.map_err(|error| match error.kind() {
+            io::ErrorKind::InvalidData => unreadable("it is not in UTF-8; save the file as UTF-8"),
+            _ => unreadable(&error.to_string()),
+        })?;
         if text.len() as u64 > most {
             return Err(unreadable(&format!("it is larger than {most} bytes")));
         }

@@ -12,6 +12,10 @@ pub(in crate::env) const SKIPPED: u32 = u32::MAX;
 /// A person may have this many decisions per row, and this many more.
 const MOST_PER_ROW: f64 = 20.0;
 const MOST_MORE: f64 = 1000.0;
+/// All people may have this many decisions per row, and this many more.
+const MOST_OF_ALL: [usize; 2] = [10, 10_000_000];
+/// The largest number of a day or of a decision.
+const LARGEST: f64 = 1e9;
 
 /// The decisions of a file, person by person.
 #[derive(Debug, Default)]
@@ -38,11 +42,16 @@ impl Calendar {
             let line = table.lines[row];
             let written: Vec<f64> =
                 order.iter().map(|formula| formula.value(table, row, 0)).collect();
-            let broken = written.iter().find(|number| number.fract() != 0.0 || number.is_nan());
+            let is_count = |number: f64| number.fract() == 0.0 && number.abs() <= LARGEST;
+            let broken = written.iter().find(|number| !is_count(**number));
             if let Some(number) = broken {
-                let is = if number.is_nan() { "missing".to_owned() } else { number.to_string() };
+                let is = match number {
+                    number if number.is_nan() => "missing".to_owned(),
+                    number if number.abs() > LARGEST => format!("{number:e}"),
+                    number => number.to_string(),
+                };
                 faults.add(format!(
-                    "line {line}: the order of the decision is {is}, expected a whole number that counts days or decisions"
+                    "line {line}: the order of the decision is {is}, expected a whole number up to {LARGEST:e} in size that counts days or decisions"
                 ));
                 continue;
             }
@@ -67,6 +76,11 @@ impl Calendar {
         for (person, mut rows) in own.into_iter().enumerate() {
             rows.sort_by(|one, other| one.0.total_cmp(&other.0));
             calendar.add(table, person, &rows, order.len() == 2, per_day, &mut faults);
+            let [per_row, more] = MOST_OF_ALL;
+            if calendar.rows.len() > table.lines.len() * per_row + more {
+                faults.add(format!("{} rows, and with the decisions that the file skips more than {}: `order` must count decisions, or days and the decisions of a day", table.lines.len(), calendar.rows.len()));
+                break;
+            }
         }
         if faults.is_empty() { Ok(calendar) } else { Err(faults) }
     }

@@ -237,12 +237,15 @@ pub(in crate::env) fn header(reader: &mut csv::Reader<impl Read>) -> Result<Head
         let plain = plain.trim_matches('"').to_owned();
         names = [plain].into_iter().chain(names.iter().skip(1).map(str::to_owned)).collect();
     }
-    let only = names.get(0).filter(|_| names.len() == 1);
-    if names.is_empty() || only == Some("") {
+    if names.is_empty() || names.len() == 1 && names[0].is_empty() {
         faults.add("line 1: expected the names of columns, and the file is empty");
     }
-    if let Some(sign) = only.and_then(|name| name.chars().find(|c| matches!(c, ';' | '\t'))) {
-        let sign = if sign == ';' { "semicolons" } else { "tabs" };
+    // Names may have commas, and a name between commas may have a semicolon.
+    let separates = |sign: char| {
+        names.iter().flat_map(str::chars).filter(|c| *c == sign).count() >= names.len().max(1)
+    };
+    let signs = [(';', "semicolons"), ('\t', "tabs")];
+    if let Some((_, sign)) = signs.into_iter().find(|(sign, _)| separates(*sign)) {
         faults.add(format!(
             "line 1: its fields are separated by {sign}: save it with commas between fields and points in numbers"
         ));
@@ -433,5 +436,17 @@ mod tests {
         assert!(number("2024-05-01").unwrap_err().contains("date"));
         assert!(number("often").unwrap_err().contains("empty"));
         assert!(number("inf").is_err());
+    }
+
+    #[test]
+    fn a_header_says_what_separates_its_fields() {
+        let said = |text: &str| {
+            header(&mut reader(text.as_bytes())).err().map(|faults| faults.text("t.csv"))
+        };
+        // A name with a comma, as an export with decimal commas has it.
+        let both = said("id;day;\"minutes, before\";sent\n1;0;2,5;1\n").unwrap();
+        assert!(both.contains("line 1: its fields are separated by semicolons"), "{both}");
+        assert!(said("id\tday, sent\n").unwrap().contains("separated by tabs"));
+        assert_eq!(said("id,\"a;b\",c\n"), None);
     }
 }
