@@ -65,7 +65,7 @@ fn diagnosands_are_those_of_their_analysis_although_randomisation_comes_first() 
     let index = rows.headers().unwrap().iter().position(|name| name == "largest").unwrap();
     let largest = rows.records().map(|row| row.unwrap()[index].parse().unwrap());
     let largest: Vec<f64> = largest.collect();
-    assert!((largest[0] - 0.1312).abs() < 1e-4, "{table}");
+    assert!(largest.iter().any(|one| (one - 0.1312).abs() < 1e-4), "{table}");
 }
 
 #[test]
@@ -412,13 +412,18 @@ fn small(more: &str) -> Folder {
 
 #[test]
 fn a_missing_number_of_the_state_is_null_and_estimates_leave_it_out() {
-    let folder = small("[[estimate]]\nname = \"effect\"\ncontrol = [\"before\"]\n");
+    let folder = heartsteps("");
+    let row =
+        folder.read("trial_log.csv").replacen("1,0,0,2,1,1,0.5,1311.5", "1,0,0,2,1,1,,1311.5", 1);
+    folder.write("trial_log.csv", row);
+    folder.jitai(["run", "m.toml"]).succeeded();
+    assert_eq!(answers(&folder, "SELECT DISTINCT decisions FROM estimate"), ["6060"]);
+    let folder = small("");
     folder.jitai(["check", "m.toml"]).succeeded().says("1 decisions have no `before`");
     folder.jitai(["run", "m.toml"]).succeeded();
     let sql = "SELECT count(*), sum(json_extract(state, '$.before') IS NULL), sum(json_type(state, '$.before') = 'null')
         FROM decision";
     assert_eq!(answers(&folder, sql), ["8,1,1"]);
-    assert_eq!(answers(&folder, "SELECT DISTINCT decisions FROM estimate"), ["7"]);
     folder.jitai(["merge", "jitai.sqlite", "--store", "other.sqlite"]).succeeded();
     folder.jitai(["doctor", "--store", "other.sqlite"]).succeeded();
     folder.jitai(["report", "m.toml", "--out", "report"]).succeeded();

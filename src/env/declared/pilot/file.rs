@@ -446,7 +446,7 @@ mod tests {
         // A name with a comma, as an export with decimal commas has it.
         let both = said("id;day;\"minutes, before\";sent\n1;0;2,5;1\n").unwrap();
         assert!(both.contains("line 1: its fields are separated by semicolons"), "{both}");
-        assert!(said("id\tday, sent\n").unwrap().contains("separated by tabs"));
+        assert!(said("id\tday\tminutes, sent\n").unwrap().contains("separated by tabs"));
         assert_eq!(said("id,\"a;b\",c\n"), None);
     }
 }
