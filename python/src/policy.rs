@@ -522,6 +522,14 @@ impl TrainedPolicy {
             let row = index / of_action;
             return invalid(format!("probabilities: row {row} has a number outside of 0 to 1"));
         }
+        let of_taken =
+            |row: usize| chances[row * of_action..][..of_action].get(actions[row] as usize);
+        if probabilities.is_some()
+            && let Some(row) = (0..count).find(|row| of_taken(*row) == Some(&0.0))
+        {
+            let action = actions[row];
+            return invalid(format!("probabilities: row {row} has 0 for its action {action}"));
+        }
         py.detach(|| {
             let (_, mut bandit) = bandit_of(&self.stored).map_err(no_policy)?;
             for row in 0..count {

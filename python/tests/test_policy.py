@@ -537,5 +537,8 @@ def test_a_bandit_learns_from_a_log_as_the_program_does(bandits, tmp_path):
         policy.update(rows[:1], [99], [1.0], chances[:1])
     with pytest.raises(ValueError, match="an action and a reward for each of 2"):
         policy.update(rows[:2], [1], [1.0])
+    certain = np.eye(count)[:1]
+    with pytest.raises(ValueError, match="row 0 has 0 for its action 1"):
+        policy.update(rows[:1], [1], [1.0], certain)
     with pytest.raises(TypeError, match="whole numbers"):
         policy.update(rows[:1], [0.5], [1.0])
