@@ -42,8 +42,11 @@ mod _jitai {
 
     #[pymodule_init]
     fn init(module: &Bound<'_, PyModule>) -> PyResult<()> {
-        let families =
-            jitai::environment::Family::all().iter().filter(|family| !family.is_external());
+        // The actions of a recorded trial are those of its file: nobody can act in it.
+        let is_simulated = |family: &&&jitai::environment::Family| {
+            !family.is_external() && family.name != "recorded"
+        };
+        let families = jitai::environment::Family::all().iter().filter(is_simulated);
         module.add("FAMILIES", families.map(|family| family.name).collect::<Vec<_>>())?;
         crate::interrupt::load_numpy(module.py())
     }
