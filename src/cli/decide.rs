@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 use serde_json::{Value as Json, json};
 
 use crate::agent::{Actions, BanditPolicy, LinearThompson};
-use crate::cli::{Error, Exit};
+use crate::cli::{Error, Exit, folder};
 use crate::env::recorded::NumberTable;
 use crate::env::{Action, FeatureSpec, Interface, ObservationSpec};
 use crate::job::Job;
@@ -190,13 +190,7 @@ impl FileBandit {
             "policy_sha256": self.sha256,
         }));
         self.about["updated"] = Json::Array(updated);
-        let mut partial = new.as_os_str().to_owned();
-        partial.push(".partial");
-        let failure = |source| Error::Io { what: format!("write `{}`", new.display()), source };
-        fs::write(&partial, format!("{:#}\n", self.about))
-            .and_then(|()| fs::rename(&partial, new))
-            .inspect_err(|_| _ = fs::remove_file(&partial))
-            .map_err(failure)?;
+        folder::write(new, format!("{:#}\n", self.about).as_bytes())?;
         writeln!(io::stderr(), "{}", new.display())?;
         Ok(Exit::Done)
     }

@@ -64,10 +64,7 @@ fn write_policy(key: &str, arguments: &Arguments) -> Result<Exit, Error> {
     let files = policy.files.into_iter();
     for (name, bytes) in files.chain([("policy.json", description.into_bytes())]) {
         let path = arguments.out.join(name);
-        // Renamed once complete.
-        let partial = arguments.out.join(format!("{name}.partial"));
-        fs::write(&partial, bytes).map_err(failure(&partial))?;
-        fs::rename(&partial, &path).map_err(failure(&path))?;
+        folder::write(&path, &bytes)?;
         writeln!(io::stderr(), "{}", path.display())?;
     }
     Ok(Exit::Done)

@@ -1,7 +1,6 @@
 //! `jitai export --data`: the decisions of a job as a recorded trial, with a manifest that reads them back.
 
 use std::fmt::Write as _;
-use std::fs;
 use std::io::{self, Write as _};
 use std::path::Path;
 
@@ -54,10 +53,8 @@ pub(super) fn write(reader: &Reader, key: &str, out: &Path) -> Result<Exit, Erro
     folder::make(out)?;
     let files = [("trial.csv", text), ("trial.toml", columns.manifest(&job, &key))];
     for (name, text) in files {
-        let (path, partial) = (out.join(name), out.join(format!("{name}.partial")));
-        let failure = |source| Error::Io { what: format!("write `{}`", path.display()), source };
-        // Renamed once complete.
-        fs::write(&partial, text).and_then(|()| fs::rename(&partial, &path)).map_err(failure)?;
+        let path = out.join(name);
+        folder::write(&path, text.as_bytes())?;
         writeln!(io::stderr(), "{}", path.display())?;
     }
     if let Some(note) = columns.note(&job) {

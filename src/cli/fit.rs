@@ -73,10 +73,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<Exit, Error> {
     let environment = fitted.environment(&arguments.model.display().to_string(), path);
     folder::make(&arguments.out)?;
     for file in fitted.files(&environment) {
-        file.write(&arguments.out).map_err(|source| Error::Io {
-            what: format!("write `{}`", arguments.out.join(&file.name).display()),
-            source,
-        })?;
+        folder::write(&arguments.out.join(&file.name), &file.bytes)?;
     }
     say("note", &fitted.notes())?;
     if let Standing::NotFitted(why) = fitted.standing() {

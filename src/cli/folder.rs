@@ -4,6 +4,7 @@ use std::fs::{self, File};
 use std::path::Path;
 
 use crate::cli::Error;
+use crate::report::write_whole;
 
 /// Creates the output folder and checks that it is writable, before any long computation.
 ///
@@ -19,4 +20,12 @@ pub(super) fn make(folder: &Path) -> Result<(), Error> {
         what: format!("write to the folder `{shown}` (name another with --out)"),
         source,
     })
+}
+
+/// Writes a file, whole or not at all.
+///
+/// **Errors**: the system refuses.
+pub(super) fn write(path: &Path, bytes: &[u8]) -> Result<(), Error> {
+    let failure = |source| Error::Io { what: format!("write `{}`", path.display()), source };
+    write_whole(path, bytes).map_err(failure)
 }

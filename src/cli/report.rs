@@ -54,10 +54,7 @@ pub(super) fn run(arguments: &Arguments) -> Result<Exit, Error> {
     let hosts = if arguments.hosts { Hosts::Named } else { Hosts::Unnamed };
     let files = report(&experiments, &store, hosts);
     for file in &files {
-        file.write(&arguments.out).map_err(|source| Error::Io {
-            what: format!("write `{}`", arguments.out.join(&file.name).display()),
-            source,
-        })?;
+        folder::write(&arguments.out.join(&file.name), &file.bytes)?;
     }
     let in_store = reader.manifests()?;
     let in_store: Vec<&str> = in_store.iter().map(|(name, _)| name.as_str()).collect();

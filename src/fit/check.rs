@@ -16,7 +16,7 @@ const LANES: usize = 4096;
 const MOST_KEPT: usize = 2_000_000;
 /// The size of outcomes, relative to the largest of the pilot, from which a simulation explodes.
 const EXPLODED: f64 = 100.0;
-/// One of so many days is held out.
+/// Every fifth day is held out.
 const HELD_OUT: usize = 5;
 /// Days of a week.
 const WEEK: usize = 7;
@@ -54,7 +54,7 @@ impl CheckedNumber {
     }
 }
 
-/// A mean and a standard deviation, NaN where there is none.
+/// A mean, and a standard deviation, which is NaN if there are fewer than two numbers.
 fn with_sd(numbers: &[f64]) -> (f64, f64) {
     let (mean, sd) = mean_and_sd(numbers);
     (mean, sd.unwrap_or(f64::NAN))

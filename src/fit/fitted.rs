@@ -7,7 +7,7 @@ use crate::env::declared::{EffectSource, Pilot, PilotError};
 use crate::fit::check::Check;
 use crate::fit::draws::{DrawnFrom, draws};
 use crate::fit::estimate::{Fit, Fitting};
-use crate::fit::output::{files, notes, replay_of};
+use crate::fit::output::{files, filled_rows, notes};
 use crate::fit::page::{Standing, page};
 use crate::key::quoted;
 use crate::report::{PlainPage, ReportFile, plain_page};
@@ -179,7 +179,7 @@ fn said(pilot: &Pilot, fit: &Fit) -> Vec<String> {
         format!("{draw}: {says}: {}{more}", few.join(", "))
     }));
     if !pilot.replayed().is_empty() {
-        let filled = replay_of(pilot, fit).1;
+        let filled = filled_rows(pilot, fit);
         if filled > 0 {
             all.push(format!(
                 "{filled} rows of residuals.csv have something of the same decision of another day, where a row or a number is missing"

@@ -4,7 +4,7 @@ use std::fmt::Write;
 
 use serde_json::{Value as Json, json};
 
-use crate::env::declared::{EffectSource, FitMethod, FittedDraw, Pilot};
+use crate::env::declared::{EffectSource, FitMethod, FittedDraw, Pilot, PilotPerson};
 use crate::fit::estimate::{Fit, FitNote, GroupFit, coefficients, parameters, residual_sd};
 use crate::fit::{likelihood, prior};
 use crate::report::ReportFile;
@@ -65,59 +65,88 @@ pub(super) fn people(pilot: &Pilot, fit: &Fit) -> Vec<u8> {
 
 /// The rows of the model's [replay] and the residuals of every draw, by person: a row for every decision of whole days, so that
 /// a replay keeps the decision of the day. What is missing of a replayed column comes from the same decision of another day.
-pub(super) fn residuals(pilot: &Pilot, fit: &Fit) -> Vec<u8> {
-    replay_of(pilot, fit).0
-}
-
-/// The file, and the number of rows with something from another day.
-pub(super) fn replay_of(pilot: &Pilot, fit: &Fit) -> (Vec<u8>, usize) {
-    let replayed = pilot.replayed();
-    let names: Vec<String> =
-        pilot.draws.iter().map(|draw| format!("residual_{}", draw.name)).collect();
-    let contexts: Vec<_> =
-        replayed.iter().filter(|(name, _)| !names.iter().any(|own| own == name)).collect();
-    let is_replayed: Vec<bool> =
-        names.iter().map(|own| replayed.iter().any(|(name, _)| name == own)).collect();
-    let header = contexts.iter().map(|(name, _)| (*name).to_owned()).chain(names);
-    let mut rows = vec![["person".to_owned()].into_iter().chain(header).collect::<Vec<String>>()];
-    let mut next = vec![0; pilot.draws.len()];
-    let (per_day, mut filled) = (pilot.decisions_per_day(), 0);
-    for (index, person) in pilot.people.iter().enumerate() {
-        let own = person.decisions.clone();
-        let mut columns: Vec<Vec<f64>> = Vec::new();
-        for (_, values) in &contexts {
-            // Of rows that `where` leaves out, nothing is known.
-            let value = |row: usize| if pilot.used[row] { values[row] } else { f64::NAN };
-            columns.push(own.clone().map(value).collect());
-        }
-        for (draw, next) in pilot.draws.iter().zip(&mut next) {
-            let residual = |decision: usize| {
-                let is_row = draw.decisions.get(*next) == Some(&(decision as u32));
-                let row = *next;
-                *next += usize::from(is_row);
-                if is_row { residual(draw, row, &fit.values[index]) } else { f64::NAN }
-            };
-            columns.push(own.clone().map(residual).collect());
-        }
-        if !fit.is_complete[index] {
-            continue;
-        }
-        let whole = own.len().next_multiple_of(per_day);
-        let needed = contexts.iter().map(|_| true).chain(is_replayed.iter().copied());
-        let mut is_filled = vec![false; whole];
-        for (column, is_needed) in columns.iter_mut().zip(needed) {
-            column.resize(whole, f64::NAN);
-            if is_needed {
-                fill(column, per_day, &mut is_filled);
-            }
-        }
-        filled += is_filled.iter().filter(|is| **is).count();
-        for decision in 0..whole {
+fn residuals(pilot: &Pilot, fit: &Fit) -> Vec<u8> {
+    let contexts = contexts(pilot);
+    let names = contexts.iter().map(|(name, _)| (*name).to_owned());
+    let header = ["person".to_owned()].into_iter().chain(names);
+    let mut rows = vec![header.chain(pilot.draws.iter().map(residual_of)).collect::<Vec<String>>()];
+    for (index, person) in complete(pilot, fit) {
+        let Replay { columns, .. } = Replay::of(pilot, fit, index, &contexts);
+        for decision in 0..columns.first().map_or(0, Vec::len) {
             let numbers = columns.iter().map(|column| field(column[decision]));
             rows.push([person.name.clone()].into_iter().chain(numbers).collect());
         }
     }
-    (csv_of(rows), filled)
+    csv_of(rows)
+}
+
+/// The number of rows of the residuals with something from another day.
+pub(super) fn filled_rows(pilot: &Pilot, fit: &Fit) -> usize {
+    let contexts = contexts(pilot);
+    let filled = complete(pilot, fit)
+        .map(|(index, _)| Replay::of(pilot, fit, index, &contexts).is_filled)
+        .map(|is_filled| is_filled.into_iter().filter(|is| *is).count());
+    filled.sum()
+}
+
+/// The people with all coefficients, by their index.
+fn complete<'a>(
+    pilot: &'a Pilot,
+    fit: &'a Fit,
+) -> impl Iterator<Item = (usize, &'a PilotPerson)> + 'a {
+    pilot.people.iter().enumerate().filter(|(index, _)| fit.is_complete[*index])
+}
+
+/// The column of a draw's residuals.
+fn residual_of(draw: &FittedDraw) -> String {
+    format!("residual_{}", draw.name)
+}
+
+/// The replayed columns besides residuals of draws.
+fn contexts(pilot: &Pilot) -> Vec<(&str, Vec<f64>)> {
+    let is_own = |name: &str| pilot.draws.iter().any(|draw| residual_of(draw) == name);
+    pilot.replayed().into_iter().filter(|(name, _)| !is_own(name)).collect()
+}
+
+/// What a replay has of a person.
+struct Replay {
+    /// \[contexts and draws, decisions of whole days\].
+    columns: Vec<Vec<f64>>,
+    /// \[decisions\]: whether something is from another day.
+    is_filled: Vec<bool>,
+}
+
+impl Replay {
+    fn of(pilot: &Pilot, fit: &Fit, index: usize, contexts: &[(&str, Vec<f64>)]) -> Replay {
+        let own = pilot.people[index].decisions.clone();
+        let whole = own.len().next_multiple_of(pilot.decisions_per_day());
+        let empty = || vec![f64::NAN; whole];
+        let mut columns: Vec<Vec<f64>> = Vec::new();
+        for (_, values) in contexts {
+            let mut column = empty();
+            // Of rows that `where` leaves out, nothing is known.
+            let known = own.clone().filter(|decision| pilot.used[*decision]);
+            known.for_each(|decision| column[decision - own.start] = values[decision]);
+            columns.push(column);
+        }
+        for draw in &pilot.draws {
+            let mut column = empty();
+            for row in draw.people[index].clone() {
+                let decision = draw.decisions[row] as usize - own.start;
+                column[decision] = residual(draw, row, &fit.values[index]);
+            }
+            columns.push(column);
+        }
+        let replayed = pilot.replayed();
+        let is_replayed =
+            |draw: &FittedDraw| replayed.iter().any(|(name, _)| *name == residual_of(draw));
+        let needed = contexts.iter().map(|_| true).chain(pilot.draws.iter().map(is_replayed));
+        let mut is_filled = vec![false; whole];
+        for (column, _) in columns.iter_mut().zip(needed).filter(|(_, is_needed)| *is_needed) {
+            fill(column, pilot.decisions_per_day(), &mut is_filled);
+        }
+        Replay { columns, is_filled }
+    }
 }
 
 /// Fills what is missing from the same decision of the nearest day, the earlier one of two, or else from the nearest decision.

@@ -96,8 +96,8 @@ pub(super) fn page(pilot: &Pilot, fit: &Fit, check: &Check, environment: &str) -
         unsaid(pilot, fit, warnings),
         against(pilot, check, unit),
         effect(pilot, check, unit),
-        held_out(check),
-        stability(check, unit),
+        held_out(pilot, check),
+        stability(pilot, check, unit),
         coefficients(pilot, fit),
         PlainSection {
             heading: "Run these people".to_owned(),
@@ -108,6 +108,11 @@ pub(super) fn page(pilot: &Pilot, fit: &Fit, check: &Check, environment: &str) -
     ];
     let kicker = "jitai fit".to_owned();
     PlainPage { kicker, title: title.to_owned(), lead, sections }
+}
+
+/// A table whose caption names imputed effects.
+fn titled(caption: &str, pilot: &Pilot, columns: &[(&'static str, &'static str)]) -> DataTable {
+    DataTable::new(format!("{caption}{}", imputed_words(pilot)), columns)
 }
 
 /// Whether the pilot is more than two errors away; a number that no simulated pilot varies has no error.
@@ -174,7 +179,7 @@ fn against(pilot: &Pilot, check: &Check, unit: &str) -> PlainSection {
         ("off", "Errors away"),
         ("mark", ""),
     ];
-    let mut table = DataTable::new("The model against its data", &columns);
+    let mut table = titled("The model against its data", pilot, &columns);
     for one in check
         .numbers
         .iter()
@@ -267,7 +272,7 @@ fn effect(pilot: &Pilot, check: &Check, unit: &str) -> PlainSection {
         return section;
     };
     let columns = [("of", "Of"), ("effect", "Effect"), ("error", "Standard error")];
-    let mut table = DataTable::new("Weighted and centred least squares", &columns);
+    let mut table = titled("Weighted and centred least squares", pilot, &columns);
     table.rows.push(vec![TableEntry::text("the pilot"), number(effect.pilot), number(*error)]);
     table.rows.push(vec![
         TableEntry::text("simulated pilots"),
@@ -286,10 +291,10 @@ fn effect(pilot: &Pilot, check: &Check, unit: &str) -> PlainSection {
     section
 }
 
-fn held_out(check: &Check) -> PlainSection {
+fn held_out(pilot: &Pilot, check: &Check) -> PlainSection {
     let columns =
         [("draw", "Draw"), ("rows", "Rows"), ("model", "Model"), ("mean", "Person's mean")];
-    let mut table = DataTable::new("Root mean square error on held-out days", &columns);
+    let mut table = titled("Root mean square error on held-out days", pilot, &columns);
     let mut section =
         PlainSection { heading: "Held-out days".to_owned(), ..PlainSection::default() };
     for one in &check.held_out {
@@ -319,7 +324,7 @@ fn held_out(check: &Check) -> PlainSection {
     section
 }
 
-fn stability(check: &Check, unit: &str) -> PlainSection {
+fn stability(pilot: &Pilot, check: &Check, unit: &str) -> PlainSection {
     let mut section = PlainSection {
         heading: "Stability of the recursion".to_owned(),
         ..PlainSection::default()
@@ -330,10 +335,11 @@ fn stability(check: &Check, unit: &str) -> PlainSection {
             let quarters = run.quarters.map(rounded).join(", ");
             section.words.push(format!(
                 "Everybody for the days of the model, {} decisions: the mean outcome in {unit} is {quarters} in the quarters of \
-                 this time. The largest outcome is {}; that of the pilot is {}.",
+                 this time. The largest outcome is {}; that of the pilot is {}{}.",
                 run.decisions,
                 rounded(run.largest),
-                rounded(check.largest)
+                rounded(check.largest),
+                imputed_words(pilot)
             ));
             if check.explodes() {
                 section.warnings.push("The recursion explodes.".to_owned());

@@ -31,19 +31,26 @@ pub struct ReportFile {
 }
 
 impl ReportFile {
-    /// Writes the file into a folder under a temporary name, and renames it once it is complete.
+    /// Writes the file into a folder, whole or not at all.
     ///
     /// **Errors**: the system refuses.
     pub fn write(&self, folder: &Path) -> io::Result<()> {
-        let path = folder.join(&self.name);
-        if let Some(parent) = path.parent() {
-            fs::create_dir_all(parent)?;
-        }
-        let mut partial = path.clone().into_os_string();
-        partial.push(".partial");
-        fs::write(&partial, &self.bytes)?;
-        fs::rename(&partial, &path)
+        write_whole(&folder.join(&self.name), &self.bytes)
     }
+}
+
+/// Writes a file under a temporary name, and renames it once it is complete. Makes its folder.
+///
+/// **Errors**: the system refuses.
+pub fn write_whole(path: &Path, bytes: &[u8]) -> io::Result<()> {
+    if let Some(parent) = path.parent() {
+        fs::create_dir_all(parent)?;
+    }
+    let mut partial = path.as_os_str().to_owned();
+    partial.push(".partial");
+    fs::write(&partial, bytes)
+        .and_then(|()| fs::rename(&partial, path))
+        .inspect_err(|_| _ = fs::remove_file(&partial))
 }
 
 /// All files of the report of these experiments. `store` is the displayed name of the store.

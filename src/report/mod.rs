@@ -33,7 +33,7 @@ mod words;
 pub use assemble::{AssembleError, AssemblyWork, assemble};
 pub use data_table::{DataTable, TableEntry, rounded};
 pub use diagnosands::check_diagnosands;
-pub use document::{ReportFigure, ReportFile, figures, report};
+pub use document::{ReportFigure, ReportFile, figures, report, write_whole};
 pub use environment_words::Words;
 pub use escape::{defused, unused_stem};
 pub use letters::undrawn;

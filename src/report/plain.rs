@@ -52,7 +52,7 @@ pub struct PlainFigure {
     pub lines: Vec<PlainLine>,
 }
 
-/// A line of a figure.
+/// Points of a figure that a line joins.
 pub struct PlainLine {
     /// Its label.
     pub label: String,
