@@ -5,7 +5,7 @@ use crate::fit::check::{Check, CheckedNumber, outside};
 use crate::fit::estimate::Fit;
 use crate::fit::output::{self, notes};
 use crate::report::{
-    DataTable, PlainFigure, PlainLine, PlainPage, PlainPoint, PlainSection, TableEntry,
+    DataTable, PlainFigure, PlainLine, PlainPage, PlainPoint, PlainSection, TableEntry, signed,
 };
 
 /// Errors from which a number is marked.
@@ -62,7 +62,7 @@ fn rounded(value: f64) -> String {
         return "0".to_owned();
     }
     let digits = 3 - value.abs().max(1e-9).log10().floor() as i32;
-    format!("{value:.*}", digits.clamp(0, 9) as usize)
+    signed(&format!("{value:.*}", digits.clamp(0, 9) as usize))
 }
 
 fn number(value: f64) -> TableEntry {

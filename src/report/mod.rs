@@ -31,7 +31,7 @@ mod tables;
 mod words;
 
 pub use assemble::{AssembleError, AssemblyWork, assemble};
-pub use data_table::{DataTable, TableEntry, rounded};
+pub use data_table::{DataTable, TableEntry, rounded, signed};
 pub use diagnosands::check_diagnosands;
 pub use document::{ReportFigure, ReportFile, figures, report, write_whole};
 pub use environment_words::Words;

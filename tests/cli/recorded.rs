@@ -80,7 +80,8 @@ fn a_recorded_trial_is_reported_merged_exported_and_forgotten_as_others_are() {
     assert!(page.contains("people are numbered, and their names are left in the file"));
     let tests = folder.read("report/tables/heartsteps-v1-randomisation.csv");
     // 3594 of 6061 with probability 0.6: z = -1.115 by hand.
-    assert!(tests.contains("\nall,1,6061,0.592971") && tests.contains(",0.26"), "{tests}");
+    assert!(tests.contains("\nall,,1,6061,0.592971") && tests.contains(",0.26"), "{tests}");
+    assert!(tests.contains("\npeople,37,"), "{tests}");
     folder.jitai(["export", "--out", "views"]).succeeded();
     assert_eq!(folder.read("views/decision.csv").lines().count(), 7541);
     folder.jitai(["merge", "jitai.sqlite", "--store", "other.sqlite"]).succeeded();

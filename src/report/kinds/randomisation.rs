@@ -32,6 +32,7 @@ impl Drawn for RandomisationFigure {
     fn table(&self, title: &str, _: Measure, _: &Names) -> DataTable {
         let columns = [
             ("by", "Decisions by"),
+            ("count", "Count"),
             ("groups", "Groups"),
             ("decisions", "Decisions"),
             ("share", "Share with an action"),
@@ -42,14 +43,13 @@ impl Drawn for RandomisationFigure {
             ("p_holm", "Corrected p"),
             ("furthest", "Furthest group"),
             ("standardised", "Its standardised difference"),
-            ("count", "Count"),
         ];
         let mut table = DataTable::new(title, &columns);
         table.rows = self.tests.iter().map(cells).collect();
         let counts = self.counts.iter().map(|(what, count)| {
             let mut row = vec![TableEntry::text(what)];
-            row.resize_with(columns.len() - 1, || TableEntry::text(""));
             row.push(TableEntry::number(*count as f64, 0));
+            row.resize_with(columns.len(), || TableEntry::text(""));
             row
         });
         table.rows.extend(counts);
@@ -163,6 +163,7 @@ fn cells(test: &RandomisationTest) -> Vec<TableEntry> {
     let furthest = test.furthest.as_ref();
     vec![
         TableEntry::text(&test.by),
+        TableEntry::text(""),
         TableEntry::number(test.groups as f64, 0),
         TableEntry::number(test.decisions as f64, 0),
         TableEntry::number(test.share, 4),
@@ -173,6 +174,5 @@ fn cells(test: &RandomisationTest) -> Vec<TableEntry> {
         TableEntry::p(test.corrected.ok_or_else(certain)),
         TableEntry::text(furthest.map_or("", |(name, _)| name)),
         TableEntry::of(furthest.map(|(_, z)| *z).ok_or_else(certain), 2),
-        TableEntry::text(""),
     ]
 }
