@@ -145,12 +145,16 @@ browser: ## install what test-browser needs, on Debian: Chromium, and Playwright
 test-analysis: ## the questions of docs/analysis.md: SQL, and pandas, R, Datasette and LaTeX where they are at hand
 	$(CARGO) test --release --quiet --test slow -- analysis:: --nocapture
 
-analysis: ## install what test-analysis uses, on Debian: R, LaTeX, pandas, Datasette and DuckDB in target/analysis, lifejacket in target/lifejacket
+analysis: ## install what test-analysis uses, on Debian: R, LaTeX, pandas, Datasette and DuckDB in target/analysis, lifejacket in target/lifejacket, MRTAnalysis if CRAN answers
 	.ci/install r-base-core r-cran-dbi r-cran-rsqlite texlive-latex-recommended texlive-lang-cyrillic texlive-lang-other poppler-utils python3-venv
 	[ -x target/analysis/bin/pip ] || python3 -m venv target/analysis
 	target/analysis/bin/pip install --quiet --disable-pip-version-check pandas pyarrow datasette duckdb
 	[ -x target/lifejacket/bin/pip ] || python3 -m venv target/lifejacket
 	target/lifejacket/bin/pip install --quiet --disable-pip-version-check "lifejacket==2.0.0" "numpy<2" "jax<0.5"
+	@mkdir -p target/analysis/R
+	@R_LIBS=target/analysis/R Rscript -e 'if (!requireNamespace("MRTAnalysis", quietly = TRUE)) install.packages("MRTAnalysis", lib = "target/analysis/R", quiet = TRUE)' \
+		>/dev/null 2>&1 || true
+	@R_LIBS=target/analysis/R Rscript -e 'library(MRTAnalysis)' >/dev/null 2>&1 || echo "CRAN does not answer: without MRTAnalysis, its recorded numbers are not repeated"
 
 # The module uses the profile, the features and the target folder of the program, so that Burn is compiled
 # once. pip keeps an installed wheel of the same version: hence --force-reinstall.

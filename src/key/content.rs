@@ -115,6 +115,11 @@ fn plain(text: &str) -> String {
     text.trim_start_matches('\u{feff}').replace("\r\n", "\n")
 }
 
+/// In hexadecimal digits.
+fn digest(text: &str) -> String {
+    HEXLOWER.encode(&Sha256::digest(text.as_bytes()))
+}
+
 /// The word for no text.
 const NONE: &str = "none";
 /// Stands before a digest.
@@ -138,10 +143,9 @@ impl Content {
         text.truncate(text.trim_end().len());
         text.push('\n');
         let parsed = (form.parse)(&text)?;
-        let sha256 = HEXLOWER.encode(&Sha256::digest(text.as_bytes()));
         Ok(Content(Some(Arc::new(Known {
             is_synthetic: text.starts_with(MARK),
-            sha256,
+            sha256: digest(&text),
             text: Some((text, parsed)),
             file: None,
         }))))
@@ -157,6 +161,18 @@ impl Content {
             sha256: sha256.clone(),
             text: text.clone(),
             file,
+        })))
+    }
+
+    /// The same file and what it was parsed to, known by this part of its text.
+    pub fn known_by(&self, text: String) -> Content {
+        let Some(known) = &self.0 else { return Content::default() };
+        let parsed = known.text.as_ref().map(|(_, parsed)| Arc::clone(parsed));
+        Content(Some(Arc::new(Known {
+            is_synthetic: known.is_synthetic,
+            sha256: digest(&text),
+            text: parsed.map(|parsed| (text, parsed)),
+            file: known.file.clone(),
         })))
     }
 

@@ -1,12 +1,13 @@
 //! The files that a manifest reads.
 
+use std::borrow::Cow;
 use std::collections::HashSet;
 use std::fs;
 
 use toml_edit::{DocumentMut, Item, TableLike, Value};
 
-use crate::env::recorded::DATA;
-use crate::key::{Content, Key, Kind, Rows};
+use crate::env::recorded::{DATA, FAMILY};
+use crate::key::{Content, Key, Kind, Rows, SectionName, Value as KeyValue};
 use crate::manifest::declared::Manifest;
 use crate::manifest::section::Section;
 
@@ -83,13 +84,47 @@ pub fn companions(text: &str) -> Vec<String> {
     names
 }
 
+/// The key of a recorded trial's file.
+const FILE: &str = "file";
+
+/// The text of a recorded trial as jobs know it, where a key of a section names it.
+fn recorded<'m>(of: &'m Manifest, section: &str, key: &Key) -> Option<&'m str> {
+    let is_file = [DATA, SectionName::Environment.word()].contains(&section) && key.name == FILE;
+    let values = &of.sections[SectionName::Environment].get(FILE)?;
+    match values.first()? {
+        KeyValue::Content(file) if is_file && of.family() == &FAMILY => file.text(),
+        _ => None,
+    }
+}
+
+/// The text of a manifest for readers and stores: where a recorded trial stands in it, the trial is what jobs know of it,
+/// without the names of people.
+pub fn kept_text(of: &Manifest) -> Cow<'_, str> {
+    let whole = || Cow::Borrowed(of.source.as_str());
+    if of.family() != &FAMILY {
+        return whole();
+    }
+    let Ok(mut manifest) = of.source.parse::<DocumentMut>() else { return whole() };
+    let mut has_text = false;
+    for (section, key) in file_keys() {
+        let Some(text) = recorded(of, section, key) else { continue };
+        for value in values_mut(&mut manifest, section, key.name) {
+            if value.as_str().is_some_and(|own| Rows::is_csv(own) && own != text) {
+                *value = text.into();
+                has_text = true;
+            }
+        }
+    }
+    if has_text { Cow::Owned(manifest.to_string()) } else { whole() }
+}
+
 /// The text of a manifest with the texts of its files, except published numbers, and of the policies of jobs in the
 /// place of their names. Its jobs are the same.
 ///
 /// **Errors**: a file cannot be read; the name and the reason.
 pub fn self_contained(of: &Manifest) -> Result<String, String> {
-    let text = &of.source;
-    let Ok(mut manifest) = text.parse::<DocumentMut>() else { return Ok(text.to_owned()) };
+    let text = kept_text(of);
+    let Ok(mut manifest) = text.parse::<DocumentMut>() else { return Ok(text.into_owned()) };
     let mut has_files = false;
     for (section, key) in file_keys() {
         for value in values_mut(&mut manifest, section, key.name) {
@@ -97,17 +132,17 @@ pub fn self_contained(of: &Manifest) -> Result<String, String> {
             let path = of.folder().join(name);
             let unreadable = |error: std::io::Error| format!("{}: {error}", path.display());
             let run = of.named_runs.iter().find(|(run, _)| is_run(key, name) && run == name);
-            let text = match (run, shipped(key, name)) {
-                (Some((_, text)), _) => text.clone(),
-                (None, Some(text)) => text.to_owned(),
-                (None, None) => fs::read_to_string(&path).map_err(unreadable)?,
+            let known = run.map(|(_, text)| text.as_str()).or_else(|| shipped(key, name));
+            let text = match known.or_else(|| recorded(of, section, key)) {
+                Some(text) => text.to_owned(),
+                None => fs::read_to_string(&path).map_err(unreadable)?,
             };
             // A line break says that this is a text.
             *value = format!("{}\n", text.trim_start_matches('\u{feff}').trim_end()).into();
             has_files = true;
         }
     }
-    Ok(if has_files { manifest.to_string() } else { text.to_owned() })
+    Ok(if has_files { manifest.to_string() } else { text.into_owned() })
 }
 
 #[cfg(test)]
@@ -115,7 +150,7 @@ mod tests {
     use serde_json::json;
 
     use super::*;
-    use crate::key::{Parameter, Value as KeyValue};
+    use crate::key::Parameter;
     use crate::manifest::load::parse_from;
     use crate::manifest::{Runs, parse};
     use crate::plan;

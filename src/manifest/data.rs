@@ -130,6 +130,13 @@ pub(super) fn complete(draft: &mut Draft, faults: &mut FaultList) {
         // Faults of the file are reported, and people and days are its own.
         return unknown(&mut draft.sections[SectionName::Trial]);
     };
+    if let Some(file) = model.numbered() {
+        let environment = &mut draft.sections[SectionName::Environment];
+        let (index, _) = environment.section.find("file").expect("a key of the family");
+        if let Some(given) = environment.given.get_mut(&index) {
+            given.value = vec![Value::Content(file)];
+        }
+    }
     if has_trial {
         return trial(&mut draft.sections[SectionName::Trial], model, faults);
     }
@@ -247,19 +254,8 @@ pub(super) fn notes(manifest: &Manifest) -> Vec<String> {
         parameters.map(|(_, values)| values.first().cloned()).collect();
     let environment = values.and_then(|values| (FAMILY.read)(&FAMILY, &values, &[]));
     let model: Option<&RecordedModel> = environment.as_ref().and_then(|of| of.model());
-    let Some((model, log)) = model.and_then(|model| Some((model, model.log()?))) else {
-        return Vec::new();
-    };
-    let has_names = log.people.iter().any(|person| person.name.parse::<f64>().is_err());
-    let mut notes = log.notes.clone();
-    if model.stores_file() && has_names {
-        notes.push(
-            "the trial stands in the manifest, whose text the store keeps with the names of people; number people, or \
-             write the name of the file"
-                .to_owned(),
-        );
-    }
-    notes
+    let log = model.and_then(RecordedModel::log);
+    log.map_or_else(Vec::new, |log| log.notes.clone())
 }
 
 /// Completes `[trial]`, and reports what contradicts the file.

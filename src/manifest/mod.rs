@@ -46,7 +46,7 @@ pub use analysis::forms::Find;
 pub use analysis::kind::{self, AnalysisKind};
 pub use analysis::published::{Published, PublishedEstimate, PublishedRow};
 pub use analysis::sides::Sides;
-pub use companions::{companions, self_contained};
+pub use companions::{companions, kept_text, self_contained};
 pub use declared::{DeclaredAgent, Exclusion, Manifest, Zip, same_name};
 pub use estimate::declared::DeclaredEstimate;
 pub use grid::{Cell, Grid};

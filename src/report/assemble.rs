@@ -10,7 +10,7 @@ use super::section::ReportedExperiment;
 use crate::analyse::declared::{SAME, carry_out, condense, reproduce, summarise_arms, varying};
 use crate::job::{Condition, DataPart, RecordedEpisodes, distinct};
 use crate::key::{DIRECTION, Parameter, SectionName, Value, hidden};
-use crate::manifest::{Analysis, AnalysisKind, Faults, Manifest, Published};
+use crate::manifest::{Analysis, AnalysisKind, Faults, Manifest, Published, kept_text};
 use crate::plan::{self, Staged};
 use crate::record::{DataSet, JobRecord, JobStatus};
 use crate::report::environment_words::Words;
@@ -79,7 +79,7 @@ pub fn assemble(
             name: manifest.name.clone(),
             question: manifest.question.clone(),
             hypothesis: manifest.hypothesis.clone(),
-            manifest: manifest.source.chars().map(escaped).collect(),
+            manifest: kept_text(manifest).chars().map(escaped).collect(),
             race: race(reader, manifest, words.return_unit)?,
             findings: findings.into_iter().zip(queries.iter().map(sql)).collect(),
             styles: all.iter().map(|analysis| analysis.figure).collect(),

@@ -23,11 +23,12 @@ pub(super) fn register_experiment(
     part: Option<&HashSet<JobKey>>,
     stop: &AtomicBool,
 ) -> Result<Option<Registered>, StoreError> {
+    let text = manifest::kept_text(manifest);
     let experiment = Experiment {
         name: &manifest.name,
         question: manifest.question.as_deref(),
         hypothesis: manifest.hypothesis.as_deref(),
-        manifest: &manifest.source,
+        manifest: &text,
     };
     let jobs = manifest.jobs().map(|planned| (planned.agent, planned.form));
     let registered = store.register_until(stop, &experiment, jobs, part)?;
@@ -85,7 +86,7 @@ pub(super) fn dropped_note(manifest: &Manifest, registered: &Registered) -> Opti
 /// **Errors**: the store fails.
 pub fn removal(reader: &Reader, manifest: &Manifest) -> Result<Option<String>, StoreError> {
     // If the text is unchanged, only a new release can have changed the jobs.
-    if reader.manifest(&manifest.name)?.is_none_or(|text| text == manifest.source) {
+    if reader.manifest(&manifest.name)?.is_none_or(|text| text == manifest::kept_text(manifest)) {
         return Ok(None);
     }
     let mut held: HashSet<JobKey> = HashSet::new();

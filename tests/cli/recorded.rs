@@ -488,3 +488,48 @@ fn a_replay_is_no_trial_and_is_written_out_as_it_is_read() {
     folder.jitai(["export", "--data", &key("recorded"), "--out", "log"]).succeeded();
     folder.jitai(["run", "log/trial.toml"]).succeeded();
 }
+
+#[test]
+fn names_of_people_are_nowhere_in_a_store_or_a_page() {
+    let folder = small("");
+    let text = SMALL
+        .replace("id,", "id,mailbox,")
+        .replace("ann,", "annegret,a@here,")
+        .replace("bob,", "bobarino,b@here,");
+    folder.write(
+        "m.toml",
+        folder.read("m.toml").replace("\"trial.csv\"", &format!("'''\n{text}'''")),
+    );
+    folder.jitai(["run", "m.toml"]).succeeded();
+    folder.jitai(["report", "m.toml", "--out", "report"]).succeeded();
+    let names = ["annegret", "bobarino", "@here", "mailbox"];
+    let lacks = |of: &str, bytes: &[u8]| {
+        let found = |name: &str| bytes.windows(name.len()).any(|part| part == name.as_bytes());
+        names.iter().for_each(|name| assert!(!found(name), "{name} is in {of}"));
+    };
+    for entry in std::fs::read_dir(folder.path("")).unwrap().map(|entry| entry.unwrap().path()) {
+        if entry.to_string_lossy().contains("jitai.sqlite") {
+            lacks("the store", &std::fs::read(entry).unwrap());
+        }
+    }
+    lacks("the page", folder.read("report/index.html").as_bytes());
+    let resolved = folder.jitai(["plan", "m.toml", "--resolved"]).succeeded().stdout;
+    lacks("the resolved manifest", resolved.as_bytes());
+    // The stored manifest, and a file with other names, are the same job.
+    let stored = answers(&folder, "SELECT manifest FROM experiment")[0].clone();
+    folder.write("stored.toml", stored.trim_matches('"').replace("\"\"", "\""));
+    folder.jitai(["run", "stored.toml"]).succeeded();
+    folder.write("resolved.toml", resolved);
+    folder.jitai(["run", "resolved.toml"]).succeeded();
+    let other = small("");
+    other.write("trial.csv", SMALL.replace("ann", "eve"));
+    other
+        .jitai(["run", "m.toml", "--store", &folder.path("jitai.sqlite").to_string_lossy()])
+        .succeeded();
+    assert_eq!(folder.runs(), 1);
+    // Whoever asks for names has them.
+    let kept = folder.read("m.toml").replace("unit =", "keep_identifiers = true\nunit =");
+    folder.write("kept.toml", kept);
+    folder.jitai(["run", "kept.toml"]).succeeded();
+    assert!(answers(&folder, "SELECT manifest FROM experiment")[0].contains("annegret"));
+}

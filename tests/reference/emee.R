@@ -1,7 +1,9 @@
 # Writes emee.json: log relative risks, estimated by the authors' R package MRTAnalysis.
 #
 #     R -e 'install.packages("MRTAnalysis")'    # 0.3.0 or newer, with rootSolve
-#     Rscript tests/reference/emee.R            # writes emee.json beside this file
+#     Rscript tests/reference/emee.R            # writes emee.json beside this file, or to a file that it is given
+#
+# `make test-analysis` runs it again where the package is at hand, and compares the numbers.
 #
 # The first data set is the package's own example, data_binary, drawn here from its description with the same seed; the
 # script compares both. The second has counts, probabilities that differ between people and drift, and few people.
@@ -96,4 +98,5 @@ written <- paste0(
     '"cases": [', first, ",\n", second, "]}\n"
 )
 here <- dirname(sub("--file=", "", grep("--file=", commandArgs(), value = TRUE)))
-cat(written, file = file.path(here, "emee.json"))
+given <- commandArgs(trailingOnly = TRUE)
+cat(written, file = if (length(given)) given[1] else file.path(here, "emee.json"))

@@ -253,6 +253,47 @@ fn no_recipe_pools_jobs_that_differ_in_another_parameter_than_seed() {
     all_agree(folder.path(), &sql);
 }
 
+/// Every number in a JSON value, in its order.
+fn numbers(of: &serde_json::Value) -> Vec<f64> {
+    match of {
+        serde_json::Value::Number(number) => number.as_f64().into_iter().collect(),
+        serde_json::Value::Array(list) => list.iter().flat_map(numbers).collect(),
+        serde_json::Value::Object(table) => table.values().flat_map(numbers).collect(),
+        _ => Vec::new(),
+    }
+}
+
+/// A fast test compares the estimates of `emee` with these numbers.
+#[test]
+fn numbers_of_mrtanalysis_are_those_of_the_package() {
+    let library = fs::canonicalize("target/analysis/R").unwrap_or_default();
+    let mut script = Command::new("Rscript");
+    script.env("R_LIBS", &library);
+    let is_there = script.args(["-e", "library(MRTAnalysis)"]).output();
+    if !is_there.is_ok_and(|output| output.status.success()) {
+        // It is on CRAN and not in Debian, so that a machine with Debian's packages alone may lack it.
+        return eprintln!(
+            "left out: MRTAnalysis: not at hand; `make analysis` installs it where CRAN answers"
+        );
+    }
+    let folder = tempfile::tempdir().unwrap();
+    let file = folder.path().join("emee.json");
+    let mut script = Command::new("Rscript");
+    script.env("R_LIBS", &library).arg("tests/reference/emee.R").arg(&file);
+    let output = script.output().unwrap();
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    let read = |path: &Path| -> serde_json::Value {
+        serde_json::from_str(&fs::read_to_string(path).unwrap()).unwrap()
+    };
+    let written = numbers(&read(&file)["cases"]);
+    let recorded = numbers(&read(Path::new("tests/reference/emee.json"))["cases"]);
+    assert_eq!(written.len(), recorded.len());
+    for (one, other) in written.iter().zip(&recorded) {
+        assert!((one - other).abs() <= 1e-6 * other.abs().max(1.0), "{one} and {other}");
+    }
+    println!("MRTAnalysis gave {} numbers", written.len());
+}
+
 /// A trial with availability and a budget, whose agent `random` is this.
 fn limited_trial(agent: &str) -> String {
     format!(

@@ -28,15 +28,17 @@ pub struct RandomisationFigure {
 /// A test that the actions in groups were drawn with their probabilities.
 #[derive(Clone, Debug, PartialEq)]
 pub struct RandomisationTest {
-    /// What decisions are grouped by.
+    /// What decisions are grouped by, and the action that is counted where it is one alone.
     pub by: String,
+    /// Whether every action above 0 is counted.
+    pub is_of_all: bool,
     /// The groups with their shares.
     pub points: Vec<DrawnPoint>,
     /// The number of groups.
     pub groups: usize,
     /// The number of decisions.
     pub decisions: u64,
-    /// The share of decisions with an action above 0, and the mean probability.
+    /// The share of decisions with a counted action, and the mean probability.
     pub share: f64,
     /// See `share`.
     pub expected: f64,
@@ -60,7 +62,7 @@ pub struct DrawnPoint {
     pub name: String,
     /// Their number.
     pub decisions: u64,
-    /// The share of actions above 0, less the mean probability.
+    /// The share of counted actions, less the mean probability.
     pub difference: f64,
     /// The standard deviation of this difference if actions were drawn as recorded.
     pub deviation: f64,
@@ -133,7 +135,12 @@ fn test(grouping: &Grouping) -> RandomisationTest {
         deviation: group.variance.sqrt() / group.decisions as f64,
     };
     RandomisationTest {
-        by: grouping.by.clone(),
+        by: match grouping.action {
+            None => grouping.by.clone(),
+            Some(action) if groups.len() == 1 => format!("action {action}"),
+            Some(action) => format!("{}, action {action}", grouping.by),
+        },
+        is_of_all: grouping.action.is_none(),
         points: groups.iter().take(MOST_DRAWN).map(point).collect(),
         groups: groups.len(),
         decisions,
@@ -172,7 +179,7 @@ mod tests {
     #[test]
     fn shares_are_tested_against_their_probabilities() {
         let groups = vec![group("1", 100, 60, 0.5), group("2", 50, 40, 0.8), group("3", 4, 4, 1.0)];
-        let test = test(&Grouping { by: "person".to_owned(), groups });
+        let test = test(&Grouping { by: "person".to_owned(), action: None, groups });
         // (60 - 50)^2 / 25 = 4; certain actions say nothing.
         // Their excess kurtosis is -0.5 / 25 = -0.02, and 0.04 / 8 = 0.005: the variance is 3.985, and not 4.
         let scale = 3.985 / 4.0;
@@ -188,7 +195,7 @@ mod tests {
 
     #[test]
     fn one_group_has_a_normal_test_and_certain_actions_none() {
-        let all = |groups| test(&Grouping { by: "all".to_owned(), groups });
+        let all = |groups| test(&Grouping { by: "all".to_owned(), action: None, groups });
         // That of a normal distribution is 0.0455; fifty draws vary a little less.
         let p = all(vec![group("all", 100, 60, 0.5)]).p.unwrap();
         assert!((p - 0.045_095_954_509_227_73).abs() < 1e-9, "{p}");
@@ -216,7 +223,7 @@ mod tests {
                         (0..counts[taken]).map(move |_| group("", 3, taken as u64, 0.05))
                     };
                     let groups = (0..4).flat_map(of).collect();
-                    let test = test(&Grouping { by: "person".to_owned(), groups });
+                    let test = test(&Grouping { by: "person".to_owned(), action: None, groups });
                     reached += if test.p.unwrap() <= level { chance.exp() } else { 0.0 };
                 }
             }
@@ -236,10 +243,17 @@ mod tests {
     #[test]
     fn the_tests_of_a_trial_are_corrected_together() {
         let all = |taken: u64| {
-            test(&Grouping { by: "all".to_owned(), groups: vec![group("all", 100, taken, 0.5)] })
+            test(&Grouping {
+                by: "all".to_owned(),
+                action: None,
+                groups: vec![group("all", 100, taken, 0.5)],
+            })
         };
-        let certain =
-            test(&Grouping { by: "all".to_owned(), groups: vec![group("all", 3, 3, 1.0)] });
+        let certain = test(&Grouping {
+            by: "all".to_owned(),
+            action: None,
+            groups: vec![group("all", 3, 3, 1.0)],
+        });
         let tests = together(vec![all(60), certain, all(50)]);
         let corrected: Vec<Option<f64>> = tests.iter().map(|one| one.corrected).collect();
         assert_eq!(corrected, [tests[0].p.map(|p| 2.0 * p), None, Some(1.0)]);

@@ -16,6 +16,9 @@ pub struct Randomisation {
 pub struct Grouping {
     /// What decisions are grouped by.
     pub by: String,
+    /// The action that is counted; any above 0 without one.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub action: Option<usize>,
     /// The groups, in their order.
     pub groups: Vec<DrawnGroup>,
 }
@@ -27,9 +30,9 @@ pub struct DrawnGroup {
     pub name: String,
     /// Their number.
     pub decisions: u64,
-    /// The number of actions above 0.
+    /// The number of counted actions.
     pub taken: u64,
-    /// The sum of their probabilities p of such an action.
+    /// The sum of their probabilities p.
     pub expected: f64,
     /// The sum of p (1 - p).
     pub variance: f64,

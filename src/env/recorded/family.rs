@@ -7,13 +7,14 @@ use crate::env::family::{Environment, Family, Meaning, Model};
 use crate::env::recorded::constraints::CONSTRAINTS;
 use crate::env::recorded::description::{LogDescription, shown};
 use crate::env::recorded::log::{RECORDED_PROBABILITY, RecordedLog};
+use crate::env::recorded::numbered::numbered;
 use crate::env::recorded::parameters::LogParameters;
 use crate::env::recorded::reading::{known, parts};
 use crate::env::recorded::world::{RecordedWorld, spec};
 use crate::env::scenario::Scenario;
 use crate::env::simulation::Simulated;
 use crate::env::vector::Interface;
-use crate::key::{Keyed, Value, interned};
+use crate::key::{Content, Keyed, Value, interned};
 
 /// The family `recorded`.
 pub static FAMILY: Family = Family {
@@ -63,9 +64,12 @@ impl RecordedModel {
         !parts(&self.parameters.calendar_day).is_empty()
     }
 
-    /// Whether the manifest has the text of the file, and names of people are not to be kept.
-    pub fn stores_file(&self) -> bool {
-        self.parameters.file.file().is_none() && !self.parameters.keep_identifiers
+    /// The file by which jobs know the trial: the columns that are read, and numbers in the place of people's names unless
+    /// these are to be kept. `None` if the file is not known, or has faults.
+    pub fn numbered(&self) -> Option<Content> {
+        self.log.as_ref()?;
+        let text = numbered(self.parameters.file.text()?, &self.parameters)?;
+        Some(self.parameters.file.known_by(text))
     }
 
     fn simulation(&self, scenario: &Scenario, lanes: usize) -> Simulated {

@@ -9,6 +9,7 @@ mod description;
 mod drawn;
 mod family;
 mod log;
+mod numbered;
 mod parameters;
 mod randomisation;
 mod reading;

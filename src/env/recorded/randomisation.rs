@@ -1,6 +1,7 @@
 //! Whether actions were drawn with the recorded probabilities: counts by person, day, decision of the day and state.
 
 use std::collections::BTreeMap;
+use std::iter;
 
 use crate::env::recorded::drawn::{DrawnGroup, Grouping, Randomisation};
 use crate::env::recorded::log::{LogPerson, RecordedLog};
@@ -8,8 +9,13 @@ use crate::env::recorded::log::{LogPerson, RecordedLog};
 /// The most values of a state by which decisions are counted one by one; by quarters otherwise.
 const FEW: usize = 6;
 
-/// The word of the grouping by person.
+/// The words of the grouping of all decisions, and of that by person.
+const ALL: &str = "all";
+/// See [`ALL`].
 const PERSON: &str = "person";
+
+/// The most messages that are counted by person, day and state, each alone.
+const MOST_MESSAGES: usize = 5;
 
 /// Available decisions, each with what it is grouped by.
 struct Groups<'l> {
@@ -40,10 +46,11 @@ impl Randomisation {
     /// The counts of a log.
     pub(super) fn of(log: &RecordedLog) -> Randomisation {
         let is_drawn = &log.is_drawn[..];
-        let grouping = |by: &str,
-                        key: &dyn Fn(usize, usize, u32) -> Option<u64>,
-                        name: &dyn Fn(u64) -> String| {
-            let mut groups = Groups { log, action: None, groups: BTreeMap::new() };
+        let count = |by: &str,
+                     action: Option<usize>,
+                     key: &dyn Fn(usize, usize, u32) -> Option<u64>,
+                     name: &dyn Fn(u64) -> String| {
+            let mut groups = Groups { log, action, groups: BTreeMap::new() };
             for (person, own) in log.people.iter().enumerate() {
                 for step in 0..own.decisions {
                     let decision = own.first + step as usize;
@@ -53,21 +60,28 @@ impl Randomisation {
             }
             let named = |(key, group): (u64, DrawnGroup)| DrawnGroup { name: name(key), ..group };
             let groups = groups.groups.into_iter().map(named).collect();
-            Grouping { by: by.to_owned(), groups }
+            Grouping { by: by.to_owned(), action, groups }
+        };
+        // Of two actions, the share of one says all.
+        let messages = if log.actions > 2 { log.actions - 1 } else { 0 };
+        let grouping = |by: &str,
+                        key: &dyn Fn(usize, usize, u32) -> Option<u64>,
+                        name: &dyn Fn(u64) -> String| {
+            let each = if by == ALL || messages <= MOST_MESSAGES { messages } else { 0 };
+            let actions = iter::once(None).chain((1..=each).map(Some));
+            actions.map(|action| count(by, action, key, name)).collect::<Vec<_>>()
         };
         let per_day = log.per_day;
         let number = |key: u64| key.to_string();
         let day = |_: usize, person: usize, step: u32| {
             Some(u64::from(log.people[person].start_day + step / per_day))
         };
-        let mut groupings = vec![
-            grouping("all", &|_, _, _| Some(0), &|_| "all".to_owned()),
-            grouping(PERSON, &|_, person, _| Some(person as u64 + 1), &number),
-            grouping("day of the trial", &day, &number),
-        ];
+        let mut groupings = grouping(ALL, &|_, _, _| Some(0), &|_| ALL.to_owned());
+        groupings.extend(grouping(PERSON, &|_, person, _| Some(person as u64 + 1), &number));
+        groupings.extend(grouping("day of the trial", &day, &number));
         if per_day > 1 {
             let slot = |_: usize, _: usize, step: u32| Some(u64::from(step % per_day));
-            groupings.push(grouping("decision of the day", &slot, &number));
+            groupings.extend(grouping("decision of the day", &slot, &number));
         }
         for (index, name) in log.names.iter().enumerate() {
             let value = |decision: usize| log.state[decision * log.names.len() + index];
@@ -80,13 +94,9 @@ impl Randomisation {
                 (first, last) if first == last => first.to_string(),
                 (first, last) => format!("{first:.3} to {last:.3}"),
             };
-            groupings.push(grouping(name, &key, &within));
+            groupings.extend(grouping(name, &key, &within));
         }
-        groupings.retain(|grouping| grouping.by == "all" || grouping.groups.len() > 1);
-        // Of two actions, the share of one says all.
-        if log.actions > 2 {
-            groupings.extend((1..log.actions).map(|action| of_action(log, action)));
-        }
+        groupings.retain(|grouping| grouping.by == ALL || grouping.groups.len() > 1);
         Randomisation { groupings, counts: counts(log, is_drawn) }
     }
 
@@ -99,16 +109,6 @@ impl Randomisation {
                 number.checked_sub(1).map_or_else(String::new, |index| names[index].clone());
         }
     }
-}
-
-/// The counts of one action at all decisions.
-fn of_action(log: &RecordedLog, action: usize) -> Grouping {
-    let mut groups = Groups { log, action: Some(action), groups: BTreeMap::new() };
-    let drawn = (0..log.is_drawn.len()).filter(|decision| log.is_drawn[*decision]);
-    drawn.for_each(|decision| groups.add(0, decision));
-    let by = format!("action {action}");
-    let named = |group: DrawnGroup| DrawnGroup { name: by.clone(), ..group };
-    Grouping { groups: groups.groups.into_values().map(named).collect(), by: by.clone() }
 }
 
 /// The first and last value of each group: of each value if there are few, of each quarter otherwise.

@@ -38,8 +38,8 @@ impl From<DataFaults> for LogFaults {
 }
 
 /// The expressions of the file's columns.
-struct LogColumns {
-    person: usize,
+pub(super) struct LogColumns {
+    pub person: usize,
     order: Vec<ColumnFormula>,
     action: ColumnFormula,
     probability: Vec<ColumnFormula>,
@@ -113,7 +113,7 @@ impl KeyReader<'_> {
 }
 
 impl LogColumns {
-    fn new(of: &LogParameters, header: &Header) -> Result<LogColumns, LogFaults> {
+    pub fn new(of: &LogParameters, header: &Header) -> Result<LogColumns, LogFaults> {
         let mut reader = KeyReader { header, faults: Vec::new() };
         let person = reader.person(&of.person);
         let order = reader.list("order", &of.order, 2);
@@ -149,7 +149,7 @@ impl LogColumns {
     }
 
     /// The columns of the file that are read as numbers.
-    fn used(&self) -> Vec<usize> {
+    pub fn used(&self) -> Vec<usize> {
         let one = [&self.action, &self.available, &self.reached, &self.outcome];
         let lists = self.order.iter().chain(&self.probability).chain(&self.calendar_day);
         let state = self.state.iter().map(|(_, formula)| formula);
@@ -469,7 +469,8 @@ pub(super) fn known(parameters: &LogParameters) -> Option<Arc<ReadLog>> {
     let file: Arc<KnownLogs> = parameters.file.parsed()?;
     let mut all = file.0.lock().unwrap_or_else(PoisonError::into_inner);
     let values = parameters.to_values();
-    if let Some((_, read)) = all.iter().find(|(known, _)| *known == values) {
+    // The file is the same, also where it is known by a part of its text.
+    if let Some((_, read)) = all.iter().find(|(known, _)| known[1..] == values[1..]) {
         return Arc::clone(read).downcast().ok();
     }
     let read = RecordedLog::read(&parameters.file, parameters).map(|log| KnownLog {

@@ -260,10 +260,43 @@ fn each_of_several_messages_is_counted() {
     let rows = "a,0,0,1,2,0.4,1,1\na,1,0,1,1,0.4,1,1\na,2,0,1,2,0.4,1,1\n";
     let parameters = LogParameters { probability: format!("p{LIST}0.5 * p"), ..parameters(rows) };
     let Randomisation { groupings, .. } = Randomisation::of(&read(&parameters).unwrap());
-    let found = groupings.iter().filter(|one| one.by.starts_with("action"));
-    let found: Vec<(&str, u64)> = found.map(|one| (one.by.as_str(), one.groups[0].taken)).collect();
-    assert_eq!(found, [("action 1", 1), ("action 2", 2)]);
-    let of_two = &groupings.last().unwrap().groups[0];
+    let by = |by: &str| -> Vec<(Option<usize>, Vec<u64>)> {
+        let own = groupings.iter().filter(|one| one.by == by);
+        own.map(|one| (one.action, one.groups.iter().map(|group| group.taken).collect())).collect()
+    };
+    assert_eq!(by("all"), [(None, vec![3]), (Some(1), vec![1]), (Some(2), vec![2])]);
+    let by_day = [(None, vec![1; 3]), (Some(1), vec![0, 1, 0]), (Some(2), vec![1, 0, 1])];
+    assert_eq!(by("day of the trial"), by_day);
+    assert_eq!(by("person"), [], "there is one");
+    let of_two = &groupings[2].groups[0];
     assert!((of_two.expected - 0.6).abs() < 1e-12 && (of_two.variance - 0.48).abs() < 1e-12);
     assert!((of_two.fourth_cumulant - 0.48 * 0.04).abs() < 1e-12);
+}
+
+#[test]
+fn jobs_know_numbered_people_and_the_columns_that_are_read() {
+    let of = |parameters: LogParameters| {
+        let environment = (FAMILY.read)(&FAMILY, &parameters.to_values(), &[]).unwrap();
+        let model: &RecordedModel = environment.model().unwrap();
+        model.numbered().unwrap()
+    };
+    let quoted = ROWS.replace("b,", "\"B., Ann\",");
+    let numbered = of(parameters(&quoted));
+    let rows: Vec<&str> = numbered.text().unwrap().lines().collect();
+    assert_eq!(
+        rows[..4],
+        ["who,n,free,sent,p,after,mood", "1,0,1,1,0.5,2,1", "1,1,1,0,0.5,3,2", "2,4,1,0,0.25,5,3"]
+    );
+    // Other names for the same people are the same trial, and so is the numbered text.
+    assert_eq!(numbered, of(parameters(ROWS)));
+    let again = Content::read(&LOG, numbered.text().unwrap()).unwrap();
+    assert_eq!(numbered, again);
+    assert_eq!(numbered, of(LogParameters { file: again, ..parameters(ROWS) }));
+    let kept = of(LogParameters { keep_identifiers: true, ..parameters(&quoted) });
+    assert!(kept.text().unwrap().contains("\n\"B., Ann\",0,"));
+    // Who is a number that an expression reads is no name.
+    let read = ROWS.replace("b,", "7,").replace("a,", "3,");
+    let state = "mood = mood; twice = 2 * who".to_owned();
+    let own = of(LogParameters { state, ..parameters(&read) });
+    assert!(own.text().unwrap().contains("\n3,4,"));
 }

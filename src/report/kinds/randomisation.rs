@@ -18,7 +18,7 @@ const SMALL: f64 = 0.01;
 
 impl Drawn for RandomisationFigure {
     fn figures(&self, sheet: &Sheet<'_>) -> Vec<(String, Scene)> {
-        let tests = self.tests.iter().filter(|test| test.points.len() > 1);
+        let tests = self.tests.iter().filter(|test| test.is_of_all && test.points.len() > 1);
         let charts: Vec<Chart> = tests.map(chart).collect();
         if charts.is_empty() {
             return Vec::new();
