@@ -6,7 +6,7 @@ use std::path::Path;
 
 use crate::agent::{DecisionRule, LinearThompson, RuleParameters};
 use crate::cli::{Error, Exit, folder, simulate};
-use crate::env::recorded::{FAMILY, RECORDED_PROBABILITY};
+use crate::env::recorded::{FAMILY, REACHED, RECORDED_PROBABILITY};
 use crate::job::{Decision, Job, Trial};
 use crate::key::{Key, Keyed, Value};
 use crate::store::Reader;
@@ -28,7 +28,7 @@ const ANSWERED: [&str; 12] = [
 ];
 
 /// Names of the recorded state of a trial that are columns of their own, or follow from others.
-const OWN: [&str; 4] = ["calendar_day", "policy", "reached", RECORDED_PROBABILITY];
+const OWN: [&str; 4] = ["calendar_day", "policy", REACHED, RECORDED_PROBABILITY];
 
 /// Writes `trial.csv` and `trial.toml`.
 pub(super) fn write(reader: &Reader, key: &str, out: &Path) -> Result<Exit, Error> {
@@ -40,11 +40,18 @@ pub(super) fn write(reader: &Reader, key: &str, out: &Path) -> Result<Exit, Erro
     }
     let mut names = job.state_names().to_vec();
     if job.trial.as_ref().is_some_and(|trial| trial.missing_outcomes > 0.0) {
-        names.push("reached".to_owned());
+        names.push(REACHED.to_owned());
     }
     let columns = Columns::of(&job, &names);
     let mut text = columns.header();
-    let count = reader.decisions_with(&job, &names, |decision| columns.row(decision, &mut text))?;
+    let mut person = 0;
+    let count = reader.decisions_with(&job, &names, |decision| {
+        if std::mem::replace(&mut person, decision.episode) != decision.episode && decision.step > 0
+        {
+            columns.first_row(decision, &mut text);
+        }
+        columns.row(decision, &mut text);
+    })?;
     if count == 0 {
         let says =
             "stores no decisions; run it again with record_decisions = \"test\" in [evaluation]";
@@ -86,6 +93,8 @@ fn unknown_rewards(job: &Job) -> Option<&'static str> {
 /// The columns of a file: where each comes from.
 struct Columns {
     actions: usize,
+    /// Decisions of a person per day.
+    per_day: u32,
     has_days: bool,
     /// The indices of the calendar day and of whether the outcome reached the agent, in the state.
     day: Option<usize>,
@@ -120,11 +129,13 @@ impl Columns {
                 specs.iter().map(|spec| spec.name.clone()).zip(seen.into_iter().flatten()).collect()
             }
         };
+        let per_day = job.trial.as_ref().map(|trial| trial.decisions_per_day);
         Columns {
             actions: task.interface().actions,
+            per_day: per_day.or(job.environment.decisions_per_day()).unwrap_or(1),
             has_days: job.trial.is_some(),
             day: index("calendar_day").filter(|_| job.trial.is_some()),
-            reached: index("reached").filter(|_| job.trial.is_some()),
+            reached: index(REACHED),
             state: state.map(|(index, name)| (name.clone(), index)).collect(),
             features,
             shown: is_whole.then(|| specs.into_iter().map(|spec| spec.name).collect()),
@@ -160,6 +171,24 @@ impl Columns {
         out.push('\n');
     }
 
+    /// The row of a person's first decision, which the store does not have: without it, the person's days would begin with
+    /// the first row.
+    fn first_row(&self, decision: &Decision, out: &mut String) {
+        let mut fields = vec![decision.episode.to_string(), "0".to_owned()];
+        let day =
+            self.day.map(|index| decision.state[index] - f64::from(decision.step / self.per_day));
+        fields.extend(day.map(|day| day.to_string()));
+        fields.push("0".to_owned());
+        let columns = self.header().matches(',').count() + 1;
+        fields.resize(columns, String::new());
+        if let Some(reached) = self.header().split(',').position(|name| name.trim_end() == REACHED)
+        {
+            fields[reached] = "1".to_owned();
+        }
+        out.push_str(&fields.join(","));
+        out.push('\n');
+    }
+
     fn manifest(&self, job: &Job, key: &str) -> String {
         let probabilities: Vec<String> =
             (1..self.actions).map(|action| format!("\"probability_{action}\"")).collect();
@@ -185,11 +214,9 @@ impl Columns {
         if job.trial.is_some() {
             text += "calendar_day = \"calendar_day\"\n";
         }
-        let own = job.environment.decisions_per_day();
-        let per_day = job.trial.as_ref().map(|trial| trial.decisions_per_day).or(own);
         let unit = Value::Text(job.environment.return_unit().to_owned());
         let data = [
-            ("decisions_per_day", per_day.map(u64::from).map(Value::Integer)),
+            ("decisions_per_day", Some(Value::Integer(self.per_day.into()))),
             ("unit", Some(unit)),
         ];
         for (name, value) in data {

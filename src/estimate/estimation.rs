@@ -78,6 +78,12 @@ impl Estimation {
         }
     }
 
+    /// The same, of people who stay for these numbers of decisions, \[people\].
+    pub fn of_stays(mut self, stays: Vec<u32>) -> Estimation {
+        self.together.stay(stays);
+        self
+    }
+
     /// The declaration.
     pub fn declaration(&self) -> &Arc<EstimateDeclaration> {
         &self.declaration

@@ -55,6 +55,13 @@ impl Together {
         }
     }
 
+    /// Sets how many decisions each person stays for.
+    pub(super) fn stay(&mut self, stays: Vec<u32>) {
+        if let Together::Courses(courses) = self {
+            courses.stays = stays;
+        }
+    }
+
     /// Adds the row of a decision of a person, from 0.
     pub(super) fn add(&mut self, person: usize, row: &[f64], weight: f64, outcome: f64) {
         if let Together::Rows(rows) = self {

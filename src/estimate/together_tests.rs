@@ -147,7 +147,18 @@ fn balanced(person: usize) -> [Made; 2] {
 fn courses(steps: usize, made: Vec<Made>) -> Courses {
     let features = [1.0, 1.0].repeat(made.len());
     let policy = [0.5, 0.5].repeat(made.len());
-    Courses { steps, controls: 1, terms: 1, actions: 2, policy, features, made, misfit: None }
+    let stays = Vec::new();
+    Courses {
+        steps,
+        controls: 1,
+        terms: 1,
+        actions: 2,
+        policy,
+        features,
+        made,
+        stays,
+        misfit: None,
+    }
 }
 
 #[test]
@@ -203,6 +214,14 @@ fn a_terminal_state_ends_a_course_and_a_cut_does_not_count() {
     let found = ended(false).unwrap();
     assert_eq!((found.courses, found.people), (12, 6));
     assert!((found.values[1].value - 6.0).abs() < 1e-12);
+    // A terminal state ends no course that the person's stay would have cut.
+    let mut cut = courses(
+        2,
+        (0..12).flat_map(|person| (0..2).map(move |step| made(person, step, step == 1))).collect(),
+    );
+    assert_eq!(cut.value().unwrap().courses, 12);
+    cut.stays = vec![3; 12];
+    assert_eq!(cut.value().unwrap().courses, 24);
     // A gap between two decisions cuts a course, too.
     let gaps = (0..12).flat_map(|person| [made(person, 0, false), made(person, 2, false)]);
     assert_eq!(courses(2, gaps.collect()).value().unwrap_err(), NoValue::People(0));

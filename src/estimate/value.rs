@@ -1,8 +1,9 @@
 //! The value of a policy: the mean outcome of its decisions, from decisions that others made.
 //!
 //! The policy takes over at a decision and makes k decisions one after the other; the value is the mean of their outcomes.
-//! Every decision counts at which such a course can begin, with at least k decisions to the end of the longest episode. A
-//! terminal state ends a course with outcomes of 0; a course that is cut off does not count.
+//! Every decision counts at which such a course can begin, with at least k decisions to the end of the person's stay. A
+//! terminal state ends a course with outcomes of 0, if the person's stay would have had the rest of it: whether a course counts
+//! must not depend on what the actions lead to. A course that is cut off does not count.
 //!
 //! **Source**: Precup, Sutton and Singh, "Eligibility traces for off-policy policy evaluation", ICML 2000, for weights per
 //! decision, and self-normalised; Jiang and Li, "Doubly robust off-policy value evaluation for reinforcement learning",
@@ -31,6 +32,8 @@ pub(crate) struct Courses {
     /// The control features and the terms of all decisions, \[decisions, controls + terms\].
     pub(crate) features: Vec<f64>,
     pub(crate) made: Vec<Made>,
+    /// The decisions of each person's stay, \[people\]; empty if all stay to the end of the longest episode.
+    pub(crate) stays: Vec<u32>,
     /// The first person, from 1, and step at which the policy is no probability, and what it is.
     pub(crate) misfit: Option<(u32, u32, f64)>,
 }
@@ -133,13 +136,13 @@ impl Courses {
         self.add_row(index, scale, |action| can_send * policy[action], sums);
     }
 
-    /// The last decision of a course that begins at a decision, behind its end; `None` if it does not count. Episodes
-    /// of the longest length have `longest` decisions, and that of the decision ends before the index `end`.
-    fn course(&self, start: usize, end: usize, longest: usize) -> Option<usize> {
+    /// The last decision of a course that begins at a decision, behind its end; `None` if it does not count. The person's
+    /// stay has `stay` decisions, and the episode ends before the index `end`.
+    fn course(&self, start: usize, end: usize, stay: usize) -> Option<usize> {
         let last = (start + self.steps).min(end);
         let course = &self.made[start..last];
         let is_whole = course.len() == self.steps || course.last()?.terminated;
-        let is_in_time = course[0].step as usize + self.steps <= longest;
+        let is_in_time = course[0].step as usize + self.steps <= stay;
         let are_known = (start..last).all(|index| self.is_known(index));
         (is_whole && is_in_time && are_known).then_some(last)
     }
@@ -174,8 +177,9 @@ impl Courses {
             if start >= end {
                 end = self.end(start);
             }
-            let Some(last) = self.course(start, end, longest) else { continue };
             let person = self.made[start].person;
+            let stay = self.stays.get(person).map_or(longest, |stay| *stay as usize);
+            let Some(last) = self.course(start, end, stay) else { continue };
             if people.last().is_none_or(|known| known.person != person) {
                 people.push(OfPerson {
                     person,

@@ -33,8 +33,10 @@ pub enum Violation {
         /// The remedy.
         help: String,
     },
-    /// The scenario demands something impossible.
-    ImpossibleScenario {
+    /// One key, or the scenario, demands something impossible.
+    ImpossibleAt {
+        /// The key.
+        parameter: Parameter,
         /// The fault.
         says: String,
         /// The remedy.

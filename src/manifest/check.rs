@@ -359,8 +359,8 @@ fn report(
     let fault = match violation {
         Violation::Contradiction(says) => fault(format!("{of}{says}")),
         Violation::Impossible { says, help } => fault(format!("{of}{says}")).help(help),
-        Violation::ImpossibleScenario { says, help } => {
-            let span = draft.span_of(agent, Parameter::SCENARIO).unwrap_or(name.span);
+        Violation::ImpossibleAt { parameter, says, help } => {
+            let span = draft.span_of(agent, parameter).unwrap_or(name.span);
             Fault::at(span, format!("{of}{says}")).help(help)
         }
         Violation::InFile { parameter, content, faults: found } => {

@@ -56,7 +56,8 @@ pub(super) fn unfolded<'r, 't>(
             faults.add(Fault::at(written.span().into(), says).help("remove it"));
             table.remove(free::FAMILY);
         }
-        table.iter_mut().for_each(|(_, node)| join(node));
+        let lists = |key: &str| ["order", "probability", "state"].contains(&key);
+        table.iter_mut().filter(|(key, _)| lists(key.get_ref())).for_each(|(_, node)| join(node));
         let family = Spanned::new(key.span(), DeValue::String(FAMILY.name.into()));
         table.insert(Spanned::new(key.span(), free::FAMILY.into()), family);
     }
@@ -255,7 +256,13 @@ pub(super) fn notes(manifest: &Manifest) -> Vec<String> {
     let environment = values.and_then(|values| (FAMILY.read)(&FAMILY, &values, &[]));
     let model: Option<&RecordedModel> = environment.as_ref().and_then(|of| of.model());
     let log = model.and_then(RecordedModel::log);
-    log.map_or_else(Vec::new, |log| log.notes.clone())
+    let mut notes = log.map_or_else(Vec::new, |log| log.notes.clone());
+    if !manifest.has_trial() && manifest.seeds().count() > 1 {
+        notes.push(
+            "the decisions of the file are the same for every seed: write seeds = 1".to_owned(),
+        );
+    }
+    notes
 }
 
 /// Completes `[trial]`, and reports what contradicts the file.

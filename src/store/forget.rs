@@ -50,7 +50,16 @@ impl Store {
     ///
     /// **Errors**: the store fails.
     pub fn forget(&mut self, experiment: &str, results: bool) -> Result<Forgotten, StoreError> {
+        let forgotten = self.forgotten(experiment, results);
+        // Another process may read the log; then it is emptied when the last process closes the store.
+        let _ = self.connection.query_row("PRAGMA wal_checkpoint(TRUNCATE)", [], |_| Ok(()));
+        forgotten
+    }
+
+    fn forgotten(&mut self, experiment: &str, results: bool) -> Result<Forgotten, StoreError> {
         self.write_durably("forget an experiment", |transaction| {
+            // What is deleted can have names of people: its bytes go, too.
+            transaction.query_row("PRAGMA secure_delete = ON", [], |_| Ok(()))?;
             let Some(id) = id_of(transaction, experiment)? else { return Ok(Forgotten::Unknown) };
             let held = Held::read(transaction, id)?;
             let belongings = held.belongings(transaction)?;

@@ -145,6 +145,11 @@ impl FaultList {
         }
     }
 
+    /// Counts faults that are not shown.
+    pub(crate) fn leave_out(&mut self, count: usize) {
+        self.dropped += count;
+    }
+
     pub fn len(&self) -> usize {
         self.list.len() + self.dropped
     }

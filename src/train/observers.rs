@@ -14,6 +14,7 @@ use crate::train::excursions::Excursions;
 use crate::train::policy_courses::PolicyCourses;
 use crate::train::roll::{ChosenStep, LaneObserver};
 use crate::train::sightings::Sightings;
+use crate::train::study::Study;
 
 impl DecisionObserver for Estimation {
     fn paid(&mut self, decisions: &[Decision], _: Rewards<'_>) {
@@ -71,8 +72,10 @@ impl Observers {
     /// Attaches these estimates of a job.
     pub(super) fn estimate(&mut self, job: &Job, declared: &[Arc<EstimateDeclaration>]) {
         let (actions, names) = (job.task().interface().actions, job.state_names());
+        let stays = job.trial.as_ref().map(|trial| Study::new(trial, job.seed).stay_lengths());
         let estimation = |declared: &Arc<EstimateDeclaration>| {
-            Estimation::new(declared.clone(), actions, &names)
+            let estimation = Estimation::new(declared.clone(), actions, &names);
+            estimation.of_stays(stays.clone().unwrap_or_default())
         };
         self.estimations.extend(declared.iter().map(estimation));
         self.log_decisions(job);

@@ -12,6 +12,7 @@ use crate::state::resumable;
 use crate::train::decision_log::DecisionObserver;
 use crate::train::excursions::ProximalOutcome;
 use crate::train::roll::ChosenStep;
+use crate::train::study::Study;
 
 /// The courses of one policy.
 #[derive(Debug)]
@@ -25,6 +26,8 @@ pub(super) struct PolicyCourses {
     steps: u32,
     seed: u64,
     per_day: u32,
+    /// The decisions of each person's stay, \[people\].
+    stays: Vec<u32>,
     courses: Vec<CourseMean>,
 }
 
@@ -57,6 +60,7 @@ impl PolicyCourses {
             (_, Some(Feature::Step) | None) => true,
         };
         is_known.then_some(())?;
+        let trial = job.trial.as_ref()?;
         Some(PolicyCourses {
             outcome,
             policy,
@@ -64,7 +68,8 @@ impl PolicyCourses {
             actions,
             steps: declaration.steps,
             seed: job.seed,
-            per_day: job.trial.as_ref()?.decisions_per_day,
+            per_day: trial.decisions_per_day,
+            stays: Study::new(trial, job.seed).stay_lengths(),
             courses: Vec::new(),
         })
     }
@@ -85,7 +90,6 @@ impl PolicyCourses {
     /// `decisions` are those of the trial, by episode and step.
     pub(super) fn value(&self, decisions: &[Decision]) -> Option<f64> {
         let steps = self.steps as usize;
-        let longest = decisions.iter().map(|one| one.step as usize + 1).max()?;
         let (mut sum, mut count) = (0.0, 0.0);
         for (start, (first, course)) in decisions.iter().zip(&self.courses).enumerate() {
             assert_eq!((first.episode, first.step), (course.episode, course.step));
@@ -93,7 +97,8 @@ impl PolicyCourses {
             let made = of_person.take_while(|one| one.episode == first.episode);
             let (number, last) = made.fold((0, first), |(number, _), one| (number + 1, one));
             let is_whole = number == steps || last.terminated;
-            if is_whole && first.step as usize + steps <= longest && course.mean.is_finite() {
+            let stay = self.stays[first.episode as usize - 1];
+            if is_whole && first.step + self.steps <= stay && course.mean.is_finite() {
                 sum += course.mean;
                 count += 1.0;
             }

@@ -107,6 +107,12 @@ impl Study {
         self.stays.len()
     }
 
+    /// The decisions of each person's stay, were no episode to end before, \[people\].
+    pub fn stay_lengths(&self) -> Vec<u32> {
+        let days = self.stays.iter().map(|stay| stay.end - stay.start);
+        days.map(|days| days * self.calendar.per_day).collect()
+    }
+
     /// The day, and the number of days.
     pub fn days(&self) -> (u32, u32) {
         (self.time / self.calendar.per_day, self.calendar.days())

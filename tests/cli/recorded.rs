@@ -516,8 +516,14 @@ fn names_of_people_are_nowhere_in_a_store_or_a_page() {
     let resolved = folder.jitai(["plan", "m.toml", "--resolved"]).succeeded().stdout;
     lacks("the resolved manifest", resolved.as_bytes());
     // The stored manifest, and a file with other names, are the same job.
-    let stored = answers(&folder, "SELECT manifest FROM experiment")[0].clone();
-    folder.write("stored.toml", stored.trim_matches('"').replace("\"\"", "\""));
+    let manifest = || {
+        let answer = folder
+            .jitai(["query", "SELECT manifest FROM experiment", "--format", "csv"])
+            .succeeded()
+            .stdout;
+        answer.split_once('\n').unwrap().1.trim_end().trim_matches('"').replace("\"\"", "\"")
+    };
+    folder.write("stored.toml", manifest());
     folder.jitai(["run", "stored.toml"]).succeeded();
     folder.write("resolved.toml", resolved);
     folder.jitai(["run", "resolved.toml"]).succeeded();
@@ -531,5 +537,95 @@ fn names_of_people_are_nowhere_in_a_store_or_a_page() {
     let kept = folder.read("m.toml").replace("unit =", "keep_identifiers = true\nunit =");
     folder.write("kept.toml", kept);
     folder.jitai(["run", "kept.toml"]).succeeded();
-    assert!(answers(&folder, "SELECT manifest FROM experiment")[0].contains("annegret"));
+    assert!(manifest().contains("annegret"));
+}
+
+#[test]
+fn forgotten_names_are_no_bytes_of_the_store() {
+    let folder = small("keep_identifiers = true\n");
+    folder.write("trial.csv", SMALL.replace("ann", "annegret"));
+    folder.jitai(["run", "m.toml"]).succeeded();
+    let has_name = || {
+        let files = ["jitai.sqlite", "jitai.sqlite-wal"]
+            .map(|name| std::fs::read(folder.path(name)).unwrap_or_default());
+        files.iter().any(|bytes| bytes.windows(8).any(|part| part == b"annegret"))
+    };
+    assert!(has_name());
+    folder.jitai(["forget", "small", "--results", "--yes"]).succeeded();
+    assert!(!has_name());
+}
+
+#[test]
+fn what_follows_the_recorded_action_is_no_feature_and_errors_of_unknown_learning_are_refused() {
+    let estimate = |more: &str| small(&format!("[[estimate]]\nname = \"effect\"\n{more}\n"));
+    let says = "`control`: `recorded_probability` follows the action";
+    let found = estimate("control = [\"recorded_probability\"]")
+        .jitai(["check", "m.toml"])
+        .ended(2)
+        .says(says);
+    assert!(found.stderr.contains("declare the probability itself in `state`"), "{}", found.stderr);
+    let says = "the recorded state has no `mood`";
+    let found = estimate("moderators = [\"mood\"]").jitai(["check", "m.toml"]).ended(2).says(says);
+    assert!(found.stderr.contains("it has before, step"), "{}", found.stderr);
+    let says = "the algorithm that drew the recorded actions is not known";
+    estimate("standard_errors = \"after_study\"").jitai(["check", "m.toml"]).ended(2).says(says);
+}
+
+#[test]
+fn decisions_count_from_one_number_for_all_people() {
+    let days = "SELECT group_concat(step) FROM (SELECT step FROM decision WHERE episode = 2 ORDER BY step)";
+    let folder = small("");
+    // The first decision of one of three people is no row of the file.
+    let rows = SMALL.replacen("bob,0,5,0,0.6,34,18\n", "", 1) + "cat,0,5,0,0.6,34,18\n";
+    folder.write("trial.csv", &rows);
+    folder.jitai(["run", "m.toml"]).succeeded();
+    assert_eq!(answers(&folder, days), ["\"1,2,3\""]);
+    // What is written out of two of them counts in the same way.
+    folder.write("trial.csv", rows.replace("cat,0,5,0,0.6,34,18\n", ""));
+    folder.write(
+        "m.toml",
+        folder.read("m.toml").replace("\"n\"", "[\"floor(n / 2)\", \"n - 2 * floor(n / 2)\"]"),
+    );
+    folder.jitai(["run", "m.toml", "--store", "two.sqlite"]).succeeded();
+    let steps = || {
+        folder.jitai(["query", days, "--format", "csv", "--store", "two.sqlite"]).succeeded().stdout
+    };
+    assert!(steps().ends_with("\"1,2,3\"\n"), "{}", steps());
+    let key = folder
+        .jitai([
+            "query",
+            "SELECT job_key FROM run_summary",
+            "--format",
+            "csv",
+            "--store",
+            "two.sqlite",
+        ])
+        .succeeded();
+    let key = key.stdout.lines().last().unwrap().to_owned();
+    folder.jitai(["export", "--data", &key, "--out", "log", "--store", "two.sqlite"]).succeeded();
+    folder.jitai(["run", "log/trial.toml", "--store", "three.sqlite"]).succeeded();
+    let again = folder
+        .jitai(["query", days, "--format", "csv", "--store", "three.sqlite"])
+        .succeeded()
+        .stdout;
+    assert_eq!(again, steps());
+}
+
+#[test]
+fn what_did_not_reach_the_agent_is_written_out_again() {
+    let folder = small("reached = \"if(n == 2, 0, 1)\"\n");
+    folder.jitai(["run", "m.toml"]).succeeded();
+    let key = answers(&folder, "SELECT job_key FROM run_summary")[0].clone();
+    folder.jitai(["export", "--data", &key, "--out", "log"]).succeeded();
+    let trial = folder.read("log/trial.csv");
+    let reached =
+        trial.lines().next().unwrap().split(',').position(|name| name == "reached").unwrap();
+    let written: Vec<&str> =
+        trial.lines().skip(1).map(|line| line.split(',').nth(reached).unwrap()).collect();
+    assert_eq!(written.iter().filter(|one| **one == "0").count(), 2, "{trial}");
+    assert!(folder.read("log/trial.toml").contains("reached = \"reached\""));
+    folder
+        .jitai(["check", "log/trial.toml"])
+        .succeeded()
+        .says("2 decisions have an outcome that did not reach");
 }

@@ -249,7 +249,8 @@ const FEATURES: Constraint = Constraint {
         let fault = description.shown(&scenario).err()?;
         let names: Vec<&str> =
             description.features.iter().map(|feature| feature.name.as_str()).collect();
-        Some(Violation::ImpossibleScenario {
+        Some(Violation::ImpossibleAt {
+            parameter: Parameter::SCENARIO,
             says: format!("{fault} of the model"),
             help: format!("its features are {}", names.join(", ")),
         })

@@ -65,7 +65,8 @@ const FAULTS: Constraint = Constraint {
                     let help = fault.hint().map(|help| format!(" ({help})")).unwrap_or_default();
                     format!("`{key}`: {}{help}", fault.message())
                 });
-                Some(Violation::Impossible {
+                Some(Violation::ImpossibleAt {
+                    parameter: Parameter::Environment(faults.first()?.0),
                     says: said.collect::<Vec<_>>().join("; "),
                     help: "the keys of [data] are columns of the file, or expressions of them"
                         .to_owned(),
@@ -84,7 +85,8 @@ const FEATURES: Constraint = Constraint {
         let log = &read.as_ref().as_ref().ok()?.log;
         let scenario: Scenario = assignment.text(Parameter::SCENARIO).parse().ok()?;
         let fault = shown(&log.names, &scenario).err()?;
-        Some(Violation::ImpossibleScenario {
+        Some(Violation::ImpossibleAt {
+            parameter: Parameter::SCENARIO,
             says: format!("{fault} of the recorded state"),
             help: format!("its names are {}", log.names.join(", ")),
         })

@@ -24,6 +24,9 @@ pub struct LogDescription {
     pub decisions_per_day: u32,
     /// Whether some decisions admit no action but 0.
     pub availability: bool,
+    /// Whether some outcomes did not reach the agent of the trial.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub missing: bool,
     /// The number of people.
     pub people: u32,
     /// What was found in the file that is no fault.
@@ -49,6 +52,7 @@ impl LogDescription {
             horizon: log.horizon(),
             decisions_per_day: log.per_day,
             availability: log.can_withhold(),
+            missing: log.can_miss(),
             people: log.people.len() as u32,
             notes: log.notes.clone(),
             randomisation,

@@ -6,7 +6,7 @@ use std::sync::Arc;
 use crate::env::family::{Environment, Family, Meaning, Model};
 use crate::env::recorded::constraints::CONSTRAINTS;
 use crate::env::recorded::description::{LogDescription, shown};
-use crate::env::recorded::log::{RECORDED_PROBABILITY, RecordedLog};
+use crate::env::recorded::log::{REACHED, RECORDED_PROBABILITY, RecordedLog};
 use crate::env::recorded::numbered::numbered;
 use crate::env::recorded::parameters::LogParameters;
 use crate::env::recorded::reading::{known, parts};
@@ -164,7 +164,13 @@ impl Model for RecordedModel {
     fn state_names(&self) -> Vec<String> {
         let Some(description) = &self.description else { return Vec::new() };
         let mut names = description.state.clone();
+        names.extend(description.missing.then(|| REACHED.to_owned()));
         names.push(RECORDED_PROBABILITY.to_owned());
         names
+    }
+
+    /// The probability of the action that was taken follows from the action, as does what reached an agent.
+    fn late_state(&self) -> usize {
+        self.description.as_ref().map_or(0, |description| 1 + usize::from(description.missing))
     }
 }

@@ -3,6 +3,9 @@
 /// The name of the probability of the recorded action, the last number of the recorded state.
 pub const RECORDED_PROBABILITY: &str = "recorded_probability";
 
+/// The name of whether the outcome reached the agent of the trial, which stands before it where some did not.
+pub const REACHED: &str = "reached";
+
 /// The decisions of a trial that happened.
 #[derive(Clone, Debug, PartialEq)]
 pub struct RecordedLog {
@@ -64,6 +67,11 @@ impl RecordedLog {
     /// Whether some decisions admit no action but 0.
     pub fn can_withhold(&self) -> bool {
         self.is_used.iter().zip(&self.is_available).any(|(used, available)| *used && !available)
+    }
+
+    /// Whether some outcomes did not reach the agent of the trial.
+    pub fn can_miss(&self) -> bool {
+        self.is_used.iter().zip(&self.is_reached).any(|(used, reached)| *used && !reached)
     }
 
     /// What lacks the number of the state at this index: decisions, and the line of the first. `None` for nothing.

@@ -21,7 +21,7 @@ mod world;
 pub use description::LogDescription;
 pub use drawn::{DrawnGroup, Grouping, Randomisation};
 pub use family::{FAMILY, RecordedModel};
-pub use log::{LogPerson, RECORDED_PROBABILITY, RecordedLog};
+pub use log::{LogPerson, REACHED, RECORDED_PROBABILITY, RecordedLog};
 pub use parameters::{DATA, LIST, LogParameters};
 pub use table::NumberTable;
 pub use world::RecordedWorld;

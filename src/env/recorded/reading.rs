@@ -7,7 +7,7 @@ use crate::env::declared::{
     reader, rows,
 };
 use crate::env::recorded::description::LogDescription;
-use crate::env::recorded::log::{LogPerson, RECORDED_PROBABILITY, RecordedLog};
+use crate::env::recorded::log::{LogPerson, REACHED, RECORDED_PROBABILITY, RecordedLog};
 use crate::env::recorded::parameters::{KnownLogs, LIST, LogParameters, NONE};
 use crate::key::{Content, Keyed};
 use crate::text::{Fault, Span, shortened};
@@ -20,7 +20,7 @@ const LARGEST: f64 = 1e100;
 const LAST_DAY: f64 = 100_000.0;
 /// Names that decisions have beside those of their state.
 const TAKEN: [&str; 7] =
-    ["step", "reward", "gross_reward", "calendar_day", "policy", "reached", RECORDED_PROBABILITY];
+    ["step", "reward", "gross_reward", "calendar_day", "policy", REACHED, RECORDED_PROBABILITY];
 
 /// Why a file is no recorded trial.
 #[derive(Debug)]

@@ -14,6 +14,8 @@ use crate::state::resumable;
 #[derive(Clone, Debug)]
 pub struct RecordedWorld {
     log: Arc<RecordedLog>,
+    /// Whether the state says what reached the agent of the trial.
+    can_miss: bool,
     /// The indices of the features that agents see.
     shown: Arc<[usize]>,
     /// The person in the first lane.
@@ -28,6 +30,7 @@ impl RecordedWorld {
     /// The trial with this number of lanes, all ended, which shows these numbers of the state.
     pub(super) fn new(log: Arc<RecordedLog>, shown: Arc<[usize]>, lanes: usize) -> RecordedWorld {
         RecordedWorld {
+            can_miss: log.can_miss(),
             log,
             shown,
             first: 0,
@@ -154,6 +157,9 @@ impl Simulation for RecordedWorld {
     fn record_state(&self, lane: usize, state: &mut Vec<f64>) {
         state.extend_from_slice(self.state(lane));
         let decision = self.decision(lane);
+        if self.can_miss {
+            state.push(f64::from(u8::from(self.log.is_reached[decision])));
+        }
         state.push(self.probabilities(decision)[usize::from(self.log.taken[decision])]);
     }
 

@@ -159,6 +159,9 @@ impl Checked<'_> {
             return;
         }
         let reason = match declaration.is_of_reward() {
+            _ if self.manifest.family() == &recorded::FAMILY => {
+                Some("the algorithm that drew the recorded actions is not known")
+            }
             false => Some("they are known for `outcome` = \"reward\" and \"gross_reward\" alone"),
             true => {
                 let estimated = || self.grids.iter().filter(|grid| self.is_estimated(grid));
@@ -217,7 +220,11 @@ impl Checked<'_> {
             return;
         }
         let names = job.state_names();
-        let mut known = names.to_vec();
+        // What follows the action of a recorded trial is the probability of it alone.
+        let is_recorded = job.environment.family() == &recorded::FAMILY;
+        let is_known = |index: &usize| !(is_recorded && names.is_late(*index));
+        let mut known: Vec<String> =
+            (0..names.len()).filter(is_known).map(|index| names[index].clone()).collect();
         known.push(STEP.to_owned());
         let declaration = &self.estimate.estimate.declaration;
         let lists = [("control", &declaration.control), ("moderators", &declaration.moderators)];
@@ -230,14 +237,22 @@ impl Checked<'_> {
         };
         for (key, name) in features.clone().filter(|(_, name)| late(name)) {
             let says = format!("`{key}`: `{name}` follows the action, and can be an outcome alone");
-            let help = format!(
-                "use its last value: a variable of the model, as in \"default({name}[-1], 0)\""
-            );
+            let help = match is_recorded {
+                true => {
+                    "declare the probability itself in `state`, such as { p = \"probability\" }"
+                        .to_owned()
+                }
+                false => format!(
+                    "use its last value: a variable of the model, as in \"default({name}[-1], 0)\""
+                ),
+            };
             faults.add(Fault::at(self.estimate.span_of(key), says).help(help));
         }
         let outcome = Some(("outcome", &declaration.outcome));
         let outcome = outcome.filter(|_| !declaration.is_of_reward());
-        for (key, name) in features.chain(outcome).filter(|(_, name)| !known.contains(name)) {
+        let is_unknown =
+            |key: &str, name: &String| !known.contains(name) && (key == "outcome" || !late(name));
+        for (key, name) in features.chain(outcome).filter(|(key, name)| is_unknown(key, name)) {
             let message = format!("`{key}`: the recorded state has no `{name}`");
             let known: Vec<&str> = known.iter().map(String::as_str).collect();
             let fault = Fault::at(self.estimate.span_of(key), message);

@@ -17,6 +17,14 @@ const MOST_OF_ALL: [usize; 2] = [10, 10_000_000];
 /// The largest number of a day or of a decision.
 const LARGEST: f64 = 1e9;
 
+/// The number of everybody's first decision: 0 or 1, if the file counts from it and more than half of the people have it.
+/// Otherwise the first row of each person is the first decision. The rows of each person are sorted.
+fn shared_first(own: &[Vec<(f64, u32)>]) -> Option<f64> {
+    let firsts = || own.iter().filter_map(|rows| Some(rows.first()?.0));
+    let least = firsts().min_by(f64::total_cmp).filter(|least| [0.0, 1.0].contains(least))?;
+    (2 * firsts().filter(|first| *first == least).count() > own.len()).then_some(least)
+}
+
 /// The decisions of a file, person by person.
 #[derive(Debug, Default)]
 pub(in crate::env) struct Calendar {
@@ -72,10 +80,17 @@ impl Calendar {
         if !faults.is_empty() {
             return Err(faults);
         }
+        own.iter_mut().for_each(|rows| rows.sort_by(|one, other| one.0.total_cmp(&other.0)));
+        let shared = if order.len() == 1 { shared_first(&own) } else { None };
         let mut calendar = Calendar::default();
-        for (person, mut rows) in own.into_iter().enumerate() {
-            rows.sort_by(|one, other| one.0.total_cmp(&other.0));
-            calendar.add(table, person, &rows, order.len() == 2, per_day, &mut faults);
+        for (person, rows) in own.iter().enumerate() {
+            let Some((first, _)) = rows.first() else { continue };
+            let first = match order.len() {
+                // A person begins with the first decision of the day.
+                2 => (first / f64::from(per_day)).floor() * f64::from(per_day),
+                _ => shared.unwrap_or(*first),
+            };
+            calendar.add(table, person, rows, first, &mut faults);
             let [per_row, more] = MOST_OF_ALL;
             if calendar.rows.len() > table.lines.len() * per_row + more {
                 faults.add(format!("{} rows, and with the decisions that the file skips more than {}: `order` must count decisions, or days and the decisions of a day", table.lines.len(), calendar.rows.len()));
@@ -90,8 +105,7 @@ impl Calendar {
         table: &RecordedRows,
         person: usize,
         rows: &[(f64, u32)],
-        by_day: bool,
-        per_day: u32,
+        first: f64,
         faults: &mut DataFaults,
     ) {
         let name = table.people[person].clone();
@@ -100,10 +114,7 @@ impl Calendar {
             let [one, other] = [pair[0].1, pair[1].1].map(|row| table.lines[row as usize]);
             faults.add(format!("line {other}: the same decision of person {shown} as line {one}"));
         }
-        let (Some((first, _)), Some((last, _))) = (rows.first(), rows.last()) else { return };
-        // A person begins with the first decision of the day.
-        let first =
-            if by_day { (first / f64::from(per_day)).floor() * f64::from(per_day) } else { *first };
+        let Some((last, _)) = rows.last() else { return };
         let count = last - first + 1.0;
         if count > rows.len() as f64 * MOST_PER_ROW + MOST_MORE {
             faults.add(format!("person {shown}: {} rows from decision {first} to {last}: `order` must count decisions, or days and the decisions of a day", rows.len()));

@@ -42,9 +42,7 @@ impl DataFaults {
     pub(in crate::env) fn list(&self) -> FaultList {
         let mut list = FaultList::default();
         self.says.iter().for_each(|says| list.add(Fault::whole(says.clone())));
-        if self.count > self.says.len() {
-            list.add(Fault::whole(format!("and {} more faults", self.count - self.says.len())));
-        }
+        list.leave_out(self.count - self.says.len());
         list
     }
 
