@@ -1,14 +1,14 @@
 //! Where the features and the outcome of an estimate are in the decisions of a job.
 
-use crate::job::{Decision, EstimateDeclaration, STEP, StateNames, TargetPolicy, Treatment};
+use crate::job::{Decision, EstimateDeclaration, STEP, StateNames, Treatment};
 
 /// Where the numbers of a decision are.
 #[derive(Clone, Debug)]
 pub struct Layout {
     /// The features of the model without treatment.
     pub control: Vec<Feature>,
-    /// The number that is the probability of a message under the policy of a value.
-    pub policy: Option<Feature>,
+    /// For each policy of a value, the number that is its probability of a message, if it is named.
+    pub policies: Vec<Option<Feature>>,
     /// The index in the state of the probability with which the action was taken, where the agent's is another one.
     pub recorded: Option<usize>,
     /// The features that the effect depends on.
@@ -87,10 +87,11 @@ impl Layout {
             _ => {}
         }
         let (control, moderators) = (features(&of.control)?, features(&of.moderators)?);
-        let policy = of.policy.as_ref().and_then(TargetPolicy::feature);
-        let policy = policy.map(|name| feature(&name.to_owned())).transpose()?;
+        let named = of.policies().map(|(_, policy)| policy.feature());
+        let named = named.map(|name| name.map(|name| feature(&name.to_owned())).transpose());
+        let policies = named.collect::<Result<Vec<_>, _>>()?;
         let recorded = names.recorded();
         let is_own = outcome.is_some_and(|index| names.is_late(index));
-        Ok(Layout { control, policy, recorded, moderators, outcome, is_own })
+        Ok(Layout { control, policies, recorded, moderators, outcome, is_own })
     }
 }

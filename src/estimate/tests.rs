@@ -27,6 +27,7 @@ pub(super) fn declared(
         numerator: 0.5,
         outcome: REWARD.to_owned(),
         policy: None,
+        against: None,
         standard_errors: StandardErrors::Nominal,
         steps: 1,
         treatment,

@@ -2,7 +2,7 @@
 
 use super::effect::{unfinished, with_standard_error};
 use super::emee::{NoRisks, Rows};
-use super::layout::Layout;
+use super::layout::{Feature, Layout};
 use super::value::{Courses, LEAST_SIZE, Made, NoValue, Valued};
 use crate::job::{Decision, Effect, EstimateDeclaration, Estimator, TargetPolicy, counted};
 
@@ -12,13 +12,14 @@ pub(super) enum Together {
     /// Sums by person suffice.
     Nothing,
     Rows(Rows),
-    Courses(Courses),
+    /// Those of each policy.
+    Courses(Vec<Courses>),
     /// Why nothing can be estimated.
     Unfit(String),
 }
 
 /// What is known of the actions of a policy at a decision.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub(super) enum Tried {
     Known,
     /// One of them had probability 0.
@@ -31,9 +32,9 @@ impl Together {
     /// Nothing yet, in an environment with this number of actions.
     pub(super) fn new(declaration: &EstimateDeclaration, actions: usize) -> Together {
         let (controls, terms) = (1 + declaration.control.len(), 1 + declaration.moderators.len());
-        match (declaration.estimator, &declaration.policy) {
-            (Estimator::Wcls, _) => Together::Nothing,
-            (Estimator::Emee, _) => {
+        match declaration.estimator {
+            Estimator::Wcls => Together::Nothing,
+            Estimator::Emee => {
                 let treatments = declaration.treatment.count(actions);
                 Together::Rows(Rows {
                     columns: controls + treatments * terms,
@@ -43,22 +44,23 @@ impl Together {
                     numbers: Vec::new(),
                 })
             }
-            (Estimator::Value, None) => Together::Unfit("it has no `policy`".to_owned()),
-            (Estimator::Value, Some(policy)) => match policy.probabilities(actions, 0.5) {
-                Ok(_) => {
-                    let steps = declaration.steps as usize;
-                    let courses = Courses { steps, controls, terms, actions, ..Courses::default() };
-                    Together::Courses(courses)
-                }
-                Err(why) => Together::Unfit(why),
-            },
+            Estimator::Value if declaration.policy.is_none() => {
+                Together::Unfit("it has no `policy`".to_owned())
+            }
+            Estimator::Value => {
+                let steps = declaration.steps as usize;
+                let new = || Courses { steps, controls, terms, actions, ..Courses::default() };
+                let policies = declaration.policies();
+                let all = policies.map(|(_, one)| one.probabilities(actions, 0.5).map(|_| new()));
+                all.collect::<Result<_, _>>().map_or_else(Together::Unfit, Together::Courses)
+            }
         }
     }
 
     /// Sets how many decisions each person stays for.
     pub(super) fn stay(&mut self, stays: Vec<u32>) {
-        if let Together::Courses(courses) = self {
-            courses.stays = stays;
+        if let Together::Courses(all) = self {
+            all.iter_mut().for_each(|courses| courses.stays.clone_from(&stays));
         }
     }
 
@@ -69,46 +71,19 @@ impl Together {
         }
     }
 
-    /// Adds a decision to the course of its person.
+    /// Adds a decision to the courses of its person. Returns what is least known of the policies.
     pub(super) fn follow(
         &mut self,
         layout: &Layout,
         declaration: &EstimateDeclaration,
         decision: &Decision,
     ) -> Tried {
-        let Together::Courses(courses) = self else { return Tried::Known };
-        let (person, action) = (decision.episode as usize - 1, usize::from(decision.action));
-        let is_next = |last: &Made| last.person == person && last.step + 1 == decision.step;
-        let later = layout.outcome.filter(|_| !layout.is_own);
-        let last = courses.made.last_mut().filter(|last| is_next(last));
-        if let (Some(index), Some(last)) = (later, last) {
-            last.outcome = decision.state[index];
-        }
-        let outcome = match (layout.outcome, layout.is_own) {
-            (None, _) => decision.reward_for(declaration),
-            (Some(index), true) => decision.state[index],
-            (Some(_), false) => f64::NAN,
-        };
-        let policy = courses.policy_at(layout, declaration, decision);
-        let taken = match layout.recorded {
-            Some(index) => decision.state[index],
-            None => decision.probabilities[action],
-        };
-        let wanted = policy[action];
-        let ratio = match decision.can_send {
-            true if wanted == 0.0 => 0.0,
-            true => wanted / taken,
-            false => 1.0,
-        };
-        courses.features.push(1.0);
-        courses.features.extend(layout.control.iter().map(|one| one.of(decision)));
-        courses.features.push(1.0);
-        courses.features.extend(layout.moderators.iter().map(|one| one.of(decision)));
-        let Decision { step, can_send, terminated, .. } = *decision;
-        courses.made.push(Made { person, step, action, can_send, ratio, outcome, terminated });
-        let tried = tried(layout, decision, &policy, taken);
-        courses.policy.extend(policy);
-        tried
+        let Together::Courses(all) = self else { return Tried::Known };
+        let policies = declaration.policies().zip(&layout.policies);
+        let each = all.iter_mut().zip(policies).map(|(courses, ((_, policy), feature))| {
+            courses.follow(layout, declaration, (policy, *feature), decision)
+        });
+        each.max().unwrap_or(Tried::Known)
     }
 
     /// The coefficients of the treatments on the scale of the log relative risk, from this number of people and rows, whose
@@ -130,58 +105,110 @@ impl Together {
         Ok((rows.controls..columns).map(effect).collect())
     }
 
-    /// The value of the policy, by each of its terms.
+    /// The value of the policy, by each of its terms, less that of the policy that it is compared with.
     pub(super) fn values(&self) -> Result<Vec<Result<Effect, String>>, String> {
-        let courses = match self {
-            Together::Courses(courses) => courses,
+        let all = match self {
+            Together::Courses(all) => all,
             Together::Unfit(why) => return Err(why.clone()),
             Together::Nothing | Together::Rows(_) => return Err(NO_ROWS.to_owned()),
         };
-        if let Some((person, step, message)) = courses.misfit {
-            return Err(format!(
-                "its `policy` is {message} at step {step} of person {person}, which is no probability"
-            ));
-        }
-        let found = courses.value().map_err(|why| no_value(why, courses.steps))?;
-        let df = (found.people - 1) as f64;
-        let effect = |of: &Valued| {
+        let value = |courses: &Courses| match courses.misfit {
+            Some((person, step, message)) => Err(format!(
+                "its policy is {message} at step {step} of person {person}, which is no probability"
+            )),
+            None => courses.value().map_err(|why| no_value(why, courses.steps)),
+        };
+        let [own, others @ ..] = &all[..] else { return Err(NO_ROWS.to_owned()) };
+        let (size, alone) = (value(own)?, others.is_empty());
+        let scales = [0, 1, 2].map(|term| size.values[term].value.abs());
+        let found = match others.first() {
+            Some(other) => size.less(&value(other)?),
+            None => size,
+        };
+        let df = (found.people.len() - 1) as f64;
+        let effect = |(of, scale): (&Valued, f64)| {
             let effect = unfinished(of.value, df, found.courses as u64, found.outcome_sd);
-            if of.standard_error <= 1e-12 * of.value.abs() {
-                return Err(
-                    "its standard error is rounding alone: the outcome does not vary".to_owned()
-                );
+            if of.standard_error() <= 1e-12 * scale {
+                return Err(match alone {
+                    true => {
+                        "its standard error is rounding alone: the outcome does not vary".to_owned()
+                    }
+                    false => "both policies have the same value for every person".to_owned(),
+                });
             }
             let size = Some(found.effective_size);
-            with_standard_error(Effect { effective_sample_size: size, ..effect }, of.standard_error)
+            with_standard_error(
+                Effect { effective_sample_size: size, ..effect },
+                of.standard_error(),
+            )
         };
-        Ok(found.values.iter().map(effect).collect())
+        Ok(found.values.iter().zip(scales).map(effect).collect())
     }
 }
 
 impl Courses {
-    /// The probabilities of the policy at a decision, \[actions\].
-    fn policy_at(
+    /// Adds a decision to the course of its person under a policy, whose probability of a message is a feature if it is named.
+    fn follow(
         &mut self,
         layout: &Layout,
         declaration: &EstimateDeclaration,
+        policy: (&TargetPolicy, Option<Feature>),
+        decision: &Decision,
+    ) -> Tried {
+        let (person, action) = (decision.episode as usize - 1, usize::from(decision.action));
+        let is_next = |last: &Made| last.person == person && last.step + 1 == decision.step;
+        let later = layout.outcome.filter(|_| !layout.is_own);
+        let last = self.made.last_mut().filter(|last| is_next(last));
+        if let (Some(index), Some(last)) = (later, last) {
+            last.outcome = decision.state[index];
+        }
+        let outcome = match (layout.outcome, layout.is_own) {
+            (None, _) => decision.reward_for(declaration),
+            (Some(index), true) => decision.state[index],
+            (Some(_), false) => f64::NAN,
+        };
+        let policy = self.policy_at(policy, decision);
+        let taken = match layout.recorded {
+            Some(index) => decision.state[index],
+            None => decision.probabilities[action],
+        };
+        let wanted = policy[action];
+        let ratio = match decision.can_send {
+            true if wanted == 0.0 => 0.0,
+            true => wanted / taken,
+            false => 1.0,
+        };
+        self.features.push(1.0);
+        self.features.extend(layout.control.iter().map(|one| one.of(decision)));
+        self.features.push(1.0);
+        self.features.extend(layout.moderators.iter().map(|one| one.of(decision)));
+        let Decision { step, can_send, terminated, .. } = *decision;
+        self.made.push(Made { person, step, action, can_send, ratio, outcome, terminated });
+        let tried = tried(layout, decision, &policy, taken);
+        self.policy.extend(policy);
+        tried
+    }
+
+    /// The probabilities of a policy at a decision, \[actions\].
+    fn policy_at(
+        &mut self,
+        (policy, feature): (&TargetPolicy, Option<Feature>),
         decision: &Decision,
     ) -> Vec<f64> {
         // Where nothing can be sent, the number of the state may be missing.
         if !decision.can_send {
             return (0..self.actions).map(|action| f64::from(u8::from(action == 0))).collect();
         }
-        match (&declaration.policy, layout.policy) {
-            (Some(policy), Some(feature)) => {
+        match (policy, feature) {
+            (_, Some(feature)) => {
                 let message = feature.of(decision);
                 if !(0.0..=1.0).contains(&message) && !message.is_nan() {
                     self.misfit.get_or_insert((decision.episode, decision.step, message));
                 }
                 policy.probabilities(self.actions, message).unwrap_or_default()
             }
-            (Some(TargetPolicy::Named(_)) | None, None) | (None, Some(_)) => {
-                decision.probabilities.to_vec()
-            }
-            (Some(policy), None) => policy.probabilities(self.actions, 0.0).unwrap_or_default(),
+            (TargetPolicy::Named(_), None) => decision.probabilities.to_vec(),
+            (_, None) => policy.probabilities(self.actions, 0.0).unwrap_or_default(),
         }
     }
 }

@@ -170,23 +170,23 @@ fn values_of_balanced_people_by_hand() {
     for found in both.values {
         assert!((found.value - (2.0 + 2.25) / 2.0).abs() < 1e-12, "{found:?}");
     }
-    assert_eq!((both.people, both.courses), (320, 320));
+    assert_eq!((both.people.len(), both.courses), (320, 320));
     // Weights of 1/(4p) for both decisions together: 4/3 of 3, 4 of 1, and 2/3 of 12, of 16.
     let squares = 3.0 * (16.0 / 9.0) + 16.0 + 12.0 * (4.0 / 9.0);
     assert!((both.effective_size - 20.0 * 256.0 / squares).abs() < 1e-9);
     // A single decision: 2, and the second outcome after the actions of the others: b is 1/2, a 1/4.
     let one = courses(1, all.clone()).value().unwrap();
-    for found in one.values {
+    for found in &one.values {
         assert!((found.value - (2.0 + 2.375) / 2.0).abs() < 1e-12, "{found:?}");
     }
     // The model explains the first outcome and most of the second.
-    assert!(one.values[2].standard_error < one.values[0].standard_error);
+    assert!(one.values[2].standard_error() < one.values[0].standard_error());
     // The mean of each person's two weighted outcomes, with the residuals over n - 1.
     let sums: Vec<f64> =
         all.chunks(2).map(|own| own.iter().map(|one| one.ratio * one.outcome).sum()).collect();
     let mean = sums.iter().sum::<f64>() / 640.0;
     let squares: f64 = sums.iter().map(|sum| (sum - 2.0 * mean).powi(2)).sum();
-    assert!((one.values[0].standard_error - squares.sqrt() / 638.0).abs() < 1e-12);
+    assert!((one.values[0].standard_error() - squares.sqrt() / 638.0).abs() < 1e-12);
 }
 
 #[test]
@@ -209,10 +209,10 @@ fn a_terminal_state_ends_a_course_and_a_cut_does_not_count() {
     };
     // Six people have two courses of 6, and those of six others end after one decision, with 3 each.
     let found = ended(true).unwrap();
-    assert_eq!((found.courses, found.people), (18, 12));
+    assert_eq!((found.courses, found.people.len()), (18, 12));
     assert!((found.values[0].value - (12.0 * 6.0 + 6.0 * 3.0) / 18.0).abs() < 1e-12);
     let found = ended(false).unwrap();
-    assert_eq!((found.courses, found.people), (12, 6));
+    assert_eq!((found.courses, found.people.len()), (12, 6));
     assert!((found.values[1].value - 6.0).abs() < 1e-12);
     // A terminal state ends no course that the person's stay would have cut.
     let mut cut = courses(
@@ -409,4 +409,74 @@ fn where_nothing_can_be_sent_a_policy_of_the_state_may_be_missing() {
     let named = effects(of(TargetPolicy::Named("share".to_owned())), &rows(f64::NAN));
     assert!(named.iter().all(Result::is_ok), "{named:?}");
     assert_eq!(named, effects(of(TargetPolicy::Message(0.75)), &rows(0.5)));
+}
+
+#[test]
+fn a_difference_of_two_policies_has_the_error_of_each_persons_difference() {
+    let rows: Vec<Decision> = (1..=30)
+        .flat_map(|person: u32| {
+            (0..4).map(move |step| {
+                let action = u8::from((person * person + 3 * step).is_multiple_of(3));
+                let one = decision(
+                    person,
+                    step,
+                    action,
+                    0.4,
+                    f64::from(person * (step + 1) % 7 + u32::from(action)),
+                );
+                // The number is missing before one decision, under the policy that is named.
+                let share = if person == 5 && step == 1 { f64::NAN } else { 0.5 };
+                Decision { state: [share, 0.0].into(), ..one }
+            })
+        })
+        .collect();
+    let of = |policy: TargetPolicy, against: Option<TargetPolicy>, steps: u32| {
+        let estimator = Estimator::Value;
+        let of = EstimateDeclaration {
+            estimator,
+            policy: Some(policy),
+            against,
+            steps,
+            ..declared(&[], &[], ANY)
+        };
+        effects(of, &rows).into_iter().map(Result::unwrap).collect::<Vec<_>>()
+    };
+    let (often, seldom) = (TargetPolicy::Message(0.7), TargetPolicy::Message(0.2));
+    for steps in [1, 2] {
+        let (one, other) = (of(often.clone(), None, steps), of(seldom.clone(), None, steps));
+        let both = of(often.clone(), Some(seldom.clone()), steps);
+        for ((one, other), both) in one.iter().zip(&other).zip(&both) {
+            assert_eq!(both.value, one.value - other.value);
+            let sizes = [one.effective_sample_size, other.effective_sample_size];
+            assert_eq!(
+                both.effective_sample_size,
+                sizes.into_iter().min_by(|a, b| a.unwrap().total_cmp(&b.unwrap())).unwrap()
+            );
+            // The same people, whose values go together.
+            assert!(both.standard_error < one.standard_error.hypot(other.standard_error));
+        }
+    }
+    // With weights, the difference is the mean of each decision's outcome times both weights' difference.
+    let weight = |decision: &Decision| if decision.action == 1 { 0.5 / 0.4 } else { -0.5 / 0.6 };
+    let sums: Vec<f64> =
+        rows.chunks(4).map(|own| own.iter().map(|one| weight(one) * one.reward).sum()).collect();
+    let value = sums.iter().sum::<f64>() / 120.0;
+    let squares: f64 = sums.iter().map(|sum| ((sum - 4.0 * value) / 116.0).powi(2)).sum();
+    let found = &of(often.clone(), Some(seldom.clone()), 1)[0];
+    assert!(
+        (found.value - value).abs() < 1e-12
+            && (found.standard_error - squares.sqrt()).abs() < 1e-12,
+        "{found:?}"
+    );
+    // A policy with a missing number has a decision less.
+    let named = TargetPolicy::Named("share".to_owned());
+    assert_eq!(of(often.clone(), Some(named), 1)[0].decisions, 119);
+    let same = EstimateDeclaration {
+        estimator: Estimator::Value,
+        policy: Some(often.clone()),
+        against: Some(often),
+        ..declared(&[], &[], ANY)
+    };
+    let why = effects(same, &rows)[0].clone().unwrap_err();
+    assert_eq!(why, "both policies have the same value for every person");
 }

@@ -56,11 +56,18 @@ pub(crate) struct Made {
     pub(crate) terminated: bool,
 }
 
-/// An estimate with its standard error.
-#[derive(Clone, Copy, Debug, PartialEq)]
+/// An estimate, and what each person adds to its error.
+#[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Valued {
     pub(crate) value: f64,
-    pub(crate) standard_error: f64,
+    /// \[people with courses\].
+    pub(crate) parts: Vec<f64>,
+}
+
+impl Valued {
+    pub(crate) fn standard_error(&self) -> f64 {
+        self.parts.iter().map(|part| part * part).sum::<f64>().sqrt()
+    }
 }
 
 /// The value of a policy.
@@ -68,14 +75,42 @@ pub(crate) struct Valued {
 pub(crate) struct Values {
     /// By inverse probability, self-normalised, and doubly robust.
     pub(crate) values: [Valued; 3],
-    /// The number of people with courses.
-    pub(crate) people: usize,
+    /// The people with courses, from 0.
+    pub(crate) people: Vec<usize>,
     /// The number of courses.
     pub(crate) courses: usize,
     /// The number of equally weighted courses that say as much.
     pub(crate) effective_size: f64,
     /// The standard deviation of an outcome under the policy.
     pub(crate) outcome_sd: f64,
+}
+
+impl Values {
+    /// The difference to the values of another policy, with errors of the differences of each person. The effective sample
+    /// size is the smaller one.
+    pub(crate) fn less(&self, other: &Values) -> Values {
+        let mut people = [&self.people[..], &other.people].concat();
+        people.sort_unstable();
+        people.dedup();
+        // A person without courses adds nothing to the error.
+        let part = |of: &Values, term: usize, person: &usize| {
+            of.people.binary_search(person).map_or(0.0, |index| of.values[term].parts[index])
+        };
+        let difference = |term: usize| Valued {
+            value: self.values[term].value - other.values[term].value,
+            parts: people
+                .iter()
+                .map(|one| part(self, term, one) - part(other, term, one))
+                .collect(),
+        };
+        Values {
+            values: [0, 1, 2].map(difference),
+            courses: self.courses.min(other.courses),
+            effective_size: self.effective_size.min(other.effective_size),
+            outcome_sd: self.outcome_sd,
+            people,
+        }
+    }
 }
 
 /// Why a value has no number.
@@ -238,17 +273,14 @@ impl Courses {
             });
             per_step(each.sum())
         });
-        let self_normalised = Valued {
-            value: per_step(means.iter().sum()),
-            standard_error: known(parts.map(|part| part * part).sum::<f64>().sqrt())?,
-        };
+        let self_normalised = known(per_step(means.iter().sum()), parts.collect())?;
         let robust = mean(&people, courses, &self.robust(&people))?;
         let spread = squared_outcomes.iter().zip(&weights).zip(&means);
         let spread =
             spread.map(|((square, weight), mean)| (square / weight - mean * mean).max(0.0));
         Ok(Values {
             values: [inverse_probability, self_normalised, robust],
-            people: people.len(),
+            people: people.iter().map(|own| own.person).collect(),
             courses: courses as usize,
             effective_size,
             outcome_sd: per_step(spread.sum()).sqrt(),
@@ -364,13 +396,11 @@ fn fitted(sums: &[f64], columns: usize, after: &[f64]) -> Vec<f64> {
 fn mean(people: &[OfPerson], courses: f64, sums: &[f64]) -> Result<Valued, NoValue> {
     let value = sums.iter().sum::<f64>() / courses;
     let parts = people.iter().zip(sums);
-    let squares = parts.map(|(own, sum)| {
-        let part = (sum - own.courses * value) / (courses - own.courses);
-        part * part
-    });
-    Ok(Valued { value, standard_error: known(squares.sum::<f64>().sqrt())? })
+    let parts = parts.map(|(own, sum)| (sum - own.courses * value) / (courses - own.courses));
+    known(value, parts.collect())
 }
 
-fn known(standard_error: f64) -> Result<f64, NoValue> {
-    if standard_error.is_finite() { Ok(standard_error) } else { Err(NoValue::Determined) }
+fn known(value: f64, parts: Vec<f64>) -> Result<Valued, NoValue> {
+    let valued = Valued { value, parts };
+    if valued.standard_error().is_finite() { Ok(valued) } else { Err(NoValue::Determined) }
 }

@@ -44,8 +44,8 @@ impl Estimator {
     /// Whether it uses a key of `[[estimate]]`.
     pub fn uses(self, key: &str) -> bool {
         match self {
-            Estimator::Wcls => !["policy", "steps"].contains(&key),
-            Estimator::Emee => !["policy", "steps", "standard_errors"].contains(&key),
+            Estimator::Wcls => !["policy", "against", "steps"].contains(&key),
+            Estimator::Emee => !["policy", "against", "steps", "standard_errors"].contains(&key),
             Estimator::Value => !["treatment", "numerator", "standard_errors"].contains(&key),
         }
     }
@@ -78,6 +78,9 @@ impl StandardErrors {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct EstimateDeclaration {
+    /// The policy whose value is subtracted; `None` for the value itself, and for an effect.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub against: Option<TargetPolicy>,
     /// The features of the model of the outcome without treatment, beside the constant 1.
     pub control: Vec<String>,
     /// How the effect is estimated.
@@ -157,7 +160,7 @@ impl TargetPolicy {
             }
             TargetPolicy::Actions(all) if all.len() == actions => Ok(all.clone()),
             TargetPolicy::Actions(all) => Err(format!(
-                "`policy` lists {}, and the environment has {}",
+                "lists {}, and the environment has {}",
                 counted(all.len(), "number"),
                 counted(actions, "action")
             )),
@@ -215,6 +218,12 @@ impl EstimateDeclaration {
                 None => error.to_string(),
             }
         })
+    }
+
+    /// The policies whose values are estimated, by their keys; none for an effect.
+    pub fn policies(&self) -> impl Iterator<Item = (&'static str, &TargetPolicy)> {
+        let against = self.against.iter().map(|policy| ("against", policy));
+        self.policy.iter().map(|policy| ("policy", policy)).chain(against)
     }
 
     /// Whether the outcome is a reward of the step.

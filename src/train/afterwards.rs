@@ -37,7 +37,8 @@ pub(super) fn attach(observers: &mut Observers, job: &Job, declared: &[Arc<Estim
     }
     let truths = declared.iter().filter(|declaration| declaration.truth);
     let truths: Vec<Truth<'_>> = truths.filter_map(|one| Truth::new(job, one)).collect();
-    let courses: Vec<PolicyCourses> = truths.iter().filter_map(|one| one.courses(job)).collect();
+    let courses: Vec<PolicyCourses> =
+        truths.iter().filter_map(|one| one.courses(job)).flatten().collect();
     let effects: Vec<&Truth<'_>> = truths.iter().filter(|one| !one.is_of_value()).collect();
     if !effects.is_empty() {
         let outcomes = distinct(effects.into_iter().map(Truth::outcome));

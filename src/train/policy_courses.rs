@@ -6,7 +6,7 @@
 use crate::agent::Rewards;
 use crate::env::{Action, EpisodeStatus, Simulated, Simulation, VectorEnvironment};
 use crate::estimate::Feature;
-use crate::job::{Decision, EstimateDeclaration, Job, TargetPolicy};
+use crate::job::{Decision, Job, TargetPolicy};
 use crate::rng::{Purpose, Stream};
 use crate::state::resumable;
 use crate::train::decision_log::DecisionObserver;
@@ -46,15 +46,14 @@ impl PolicyCourses {
     /// people do not have: the agent's own, or a number of the trial beside the state of people.
     pub(super) fn new(
         job: &Job,
-        declaration: &EstimateDeclaration,
+        steps: u32,
         outcome: ProximalOutcome,
-        feature: Option<Feature>,
+        (policy, feature): (&TargetPolicy, Option<Feature>),
     ) -> Option<PolicyCourses> {
         let actions = job.task().interface().actions;
-        let policy = declaration.policy.clone()?;
         policy.probabilities(actions, 0.5).ok()?;
         let of_person = job.environment.state_names().len();
-        let is_known = match (&policy, feature) {
+        let is_known = match (policy, feature) {
             (TargetPolicy::Named(_), None) => false,
             (_, Some(Feature::State(index))) => index < of_person,
             (_, Some(Feature::Step) | None) => true,
@@ -63,10 +62,10 @@ impl PolicyCourses {
         let trial = job.trial.as_ref()?;
         Some(PolicyCourses {
             outcome,
-            policy,
+            policy: policy.clone(),
             feature,
             actions,
-            steps: declaration.steps,
+            steps,
             seed: job.seed,
             per_day: trial.decisions_per_day,
             stays: Study::new(trial, job.seed).stay_lengths(),

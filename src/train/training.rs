@@ -511,6 +511,7 @@ mod tests {
 
     fn estimate(name: &str, outcome: &str, errors: StandardErrors) -> Arc<EstimateDeclaration> {
         Arc::new(EstimateDeclaration {
+            against: None,
             control: Vec::new(),
             less_costs: false,
             estimator: Estimator::Wcls,

@@ -58,9 +58,13 @@ impl<'d> Truth<'d> {
             Estimator::Wcls => {}
             Estimator::Emee => return self.relative_risks(observed),
             Estimator::Value => {
-                let wanted = self.courses(job)?;
-                let courses = observed.courses.iter().find(|known| known.equals(&wanted))?;
-                return Some(vec![courses.value(&observed.decisions)?; VALUE_TERMS.len()]);
+                let value = |wanted: &PolicyCourses| {
+                    let known = observed.courses.iter().find(|known| known.equals(wanted))?;
+                    known.value(&observed.decisions)
+                };
+                let values = self.courses(job)?.iter().map(value).collect::<Option<Vec<_>>>()?;
+                let difference = values.first()? - values.get(1).unwrap_or(&0.0);
+                return Some(vec![difference; VALUE_TERMS.len()]);
             }
         }
         let mut sums = self.sums();
@@ -74,11 +78,13 @@ impl<'d> Truth<'d> {
         self.declaration.estimator == Estimator::Value
     }
 
-    /// The courses of its policy, before the first; `None` for an effect.
-    pub(super) fn courses(&self, job: &Job) -> Option<PolicyCourses> {
-        let policy = self.layout.policy;
-        PolicyCourses::new(job, self.declaration, self.outcome(), policy)
-            .filter(|_| self.is_of_value())
+    /// The courses of each of its policies, before the first; `None` for an effect, and where one has none.
+    pub(super) fn courses(&self, job: &Job) -> Option<Vec<PolicyCourses>> {
+        let policies = self.declaration.policies().zip(&self.layout.policies);
+        let courses = policies.map(|((_, policy), feature)| {
+            PolicyCourses::new(job, self.declaration.steps, self.outcome(), (policy, *feature))
+        });
+        self.is_of_value().then(|| courses.collect())?
     }
 
     /// The coefficients β of each treatment with Σ f (exp(−f'β) Y₁ − Y₀) = 0 over decisions. They are those of pairs of rows,
@@ -263,6 +269,7 @@ mod tests {
             numerator: 0.5,
             outcome: REWARD.to_owned(),
             policy: None,
+            against: None,
             standard_errors: StandardErrors::Nominal,
             steps: 1,
             treatment,
@@ -468,20 +475,24 @@ mod tests {
     #[test]
     fn the_value_of_a_policy_by_hand() {
         // With a message at every decision, as in the first test; and one decision after those of the trial's own rule.
-        let value = |rule, steps: u32, policy: Vec<f64>| {
+        let less = |rule, steps: u32, policy: Vec<f64>, against: Option<Vec<f64>>| {
             let of = EstimateDeclaration {
                 estimator: Estimator::Value,
                 policy: Some(TargetPolicy::Actions(policy)),
+                against: against.map(TargetPolicy::Actions),
                 steps,
                 ..estimate(ANY, &[])
             };
             let job = job(simple(6), rule, trial(4, 6));
             let truth = Truth::new(&job, &of).unwrap();
-            let courses = vec![truth.courses(&job).unwrap()];
+            let courses = truth.courses(&job).unwrap();
             let observed = play(&job, |observers| observers.follow(&job, courses), &|| false);
             truth.coefficients(&job, &observed.unwrap()).unwrap()
         };
+        let value = |rule, steps: u32, policy: Vec<f64>| less(rule, steps, policy, None);
         let never = || rule(DecisionRule::Never);
+        let nothing = vec![1.0, 0.0, 0.0, 0.0];
+        assert_eq!(less(never(), 2, nothing, Some(vec![0.0, 1.0, 0.0, 0.0])), [-52.0; 3]);
         assert_eq!(value(never(), 6, vec![0.0, 1.0, 0.0, 0.0]), [36.0; 3]);
         assert_eq!(value(never(), 2, vec![0.0, 1.0, 0.0, 0.0]), [52.0; 3]);
         let untailored = || rule(DecisionRule::Untailored);

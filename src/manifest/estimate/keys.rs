@@ -53,6 +53,8 @@ fields! {
         /// the policy whose value is estimated: the probability of a message, which several messages share equally; a list of
         /// the probabilities of all actions; a number of the recorded state that is the probability of a message; or "agent"
         policy: Option<TargetPolicy>;
+        /// another such policy, whose value is subtracted: the estimate is the difference of both
+        against: Option<TargetPolicy>;
         /// consecutive decisions that the policy makes; the value is their mean outcome
         steps: u32 = 1, in Kind::Integer { min: 1, max: 1000 };
         /// whether standard errors account for an agent that learned from everybody

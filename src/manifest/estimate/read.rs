@@ -139,12 +139,13 @@ impl Checked<'_> {
 
     /// Reports a policy with other actions than the environment has.
     fn policy(&self, job: &Job, faults: &mut FaultList) {
-        let policy = self.estimate.estimate.declaration.policy.as_ref();
-        let Some(policy) = policy.filter(|_| !job.environment.family().is_external()) else {
-            return;
-        };
-        if let Err(why) = policy.probabilities(job.task().interface().actions, 0.5) {
-            let fault = Fault::at(self.estimate.span_of("policy"), why);
+        let declaration = &self.estimate.estimate.declaration;
+        let policies = declaration.policies().filter(|_| !job.environment.family().is_external());
+        for (key, policy) in policies {
+            let Err(why) = policy.probabilities(job.task().interface().actions, 0.5) else {
+                continue;
+            };
+            let fault = Fault::at(self.estimate.span_of(key), format!("`{key}` {why}"));
             let actions = (0..).zip(job.environment.actions());
             let actions = actions.map(|(number, meaning)| format!("{number}: {meaning}"));
             let actions = actions.collect::<Vec<_>>().join(", ");
@@ -198,7 +199,8 @@ impl Checked<'_> {
             }),
             false => None,
         };
-        let is_agent = declaration.policy == Some(TargetPolicy::Named(AGENT.to_owned()));
+        let agent = TargetPolicy::Named(AGENT.to_owned());
+        let is_agent = declaration.policies().any(|(_, policy)| *policy == agent);
         let of_agent = (is_agent && declaration.truth)
             .then_some("the value of the agent's own policy is the mean outcome of its trial");
         let reason = reason.or(of_agent);
@@ -230,8 +232,10 @@ impl Checked<'_> {
         let lists = [("control", &declaration.control), ("moderators", &declaration.moderators)];
         let features =
             lists.into_iter().flat_map(|(key, list)| list.iter().map(move |one| (key, one)));
-        let policy = declaration.policy.as_ref().and_then(TargetPolicy::feature).map(str::to_owned);
-        let features = features.chain(policy.iter().map(|name| ("policy", name)));
+        let named = declaration.policies();
+        let named: Vec<(&str, String)> =
+            named.filter_map(|(key, one)| Some((key, one.feature()?.to_owned()))).collect();
+        let features = features.chain(named.iter().map(|(key, name)| (*key, name)));
         let late = |name: &String| {
             names.iter().position(|known| known == name).is_some_and(|index| names.is_late(index))
         };
@@ -295,7 +299,8 @@ impl Checked<'_> {
                 Estimator::Wcls => sums,
                 Estimator::Emee => sums + decisions * (columns + OF_DECISION),
                 Estimator::Value => {
-                    each_step + decisions * ((controls + terms) as u64 + OF_DECISION)
+                    let own = each_step + decisions * ((controls + terms) as u64 + OF_DECISION);
+                    own * declaration.policies().count() as u64
                 }
             }
         };
@@ -307,8 +312,14 @@ impl Checked<'_> {
             let message = format!(
                 "the estimates hold {numbers} numbers of {people} people in memory; the maximum is {MOST_NUMBERS}"
             );
-            let help =
-                "use fewer features, fewer people, fewer `steps`, or a smaller `test_episodes`";
+            let help = match job.environment.family() == &recorded::FAMILY {
+                true => {
+                    "use fewer features or fewer `steps`, or declare the estimates in several manifests, which share the job"
+                }
+                false => {
+                    "use fewer features, fewer people, fewer `steps`, or a smaller `test_episodes`"
+                }
+            };
             faults.add(Fault::at(self.estimate.span, message).help(help));
         }
     }
