@@ -118,7 +118,7 @@ fn residuals_are_replayed() {
 fn faults_of_data_say_where_they_are_all_at_once() {
     let good = data();
     let with = |from: &str, to: &str| good.replacen(from, to, 1);
-    let cases: [(String, &[&str]); 17] = [
+    let cases: [(String, &[&str]); 20] = [
         (with("ann,1,0,0,0.4,1,20", "ann,1,0,0,0.4,1,many"), &["line 2", "`walked`", "`many`"]),
         (with("ann,1,0,0,0.4,1,20", "ann,1,0,0,0.4,1,\"20,5\""), &["line 2", "point, not a comma"]),
         (with("ann,1,0,0,0.4,1,20", "ann,2024-01-03,0,0,0.4,1,20"), &["line 2", "a date or time"]),
@@ -133,6 +133,14 @@ fn faults_of_data_say_where_they_are_all_at_once() {
         (with("ann,1,0,0,0.4,1,20", "ann,1,0,0,0.4,2,20"), &["available is 2"]),
         (with("ann,1,0,0,0.4,1,20", "ann,1,0,0,0.4,1"), &["line 2: 6 fields, and line 1 has 7"]),
         (good.replace(',', ";"), &["separated by semicolons"]),
+        (
+            good.replace("0.4", "40"),
+            &[
+                "is 40, expected a number from 0 to 1; for percentages, write probability = \"p / 100\"",
+            ],
+        ),
+        (with("bob,1,0", "\"bob,1,0"), &["line 14: a quote opens here"]),
+        (good.replacen(HEADER, "", 1), &["line 1: numbers, where the names of columns"]),
         (HEADER.to_owned(), &["at least one row"]),
         (String::new(), &["the file is empty"]),
         (

@@ -468,6 +468,51 @@ fn what_a_recorded_trial_cannot_have_is_refused() {
 }
 
 #[test]
+fn files_as_spreadsheets_and_r_write_them_are_read_or_explained() {
+    let folder = small("");
+    let percent = "expected a number from 0 to 1; for percentages, write probability = \"p / 100\"";
+    for (broken, said) in [
+        (
+            SMALL.replacen("ann,0,3,1", "ann,0,3,yes", 1),
+            "line 2: column `sent` has `yes`, expected a number; write 1 for yes and 0 for no in the file",
+        ),
+        (SMALL.replace("0.6", "60"), &*format!("line 2: `probability` is 60, {percent}")),
+        (SMALL.replace("0.6", "60 %"), "line 2: column `p` has `60 %`, expected a number without"),
+        (SMALL.replacen("ann,2", "\"ann,2", 1), "line 4: a quote opens here, and none closes it"),
+        (SMALL.replacen(",55", ",\"55", 1), "line 4: a quote opens here, and none closes it"),
+        (SMALL.replacen("id,", "\"id,", 1), "line 1: a quote opens here, and none closes it"),
+        (
+            SMALL.replacen("ann,2", "\"ann,2", 1).replacen("bob,0", "\"bob\",0", 1),
+            "line 4: the name of the person has a line break; a quote that opens in this line closes in a later one",
+        ),
+        (
+            SMALL.replacen(",55", ",\"55", 1).replacen("bob,0", "\"bob\",0", 1),
+            "line 4: 13 fields, and line 1 has 7; a quote that opens in this line closes in a later one",
+        ),
+        (
+            SMALL.lines().skip(1).map(|line| format!("{line}\n")).collect(),
+            "line 1: numbers, where the names of columns are expected: add a first line with the names",
+        ),
+    ] {
+        folder.write("trial.csv", broken);
+        let found = folder.jitai(["check", "m.toml"]).ended(2).says(said);
+        let follows = ["with the probability 0", "listed twice", "no column"];
+        assert!(follows.iter().all(|of| !found.stderr.contains(of)), "{}", found.stderr);
+    }
+    // One value between 0 and 1 is a share.
+    folder.write("trial.csv", SMALL.replace("0.6", "60").replacen("60", "0.6", 1));
+    let found = folder.jitai(["check", "m.toml"]).ended(2).says("`probability` is 60");
+    assert!(!found.stderr.contains("percentages"), "{}", found.stderr);
+    folder.write("trial.csv", SMALL.replace("0.6", "60"));
+    let text = folder.read("m.toml");
+    folder.write("m.toml", text.replace("\"p\"", "\"p / 100\""));
+    folder.jitai(["check", "m.toml"]).succeeded();
+    folder.write("m.toml", &text);
+    folder.write("trial.csv", SMALL.replace(",1,0.6", ",T,0.6").replace(",0,0.6", ",F,0.6"));
+    folder.jitai(["check", "m.toml"]).succeeded().says("8 decisions of 2 people are used");
+}
+
+#[test]
 fn a_replay_is_no_trial_and_is_written_out_as_it_is_read() {
     let rule = "[[agent]]\nname = \"chance\"\nalgorithm = \"rule\"\nrule = \"random\"\n";
     let folder = small(&format!("calendar_day = \"day\"\n[trial]\n{rule}"));

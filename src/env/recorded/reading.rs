@@ -63,6 +63,11 @@ struct KeyReader<'h> {
 }
 
 impl KeyReader<'_> {
+    /// The faults, or that of a file without names.
+    fn into_faults(self) -> LogFaults {
+        self.header.lacks_names().map_or(LogFaults::Keys(self.faults), LogFaults::File)
+    }
+
     fn fault(&mut self, key: &'static str, fault: Fault) {
         self.faults.push((key, fault));
     }
@@ -130,10 +135,10 @@ impl LogColumns {
         let found = (person, action, outcome, available, reached);
         let (Some(person), Some(action), Some(outcome), Some(available), Some(reached)) = found
         else {
-            return Err(LogFaults::Keys(reader.faults));
+            return Err(reader.into_faults());
         };
         if !reader.faults.is_empty() {
-            return Err(LogFaults::Keys(reader.faults));
+            return Err(reader.into_faults());
         }
         Ok(LogColumns {
             person,
@@ -219,6 +224,8 @@ impl<'a> Building<'a> {
         table: &'a RecordedRows,
         calendar: Calendar,
     ) -> Building<'a> {
+    /// What to write if probabilities are percentages; empty if they are not.
+    percentages: String,
         let (decisions, actions) = (calendar.rows.len(), columns.probability.len() + 1);
         let people = calendar.people.iter().map(|person| LogPerson {
             name: person.name.clone(),
@@ -244,7 +251,11 @@ impl<'a> Building<'a> {
         };
         let (left_out, faults) = Default::default();
         let has_day = vec![false; log.people.len()];
-        Building { columns, table, calendar, log, left_out, has_day, faults }
+        let chances = (0..table.lines.len())
+            .flat_map(|row| columns.probability.iter().map(move |one| one.value(table, row, 0)));
+        let written = parts(&of.probability);
+        let percentages = table.header.percentages(written.first().unwrap_or(&""), chances);
+        Building { columns, table, calendar, log, left_out, percentages, has_day, faults }
     }
 
     fn fill(&mut self) {
@@ -363,8 +374,14 @@ impl<'a> Building<'a> {
     /// Checks the probabilities of an available decision.
     fn chances(&mut self, decision: usize, row: usize, chances: &[f64], is_action: bool) {
         let line = self.line(row);
-        for p in chances.iter().filter(|p| !(p.is_nan() || (0.0..=1.0).contains(*p))) {
-            self.faults.add(format!("{line}: `probability` is {p}, expected a number from 0 to 1"));
+        let is_broken = |p: &&f64| !(p.is_nan() || (0.0..=1.0).contains(*p));
+        for p in chances.iter().filter(is_broken) {
+            let help = &self.percentages;
+            self.faults
+                .add(format!("{line}: `probability` is {p}, expected a number from 0 to 1{help}"));
+        }
+        if chances.iter().any(|p| is_broken(&p)) {
+            return;
         }
         let sum: f64 = chances.iter().sum();
         if chances.len() > 1 && sum > 1.0 + ROUNDING {

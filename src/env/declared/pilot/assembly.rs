@@ -163,7 +163,9 @@ impl<'a> Assembly<'a> {
         let mut action = action.unwrap_or_else(|| vec![0.0; decisions]);
         let available = available.unwrap_or_else(unknown);
         let count = self.model.actions.len() as f64;
-        let mut certain = 0;
+        let (mut certain, mut first_certain) = (0, 0);
+        let written = self.section.probability.first().map_or("", |one| &one.text);
+        let help = self.table.header.percentages(written, probability.iter().copied());
         for decision in (0..decisions).filter(|one| self.calendar.rows[*one] != SKIPPED) {
             let (taken, p, is_available) =
                 (action[decision], probability[decision], available[decision]);
@@ -184,14 +186,20 @@ impl<'a> Assembly<'a> {
                 ));
             }
             if !p.is_nan() && !(0.0..=1.0).contains(&p) {
-                self.faults
-                    .add(format!("{line}the probability is {p}, expected a number from 0 to 1"));
+                self.faults.add(format!(
+                    "{line}the probability is {p}, expected a number from 0 to 1{help}"
+                ));
             }
-            certain += usize::from((p == 0.0 || p == 1.0) && is_available != 0.0);
+            if (p == 0.0 || p == 1.0) && is_available != 0.0 {
+                let row = self.calendar.rows[decision] as usize;
+                first_certain = if certain == 0 { self.table.lines[row] } else { first_certain };
+                certain += 1;
+            }
         }
         if certain > 0 {
             self.notes.push(format!(
-                "{certain} decisions have the probability 0 or 1: they say nothing about the effect"
+                "{certain} decisions have the probability 0 or 1, the first in line {first_certain}: they say nothing about \
+                 the effect"
             ));
         }
         let first = action.iter().find(|action| !action.is_nan());

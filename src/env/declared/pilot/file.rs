@@ -161,6 +161,29 @@ impl Header {
 
     pub fn names(&self) -> &[String] {
         &self.names
+    /// The fault of a file whose first line is a row of data; `None` if most of its fields are no numbers.
+    pub fn lacks_names(&self) -> Option<DataFaults> {
+        let numbers = self.names.iter().filter(|name| name.parse::<f64>().is_ok()).count();
+        (2 * numbers > self.names.len()).then(|| {
+            let mut faults = DataFaults::default();
+            faults.add("line 1: numbers, where the names of columns are expected: add a first line with the names");
+            faults
+        })
+    }
+
+    /// What to write in the place of this column of probabilities, if all have values that percentages have and none lies
+    /// between 0 and 1; empty otherwise.
+    pub fn percentages(&self, written: &str, mut values: impl Iterator<Item = f64>) -> String {
+        if !values.all(|p| p.is_nan() || p == 0.0 || (1.0..=100.0).contains(&p)) {
+            return String::new();
+        }
+        let own = self.column(written).map(|index| self.words[index].clone());
+        format!(
+            "; for percentages, write probability = \"{} / 100\"",
+            own.unwrap_or(format!("({written})"))
+        )
+    }
+
     }
 
     pub fn name(&self, index: usize) -> &str {
@@ -223,12 +246,14 @@ impl RecordedRows {
 /// The header of a file.
 ///
 /// **Errors**: it has none, two columns of one name, or fields that other signs separate.
-pub(in crate::env) fn header(reader: &mut csv::Reader<impl Read>) -> Result<Header, DataFaults> {
+pub(in crate::env) fn header(
+    reader: &mut csv::Reader<LineEnds<impl Read>>,
+) -> Result<Header, DataFaults> {
     let mut faults = DataFaults::default();
     let names = match reader.headers() {
         Ok(names) => names.clone(),
         Err(error) => {
-            faults.add(broken(&error));
+            faults.add(broken(&error, &csv::StringRecord::new()));
             return Err(faults);
         }
     };
@@ -255,12 +280,15 @@ pub(in crate::env) fn header(reader: &mut csv::Reader<impl Read>) -> Result<Head
             faults.add(format!("line 1: column `{}` is listed twice", shortened(name)));
         }
     }
-    if faults.is_empty() { Ok(Header::new(&names)) } else { Err(faults) }
+    let header = Header::new(&names);
+    // A name that is listed twice is a number of a row, if there are no names.
+    if faults.is_empty() { Ok(header) } else { Err(header.lacks_names().unwrap_or(faults)) }
 }
 
 /// A reader of a CSV file.
 pub(in crate::env) fn reader<R: Read>(from: R) -> csv::Reader<LineEnds<R>> {
-    let from = LineEnds { from: BufReader::with_capacity(1 << 16, from), held: false };
+    let from = BufReader::with_capacity(1 << 16, from);
+    let from = LineEnds { from, held: false, has_odd_quotes: false, is_over: false };
     csv::ReaderBuilder::new().trim(csv::Trim::All).from_reader(from)
 }
 
@@ -280,6 +308,9 @@ impl<R: Read> Read for LineEnds<R> {
                 if std::mem::take(&mut self.held) {
                     (out[0], written) = (b'\r', 1);
                 }
+    if let Some(open) = reader.get_ref().open_quote(&names, 1) {
+        return Err(open);
+    }
                 return Ok(written);
             }
             let mut used = 0;
@@ -303,12 +334,33 @@ impl<R: Read> Read for LineEnds<R> {
     }
 }
 
-fn broken(error: &csv::Error) -> String {
+/// What is wrong with a record; of a row with another number of fields, the fields are known.
+fn broken(error: &csv::Error, fields: &csv::StringRecord) -> String {
     let line = error.position().map_or(1, csv::Position::line);
     match error.kind() {
         csv::ErrorKind::UnequalLengths { expected_len, len, .. } => {
-            format!("line {line}: {len} fields, and line 1 has {expected_len}")
+            let quote = if fields.iter().any(is_long) { LATE_QUOTE } else { "" };
+            format!("line {line}: {len} fields, and line 1 has {expected_len}{quote}")
         }
+    /// Whether the number of quotes so far is odd.
+    has_odd_quotes: bool,
+    /// Whether all was read.
+    is_over: bool,
+}
+
+impl<R> LineEnds<R> {
+    /// The fault of a record whose last field goes on to the end of the file, because nothing closes its quote.
+    fn open_quote(&self, last: &csv::StringRecord, line: u64) -> Option<DataFaults> {
+        let is_open =
+            self.is_over && self.has_odd_quotes && last.iter().next_back().is_some_and(is_long);
+        is_open.then(|| {
+            let mut faults = DataFaults::default();
+            faults.add(format!(
+                "line {line}: a quote opens here, and none closes it: remove it or close it"
+            ));
+            faults
+        })
+    }
         csv::ErrorKind::Utf8 { .. } => {
             format!("line {line}: not in UTF-8: save the file as UTF-8")
         }
@@ -320,7 +372,8 @@ fn broken(error: &csv::Error) -> String {
 ///
 /// **Errors**: every fault of the rows.
 pub(in crate::env) fn rows(
-    reader: &mut csv::Reader<impl Read>,
+                self.is_over = true;
+    reader: &mut csv::Reader<LineEnds<impl Read>>,
     header: Header,
     person: impl Into<Option<usize>>,
     used: &[usize],
@@ -339,15 +392,22 @@ pub(in crate::env) fn rows(
         lines: Vec::new(),
     };
     let mut known: HashMap<String, u32> = HashMap::new();
+        let quotes = out[..written].iter().filter(|byte| **byte == b'"').count();
+        self.has_odd_quotes ^= quotes % 2 == 1;
     let mut record = csv::StringRecord::new();
     let most = MOST_NUMBERS / used.len().max(1);
     loop {
-        match reader.read_record(&mut record) {
+        let read = reader.read_record(&mut record);
+        let line = record.position().map_or(0, csv::Position::line);
+        if let Some(open) = reader.get_ref().open_quote(&record, line) {
+            return Err(open);
+        }
+        match read {
             Ok(true) => {}
             Ok(false) => break,
             Err(error) => {
                 let is_row = matches!(error.kind(), csv::ErrorKind::UnequalLengths { .. });
-                faults.add(broken(&error));
+                faults.add(broken(&error, &record));
                 if is_row {
                     continue;
                 }
@@ -361,7 +421,6 @@ pub(in crate::env) fn rows(
         if table.person.len().is_multiple_of(65_536) && stop() {
             break;
         }
-        let line = record.position().map_or(0, csv::Position::line);
         let name = person.map_or("", |person| &record[person]);
         if let Some(person) = person.filter(|_| name.is_empty()) {
             let column = table.header.name(person);
@@ -407,10 +466,14 @@ fn number(written: &str) -> Result<f64, &'static str> {
     if MISSING.contains(&written) {
         return Ok(f64::NAN);
     }
+        if is_long(name) {
+            faults.add(format!("line {line}: the name of the person has a line break{LATE_QUOTE}"));
+        }
     let is_like = |text: &str| text.parse::<f64>().is_ok();
     Err(match written {
-        "TRUE" | "True" | "true" => return Ok(1.0),
-        "FALSE" | "False" | "false" => return Ok(0.0),
+        "TRUE" | "True" | "true" | "T" => return Ok(1.0),
+        "FALSE" | "False" | "false" | "F" => return Ok(0.0),
+        text if is_long(text) => LATE_QUOTE,
         text if text.contains(',') && is_like(&text.replacen(',', ".", 1)) => {
             " with a point, not a comma"
         }
@@ -419,7 +482,7 @@ fn number(written: &str) -> Result<f64, &'static str> {
         {
             "; a date or time must become a number, such as the day of the study"
         }
-        _ => "; leave the field empty where it is missing",
+        _ => "; leave the field empty where it is missing, and write a number for each word",
     })
 }
 
@@ -437,6 +500,13 @@ mod tests {
         assert!(number("often").unwrap_err().contains("empty"));
         assert!(number("inf").is_err());
     }
+/// What is said of a field with a line break.
+const LATE_QUOTE: &str = "; a quote that opens in this line closes in a later one";
+
+fn is_long(field: &str) -> bool {
+    field.contains('\n')
+}
+
 
     #[test]
     fn a_header_says_what_separates_its_fields() {
@@ -450,3 +520,9 @@ mod tests {
         assert_eq!(said("id,\"a;b\",c\n"), None);
     }
 }
+        text if ["yes", "no", "y", "n"].contains(&&*text.to_lowercase()) => {
+            "; write 1 for yes and 0 for no in the file"
+        }
+        text if text.strip_suffix('%').is_some_and(|number| is_like(number.trim())) => {
+            " without a sign for percent; 60 % as a probability is 0.6"
+        }
