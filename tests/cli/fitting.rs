@@ -233,6 +233,9 @@ fn what_the_data_do_not_say_is_said_with_counts() {
     // A missing value, a gap, a person with one row, and one with equal values.
     let mut text = data().replacen("ann,1,0,0,0.4,1,20", "ann,1,0,0,0.4,1,", 1);
     text = text.replacen("bob,3,0,", "bob,30,0,", 1);
+    // A code for a missing number.
+    text = text.replacen("ann,2,0,0,0.4,1,24", "ann,2,0,0,0.4,1,-99", 1);
+    text = text.replacen("ann,4,0,0,0.4,1,21", "ann,4,0,0,0.4,1,-99", 1);
     text += "cid,1,0,0,0.4,1,7\n";
     for decision in 0..12 {
         writeln!(text, "dee,{},{},{},1,1,9", decision / 2, decision % 2, decision % 3 % 2).unwrap();
@@ -241,8 +244,9 @@ fn what_the_data_do_not_say_is_said_with_counts() {
     let finished = folder.jitai(FIT).succeeded();
     for words in [
         "decisions of 1 people are no rows of the file",
-        "12 decisions have the probability 0 or 1",
-        "1 without a value",
+        "12 decisions have the probability 0 or 1, the first in line 27: they say",
+        "`walked` is -99 in 2 rows, the first in line 4, which looks like a code",
+        "1 without a value (the first in line 2) and 0 without a feature left out",
         "not more rows than coefficients: not estimated: cid",
         "all values are equal: cid, dee",
     ] {

@@ -513,6 +513,36 @@ fn files_as_spreadsheets_and_r_write_them_are_read_or_explained() {
 }
 
 #[test]
+fn what_is_left_out_or_looks_like_a_code_is_said_with_its_first_line() {
+    let folder = small("reached = \"day < 6\"\n");
+    let broken = [
+        ("ann,1,3,0", "ann,1,3,NA"),
+        ("ann,3,4,1,0.6", "ann,3,4,1,"),
+        ("0.6,0,55", "0.6,0,0"),
+        ("0.6,34,", "0.6,-99,"),
+        ("0.6,8,", "0.6,-99,"),
+    ];
+    let file = broken.iter().fold(SMALL.to_owned(), |text, (one, by)| text.replacen(one, by, 1));
+    folder.write("trial.csv", file);
+    let code = "`before` is -99 in 2 rows, the first in line 6, which looks like a code for a missing number: write \
+                \"if(before == -99, missing, before)\"";
+    folder
+        .jitai(["check", "m.toml"])
+        .succeeded()
+        .says("1 decisions have no action and are left out, the first in line 3")
+        .says("1 decisions have no probability and are left out, the first in line 5")
+        .says("1 decisions have no outcome and are left out, the first in line 4")
+        .says("2 decisions have an outcome that did not reach the agent of the trial, the first in line 8")
+        .says(code);
+    let text = folder.read("m.toml");
+    let missing = "{ before = \"if(before == -99, missing, before)\" }";
+    folder.write("m.toml", text.replace("{ before = \"before\" }", missing));
+    let found = folder.jitai(["check", "m.toml"]).succeeded();
+    let found = found.says("3 decisions have no `before`, the first in line 3");
+    assert!(!found.stderr.contains("looks like"), "{}", found.stderr);
+}
+
+#[test]
 fn a_replay_is_no_trial_and_is_written_out_as_it_is_read() {
     let rule = "[[agent]]\nname = \"chance\"\nalgorithm = \"rule\"\nrule = \"random\"\n";
     let folder = small(&format!("calendar_day = \"day\"\n[trial]\n{rule}"));

@@ -153,12 +153,16 @@ impl LogColumns {
         })
     }
 
-    /// The columns of the file that are read as numbers.
-    fn used(&self) -> Vec<usize> {
+    fn formulas(&self) -> Vec<&ColumnFormula> {
         let one = [&self.action, &self.available, &self.reached, &self.outcome];
         let lists = self.order.iter().chain(&self.probability).chain(&self.calendar_day);
         let state = self.state.iter().map(|(_, formula)| formula);
-        one.into_iter().chain(lists).chain(state).flat_map(ColumnFormula::columns).collect()
+        one.into_iter().chain(lists).chain(state).collect()
+    }
+
+    /// The columns of the file that are read as numbers.
+    fn used(&self) -> Vec<usize> {
+        self.formulas().into_iter().flat_map(ColumnFormula::columns).collect()
     }
 }
 
@@ -198,11 +202,19 @@ impl RecordedLog {
 /// The numbers of decisions that are left out, by reason.
 #[derive(Default)]
 struct LeftOut {
-    without_action: u64,
-    without_probability: u64,
-    without_outcome: u64,
-    unreached: u64,
-    certain: u64,
+    without_action: FirstLine,
+    without_probability: FirstLine,
+    without_outcome: FirstLine,
+    unreached: FirstLine,
+    certain: FirstLine,
+}
+
+/// A number of decisions, and the line of the first.
+type FirstLine = (u64, u32);
+
+fn count((count, first): &mut FirstLine, line: u32) {
+    *first = if *count == 0 { line } else { *first };
+    *count += 1;
 }
 
 /// A log while it is filled.
@@ -212,6 +224,8 @@ struct Building<'a> {
     calendar: Calendar,
     log: RecordedLog,
     left_out: LeftOut,
+    /// What to write if probabilities are percentages; empty if they are not.
+    percentages: String,
     /// \[people\]: whether a row with a day of the calendar was read.
     has_day: Vec<bool>,
     faults: DataFaults,
@@ -224,8 +238,6 @@ impl<'a> Building<'a> {
         table: &'a RecordedRows,
         calendar: Calendar,
     ) -> Building<'a> {
-    /// What to write if probabilities are percentages; empty if they are not.
-    percentages: String,
         let (decisions, actions) = (calendar.rows.len(), columns.probability.len() + 1);
         let people = calendar.people.iter().map(|person| LogPerson {
             name: person.name.clone(),
@@ -296,12 +308,9 @@ impl<'a> Building<'a> {
         let (action, outcome) = (value(&columns.action), value(&columns.outcome));
         let chances: Vec<f64> = columns.probability.iter().map(value).collect();
         let state: Vec<f64> = columns.state.iter().map(|(_, formula)| value(formula)).collect();
-        for ((count, line), _) in
-            self.log.lacking.iter_mut().zip(&state).filter(|(_, number)| number.is_nan())
-        {
-            *line = if *count == 0 { self.table.lines[row] } else { *line };
-            *count += 1;
-        }
+        let line = self.table.lines[row];
+        let lacking = self.log.lacking.iter_mut().zip(&state);
+        lacking.filter(|(_, number)| number.is_nan()).for_each(|(one, _)| count(one, line));
         let named = columns.state.iter().map(|(name, _)| name.as_str()).zip(state.iter().copied());
         for (name, number) in named.chain([("outcome", outcome)]) {
             if number.abs() > LARGEST {
@@ -336,16 +345,20 @@ impl<'a> Building<'a> {
         let is_known = chances.iter().all(|p| !p.is_nan()) || !is_available;
         self.log.is_drawn[decision] = is_available && is_action && is_known;
         match (is_action, is_known, outcome.is_nan()) {
-            (false, ..) => left_out.without_action += 1,
-            (true, false, _) => left_out.without_probability += 1,
-            (true, true, true) => left_out.without_outcome += 1,
+            (false, ..) => count(&mut left_out.without_action, line),
+            (true, false, _) => count(&mut left_out.without_probability, line),
+            (true, true, true) => count(&mut left_out.without_outcome, line),
             (true, true, false) => {
                 self.log.is_used[decision] = true;
-                left_out.unreached += u64::from(reached == 0.0);
+                if reached == 0.0 {
+                    count(&mut left_out.unreached, line);
+                }
                 let actions = self.log.actions;
                 let own = &self.log.probabilities[decision * actions..(decision + 1) * actions];
                 let is_certain = is_available && own.iter().any(|p| *p == 0.0 || *p == 1.0);
-                left_out.certain += u64::from(is_certain);
+                if is_certain {
+                    count(&mut left_out.certain, line);
+                }
             }
         }
     }
@@ -436,11 +449,11 @@ impl<'a> Building<'a> {
             (unreached, "have an outcome that did not reach the agent of the trial"),
             (
                 certain,
-                "have an action with the probability 0 or 1, and say nothing about its effect",
+                "have an action with the probability 0 or 1 and say nothing about its effect",
             ),
         ];
-        for (count, says) in counted.into_iter().filter(|(count, _)| *count > 0) {
-            notes.push(format!("{count} decisions {says}"));
+        for ((count, line), says) in counted.into_iter().filter(|((count, _), _)| *count > 0) {
+            notes.push(format!("{count} decisions {says}, the first in line {line}"));
         }
         if skipped > 0 {
             notes.push(format!(
@@ -454,6 +467,7 @@ impl<'a> Building<'a> {
                 "{count} decisions have no `{name}`, the first in line {line}; estimates that read it leave them out"
             ));
         }
+        notes.extend(self.table.codes(&self.columns.formulas(), |_| true));
     }
 }
 

@@ -75,6 +75,7 @@ impl<'a> Assembly<'a> {
         let decisions = self.calendar.rows.len();
         let used = self.used();
         let actions = self.actions();
+        self.codes(&used);
         let columns = self.person_columns();
         let (given, mut by_quantity) = self.given(&actions);
         let scales = self.standardise(&given, &mut by_quantity, &used);
@@ -145,6 +146,16 @@ impl<'a> Assembly<'a> {
             }
         }
         used
+    }
+
+    /// Notes usual codes for missing numbers that are read as numbers of used rows.
+    fn codes(&mut self, used: &[bool]) {
+        let mut rows = vec![false; self.table.lines.len()];
+        for (decision, row, _) in self.calendar.recorded() {
+            rows[row] = used[decision];
+        }
+        let codes = self.table.codes(&self.sources.numbers(), |row| rows[row]);
+        self.notes.extend(codes);
     }
 
     /// The actions, probabilities and availability by decision.
@@ -545,7 +556,8 @@ impl<'a> Assembly<'a> {
                     coefficients.iter().enumerate().filter(is_own).map(|(index, _)| index).collect()
                 })
                 .collect();
-            let mut without = [0, 0];
+            let mut without = [(0, 0); 2];
+            let line = |decision: usize| self.table.lines[self.calendar.rows[decision] as usize];
             let (mut decisions, mut people) = (Vec::new(), Vec::new());
             for person in &self.calendar.people {
                 let start = decisions.len();
@@ -554,11 +566,17 @@ impl<'a> Assembly<'a> {
                         let is_known = |unit: &usize| !all[*unit][place][decision].is_nan();
                         is_known(&0) && own.iter().all(|one| is_known(&(one + 1)))
                     });
-                    match (values[decision].is_nan(), known) {
-                        (true, _) => without[0] += 1,
-                        (_, false) => without[1] += 1,
-                        _ => decisions.push(decision as u32),
-                    }
+                    let lacks = match (values[decision].is_nan(), known) {
+                        (true, _) => 0,
+                        (_, false) => 1,
+                        _ => {
+                            decisions.push(decision as u32);
+                            continue;
+                        }
+                    };
+                    let (count, first) = &mut without[lacks];
+                    *first = if *count == 0 { line(decision) } else { *first };
+                    *count += 1;
                 }
                 people.push(start..decisions.len());
             }

@@ -13,6 +13,8 @@ use crate::text::{Fault, FaultList, Span, nearest, shortened};
 
 /// Texts that stand for a missing number.
 const MISSING: [&str; 6] = ["", "NA", "NaN", "nan", "NULL", "."];
+/// Numbers that often stand for a missing one where no number is negative.
+const CODES: [f64; 4] = [-9.0, -99.0, -999.0, -9999.0];
 /// Maximum number of numbers of a file that are kept; 2 GB.
 const MOST_NUMBERS: usize = 1 << 28;
 
@@ -159,8 +161,6 @@ impl Header {
         }
     }
 
-    pub fn names(&self) -> &[String] {
-        &self.names
     /// The fault of a file whose first line is a row of data; `None` if most of its fields are no numbers.
     pub fn lacks_names(&self) -> Option<DataFaults> {
         let numbers = self.names.iter().filter(|name| name.parse::<f64>().is_ok()).count();
@@ -184,6 +184,8 @@ impl Header {
         )
     }
 
+    pub fn names(&self) -> &[String] {
+        &self.names
     }
 
     pub fn name(&self, index: usize) -> &str {
@@ -241,6 +243,44 @@ impl RecordedRows {
     pub(in crate::env) fn number(&self, column: usize, row: usize) -> f64 {
         self.numbers[column][row]
     }
+
+    /// A note for each column whose only negative number is a usual code for a missing one, which these formulas read as a
+    /// number in two rows or more.
+    pub(in crate::env) fn codes(
+        &self,
+        formulas: &[&ColumnFormula],
+        is_used: impl Fn(usize) -> bool,
+    ) -> Vec<String> {
+        let mut columns: Vec<usize> = formulas.iter().flat_map(|one| one.columns()).collect();
+        columns.sort_unstable();
+        columns.dedup();
+        let note = |column: &usize| {
+            let numbers = &self.numbers[*column];
+            let code = *numbers.iter().find(|number| **number < 0.0)?;
+            let is_other = |number: &f64| *number < 0.0 && *number != code;
+            if !CODES.contains(&code) || numbers.iter().any(is_other) {
+                return None;
+            }
+            let reads = |formula: &&&ColumnFormula, row| {
+                formula.columns().contains(column) && !formula.value(self, row, 0).is_nan()
+            };
+            let mut rows = (0..numbers.len()).filter(|row| {
+                numbers[*row] == code
+                    && is_used(*row)
+                    && formulas.iter().any(|one| reads(&one, *row))
+            });
+            let line = self.lines[rows.next()?];
+            let count = rows.count() + 1;
+            let (name, word) = (shortened(self.header.name(*column)), &self.header.words[*column]);
+            (count > 1).then(|| {
+                format!(
+                    "`{name}` is {code} in {count} rows, the first in line {line}, which looks like a code for a missing \
+                     number: write \"if({word} == {code}, missing, {word})\""
+                )
+            })
+        };
+        columns.iter().filter_map(note).collect()
+    }
 }
 
 /// The header of a file.
@@ -264,6 +304,9 @@ pub(in crate::env) fn header(
     }
     if names.is_empty() || names.len() == 1 && names[0].is_empty() {
         faults.add("line 1: expected the names of columns, and the file is empty");
+    }
+    if let Some(open) = reader.get_ref().open_quote(&names, 1) {
+        return Err(open);
     }
     // Names may have commas, and a name between commas may have a semicolon.
     let separates = |sign: char| {
@@ -297,51 +340,6 @@ pub(in crate::env) struct LineEnds<R> {
     from: BufReader<R>,
     /// Whether the last byte was a carriage return.
     held: bool,
-}
-
-impl<R: Read> Read for LineEnds<R> {
-    fn read(&mut self, out: &mut [u8]) -> io::Result<usize> {
-        let mut written = 0;
-        while written == 0 && !out.is_empty() {
-            let bytes = self.from.fill_buf()?;
-            if bytes.is_empty() {
-                if std::mem::take(&mut self.held) {
-                    (out[0], written) = (b'\r', 1);
-                }
-    if let Some(open) = reader.get_ref().open_quote(&names, 1) {
-        return Err(open);
-    }
-                return Ok(written);
-            }
-            let mut used = 0;
-            while used < bytes.len() && written < out.len() {
-                let byte = bytes[used];
-                if std::mem::take(&mut self.held) && byte != b'\n' {
-                    out[written] = b'\r';
-                    written += 1;
-                    continue;
-                }
-                used += 1;
-                self.held = byte == b'\r';
-                if !self.held {
-                    out[written] = byte;
-                    written += 1;
-                }
-            }
-            self.from.consume(used);
-        }
-        Ok(written)
-    }
-}
-
-/// What is wrong with a record; of a row with another number of fields, the fields are known.
-fn broken(error: &csv::Error, fields: &csv::StringRecord) -> String {
-    let line = error.position().map_or(1, csv::Position::line);
-    match error.kind() {
-        csv::ErrorKind::UnequalLengths { expected_len, len, .. } => {
-            let quote = if fields.iter().any(is_long) { LATE_QUOTE } else { "" };
-            format!("line {line}: {len} fields, and line 1 has {expected_len}{quote}")
-        }
     /// Whether the number of quotes so far is odd.
     has_odd_quotes: bool,
     /// Whether all was read.
@@ -361,6 +359,51 @@ impl<R> LineEnds<R> {
             faults
         })
     }
+}
+
+impl<R: Read> Read for LineEnds<R> {
+    fn read(&mut self, out: &mut [u8]) -> io::Result<usize> {
+        let mut written = 0;
+        while written == 0 && !out.is_empty() {
+            let bytes = self.from.fill_buf()?;
+            if bytes.is_empty() {
+                if std::mem::take(&mut self.held) {
+                    (out[0], written) = (b'\r', 1);
+                }
+                self.is_over = true;
+                return Ok(written);
+            }
+            let mut used = 0;
+            while used < bytes.len() && written < out.len() {
+                let byte = bytes[used];
+                if std::mem::take(&mut self.held) && byte != b'\n' {
+                    out[written] = b'\r';
+                    written += 1;
+                    continue;
+                }
+                used += 1;
+                self.held = byte == b'\r';
+                if !self.held {
+                    out[written] = byte;
+                    written += 1;
+                }
+            }
+            self.from.consume(used);
+        }
+        let quotes = out[..written].iter().filter(|byte| **byte == b'"').count();
+        self.has_odd_quotes ^= quotes % 2 == 1;
+        Ok(written)
+    }
+}
+
+/// What is wrong with a record; of a row with another number of fields, the fields are known.
+fn broken(error: &csv::Error, fields: &csv::StringRecord) -> String {
+    let line = error.position().map_or(1, csv::Position::line);
+    match error.kind() {
+        csv::ErrorKind::UnequalLengths { expected_len, len, .. } => {
+            let quote = if fields.iter().any(is_long) { LATE_QUOTE } else { "" };
+            format!("line {line}: {len} fields, and line 1 has {expected_len}{quote}")
+        }
         csv::ErrorKind::Utf8 { .. } => {
             format!("line {line}: not in UTF-8: save the file as UTF-8")
         }
@@ -372,7 +415,6 @@ impl<R> LineEnds<R> {
 ///
 /// **Errors**: every fault of the rows.
 pub(in crate::env) fn rows(
-                self.is_over = true;
     reader: &mut csv::Reader<LineEnds<impl Read>>,
     header: Header,
     person: impl Into<Option<usize>>,
@@ -392,8 +434,6 @@ pub(in crate::env) fn rows(
         lines: Vec::new(),
     };
     let mut known: HashMap<String, u32> = HashMap::new();
-        let quotes = out[..written].iter().filter(|byte| **byte == b'"').count();
-        self.has_odd_quotes ^= quotes % 2 == 1;
     let mut record = csv::StringRecord::new();
     let most = MOST_NUMBERS / used.len().max(1);
     loop {
@@ -426,6 +466,9 @@ pub(in crate::env) fn rows(
             let column = table.header.name(person);
             faults.add(format!("line {line}: column `{column}` is empty, and names the person"));
         }
+        if is_long(name) {
+            faults.add(format!("line {line}: the name of the person has a line break{LATE_QUOTE}"));
+        }
         let next = known.len() as u32;
         let index = match known.get(name) {
             Some(index) => *index,
@@ -456,6 +499,13 @@ pub(in crate::env) fn rows(
     if faults.is_empty() { Ok(table) } else { Err(faults) }
 }
 
+/// What is said of a field with a line break.
+const LATE_QUOTE: &str = "; a quote that opens in this line closes in a later one";
+
+fn is_long(field: &str) -> bool {
+    field.contains('\n')
+}
+
 /// The number of a field; NaN where it is missing.
 ///
 /// **Errors**: what to do about a text.
@@ -466,9 +516,6 @@ fn number(written: &str) -> Result<f64, &'static str> {
     if MISSING.contains(&written) {
         return Ok(f64::NAN);
     }
-        if is_long(name) {
-            faults.add(format!("line {line}: the name of the person has a line break{LATE_QUOTE}"));
-        }
     let is_like = |text: &str| text.parse::<f64>().is_ok();
     Err(match written {
         "TRUE" | "True" | "true" | "T" => return Ok(1.0),
@@ -476,6 +523,12 @@ fn number(written: &str) -> Result<f64, &'static str> {
         text if is_long(text) => LATE_QUOTE,
         text if text.contains(',') && is_like(&text.replacen(',', ".", 1)) => {
             " with a point, not a comma"
+        }
+        text if ["yes", "no", "y", "n"].contains(&&*text.to_lowercase()) => {
+            "; write 1 for yes and 0 for no in the file"
+        }
+        text if text.strip_suffix('%').is_some_and(|number| is_like(number.trim())) => {
+            " without a sign for percent; 60 % as a probability is 0.6"
         }
         text if text.contains(['-', '/', ':', '.'])
             && text.chars().filter(char::is_ascii_digit).count() >= 4 =>
@@ -500,13 +553,6 @@ mod tests {
         assert!(number("often").unwrap_err().contains("empty"));
         assert!(number("inf").is_err());
     }
-/// What is said of a field with a line break.
-const LATE_QUOTE: &str = "; a quote that opens in this line closes in a later one";
-
-fn is_long(field: &str) -> bool {
-    field.contains('\n')
-}
-
 
     #[test]
     fn a_header_says_what_separates_its_fields() {
@@ -520,9 +566,3 @@ fn is_long(field: &str) -> bool {
         assert_eq!(said("id,\"a;b\",c\n"), None);
     }
 }
-        text if ["yes", "no", "y", "n"].contains(&&*text.to_lowercase()) => {
-            "; write 1 for yes and 0 for no in the file"
-        }
-        text if text.strip_suffix('%').is_some_and(|number| is_like(number.trim())) => {
-            " without a sign for percent; 60 % as a probability is 0.6"
-        }
