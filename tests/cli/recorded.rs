@@ -543,6 +543,36 @@ fn what_is_left_out_or_looks_like_a_code_is_said_with_its_first_line() {
 }
 
 #[test]
+fn a_replay_is_reported_by_its_value_and_not_by_returns_of_recorded_actions() {
+    let bandit =
+        "\n[trial]\n[[agent]]\nname = \"bandit\"\nalgorithm = \"linear_thompson\"\npi_min = 0.2\n";
+    let value = "[[estimate]]\nname = \"own\"\nestimator = \"value\"\npolicy = \"agent\"\nagents = \"bandit\"\n";
+    let folder = heartsteps(bandit);
+    let ran = folder.jitai(["run", "m.toml"]).succeeded();
+    assert!(
+        ran.stdout.contains("\nrecorded") && !ran.stdout.contains("\nbandit"),
+        "{}",
+        ran.stdout
+    );
+    folder.jitai(["report", "m.toml", "--out", "report"]).succeeded();
+    assert!(!folder.read("report/index.html").contains("Missing:"));
+    let agents = folder.read("report/tables/heartsteps-v1-agents.csv");
+    assert!(agents.contains("recorded") && !agents.contains("bandit"), "{agents}");
+    let effects = || folder.read("report/tables/heartsteps-v1-effects.csv");
+    assert!(!effects().contains("trial_mean"));
+    // A value stands beside the mean outcome of the trial's own decisions.
+    folder.write("m.toml", folder.read("m.toml") + value);
+    folder.jitai(["run", "m.toml"]).succeeded();
+    folder.jitai(["report", "m.toml", "--out", "report"]).succeeded();
+    let mean = answers(&folder, "SELECT printf('%.4f', avg(reward)) FROM decision")[0].clone();
+    let effects = effects();
+    let own: Vec<&str> = effects.lines().filter(|line| line.contains(",own,")).collect();
+    assert!(effects.contains("decisions,trial_mean,published"), "{effects}");
+    let has_mean = |line: &&str| line.contains(&format!(",7540,{mean}"));
+    assert!(own.len() == 3 && own.iter().all(has_mean), "{mean}: {effects}");
+}
+
+#[test]
 fn a_replay_is_no_trial_and_is_written_out_as_it_is_read() {
     let rule = "[[agent]]\nname = \"chance\"\nalgorithm = \"rule\"\nrule = \"random\"\n";
     let folder = small(&format!("calendar_day = \"day\"\n[trial]\n{rule}"));
