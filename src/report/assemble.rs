@@ -97,6 +97,7 @@ pub fn assemble(
                 .iter()
                 .filter_map(|agent| Some((agent.name.clone(), agent.label.clone()?)))
                 .collect(),
+            files: manifest.file_labels(),
             reproduction: published
                 .as_ref()
                 .map(|published| reproduce(published, &data.jobs, words.return_unit)),
@@ -213,11 +214,11 @@ fn add_recorded(
             if drawn && run.description.is_none() {
                 run.description = reader.description(&job.job_key)?;
             }
-            if replayed && run.replayed.is_none() {
             let is_value = |one: &Estimates| one.declaration.policy.is_some();
             if valued && run.estimates.iter().any(is_value) {
                 run.mean_outcome = reader.mean_outcome(&job.job_key)?;
             }
+            if replayed && run.replayed.is_none() {
                 let per_day = per_day.unwrap_or(1.0) as u32;
                 run.replayed = Some(reader.replayed(&job.job_key, per_day, SAME)?);
             }

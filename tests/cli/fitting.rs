@@ -382,6 +382,13 @@ fn drawn_people_are_swept_by_a_manifest() {
     );
     folder.write("next.toml", manifest);
     folder.jitai(["run", "next.toml"]).succeeded().says("3 completed");
+    // Readers see the names of files, and programs the digests.
+    folder.jitai(["report", "next.toml", "--out", "report"]).succeeded();
+    let arms = folder.read("report/tables/next-arms.md");
+    assert!(arms.contains("people=draw-2.csv") && !arms.contains("sha256"), "{arms}");
+    assert!(folder.read("report/index.html").contains("people=draw-3.csv"));
+    let arms = folder.read("report/tables/next-arms.csv");
+    assert!(arms.contains("sha256:") && !arms.contains("draw-2.csv"), "{arms}");
     folder.jitai(with(&["--draws", "2", "--bootstrap"])).succeeded();
     let all = folder.read("fitted/people.csv");
     let own: Vec<&str> = all.lines().collect();
