@@ -34,7 +34,8 @@ pub(super) fn print(reader: &Reader, selection: &Selection<'_>) -> Result<Option
         let completed = |job: &&JobRecord| job.completed().is_some() && !is_outside(&job.agent);
         let completed = data.jobs.iter().find(completed);
         example = example.or(completed.map(|job| job.job_key));
-        let arms = summarise_arms(&data.jobs);
+        let mut arms = summarise_arms(&data.jobs);
+        arms.retain(|arm| !manifest.replays(&arm.name.agent));
         let (mut columns, lines) = report::summary_table(&arms, &swept);
         if lines.is_empty() {
             continue;

@@ -100,10 +100,23 @@ fn job(arguments: &WorldArguments) -> Result<Job, Error> {
         text += &format!("parameters.{} = {value:?}\n", quoted(name));
     }
     let manifest = manifest::parse("options", text.as_bytes());
-    let manifest = manifest.map_err(|faults| Error::Manifests(vec![faults]))?;
+    let manifest =
+        manifest.map_err(|faults| Error::Manifests(vec![faults.of_options(in_options)]))?;
     let job = plan::jobs(&manifest).next().expect("one rule and one seed make a job").job;
     let environment = job.environment.fresh().unwrap_or_else(|| job.environment.clone());
     Ok(Job { environment, ..job })
+}
+
+/// What is said of the keys of a manifest, of the options that give them.
+fn in_options(says: &str) -> String {
+    let words = [
+        ("`model`", "`--model`"),
+        ("`people`", "`--people`"),
+        ("`replay`", "`--rows`"),
+        ("people = \"people.csv\" in [environment]", "--people people.csv"),
+        ("replay = \"rows.csv\" in [environment]", "--rows rows.csv"),
+    ];
+    words.iter().fold(says.to_owned(), |says, (key, option)| says.replace(key, option))
 }
 
 /// The decisions of every person.

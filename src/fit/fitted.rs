@@ -3,7 +3,7 @@
 use std::io::Read;
 use std::sync::atomic::{AtomicBool, Ordering};
 
-use crate::env::declared::{EffectSource, Pilot, PilotError};
+use crate::env::declared::{EffectSource, FittedDraw, Pilot, PilotError};
 use crate::fit::check::Check;
 use crate::fit::draws::{DrawnFrom, draws};
 use crate::fit::estimate::{Fit, Fitting};
@@ -163,13 +163,7 @@ impl Fitted {
 /// What was read, and what the data do not say.
 fn said(pilot: &Pilot, fit: &Fit) -> Vec<String> {
     let mut all = pilot.notes.clone();
-    all.extend(pilot.draws.iter().map(|draw| {
-        let ([value, features], rows) = (draw.without, draw.decisions.len());
-        format!(
-            "{}: {rows} rows used; {value} without a value and {features} without a feature left out",
-            draw.name
-        )
-    }));
+    all.extend(pilot.draws.iter().map(FittedDraw::counts));
     all.extend(notes(pilot, fit).into_iter().map(|(draw, says, people)| {
         let few: Vec<&str> = people.iter().take(5).map(String::as_str).collect();
         let more = match people.len().saturating_sub(few.len()) {

@@ -198,8 +198,8 @@ fn summary(pilot: &Pilot, fit: &Fit) -> Json {
             "distribution": format!("{:?}", draw.law),
             "method": method(draw.method),
             "rows": draw.decisions.len(),
-            "rows_without_value": draw.without[0],
-            "rows_without_features": draw.without[1],
+            "rows_without_value": draw.without[0].0,
+            "rows_without_features": draw.without[1].0,
             "residual_sd": residual_sd(groups),
             "fits": groups.iter().map(|group| group_as_json(pilot, group)).collect::<Vec<Json>>(),
         })

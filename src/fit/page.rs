@@ -148,14 +148,7 @@ fn unsaid(pilot: &Pilot, fit: &Fit, warnings: Vec<String>) -> PlainSection {
         ]);
     }
     let mut words = pilot.notes.clone();
-    for draw in &pilot.draws {
-        let [value, features] = draw.without;
-        words.push(format!(
-            "{}: {} rows used; {value} without a value and {features} without a feature left out.",
-            draw.name,
-            draw.decisions.len()
-        ));
-    }
+    words.extend(pilot.draws.iter().map(|draw| draw.counts() + "."));
     let norms = fit.groups.iter().flatten().filter(|group| group.is_usable());
     let largest = norms.map(|group| group.gradient_norm).fold(0.0, f64::max);
     words.push(format!("The largest norm of a gradient is {largest:.1e}; 1e-6 is allowed."));

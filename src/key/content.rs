@@ -2,6 +2,7 @@
 
 use std::any::Any;
 use std::fmt;
+use std::path::Path;
 use std::sync::Arc;
 
 use data_encoding::HEXLOWER;
@@ -179,6 +180,13 @@ impl Content {
     /// The name of the file, if it is known.
     pub fn file(&self) -> Option<&str> {
         self.0.as_ref()?.file.as_deref()
+    }
+
+    /// The digest as [`Content::name`] has it, and the name of the file without its folder, if it is known.
+    pub fn digest_and_file(&self) -> Option<(String, String)> {
+        let known = self.0.as_ref()?;
+        let file = Path::new(known.file.as_deref()?).file_name()?.to_str()?;
+        Some((format!("{PREFIX}{}", known.sha256), file.to_owned()))
     }
 
     /// Whether the key names no file.

@@ -247,7 +247,7 @@ fn first(settings: &Settings) -> Option<RecordedModel> {
 
 /// What was found in the file of a manifest that is no fault, as fragments.
 pub(super) fn notes(manifest: &Manifest) -> Vec<String> {
-    if manifest.family() != &FAMILY {
+    if !manifest.is_recorded() {
         return Vec::new();
     }
     let parameters = manifest.sections[SectionName::Environment].iter();
@@ -263,6 +263,21 @@ pub(super) fn notes(manifest: &Manifest) -> Vec<String> {
         );
     }
     notes
+}
+
+impl Manifest {
+    /// Whether its jobs are about a trial that happened.
+    pub fn is_recorded(&self) -> bool {
+        self.family() == &FAMILY
+    }
+
+    /// Whether an agent replays a recorded trial: the returns of its jobs are of actions that it did not take.
+    pub fn replays(&self, agent: &str) -> bool {
+        let recorded = [Value::Choice(DecisionRule::Recorded.word())];
+        let own = self.agents.iter().find(|one| one.name == agent);
+        let rule = own.and_then(|one| one.parameters.get("rule"));
+        self.is_recorded() && rule != Some(&recorded)
+    }
 }
 
 /// Completes `[trial]`, and reports what contradicts the file.
@@ -318,7 +333,7 @@ fn calendar(settings: &mut Settings, log: &RecordedLog, span: Span, faults: &mut
 
 /// Reports agents that cannot replay a recorded trial.
 pub(super) fn check(draft: &Draft, manifest: &Manifest, faults: &mut FaultList) {
-    if manifest.family() != &FAMILY {
+    if !manifest.is_recorded() {
         return;
     }
     let recorded: Vec<String> =

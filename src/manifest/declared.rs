@@ -5,7 +5,7 @@ use std::sync::Arc;
 
 use crate::agent::Algorithm;
 use crate::env::{Family, Scenario};
-use crate::job::{Condition, EstimateDeclaration};
+use crate::job::{Condition, EstimateDeclaration, distinct};
 use crate::key::{Parameter, SectionName, Value};
 use crate::manifest::analysis::declared::Analysis;
 use crate::manifest::estimate::declared::DeclaredEstimate;
@@ -104,6 +104,22 @@ impl Manifest {
     pub fn family(&self) -> &'static Family {
         let environment = &self.sections[SectionName::Environment];
         environment.section().family().unwrap_or(Family::first())
+    }
+
+    /// The digests of files whose contents are values, with the names of the files, unless others have the same name.
+    pub fn file_labels(&self) -> Vec<(String, String)> {
+        let shared = self.sections.iter().flat_map(|(_, parameters)| parameters.iter());
+        let own = self.agents.iter().flat_map(|agent| agent.parameters.iter());
+        let values = shared.chain(own).flat_map(|(_, values)| values);
+        let label = |value: &Value| match value {
+            Value::Content(content) => content.digest_and_file(),
+            _ => None,
+        };
+        let all = distinct(values.filter_map(label));
+        let is_own = |(_, label): &&(String, String)| {
+            all.iter().filter(|(_, other)| other == label).count() == 1
+        };
+        all.iter().filter(is_own).cloned().collect()
     }
 
     /// Whether the manifest declares a trial.

@@ -264,6 +264,8 @@ pub struct CompletedRun {
     pub description: Option<String>,
     /// How the replay of a recorded trial differs from the record; `None` if it was not requested.
     pub replayed: Option<ReplayedDecisions>,
+    /// The mean outcome of the decisions of a recorded trial; `None` if it was not requested.
+    pub mean_outcome: Option<f64>,
     /// The code and the machine that produced the run.
     pub provenance: Arc<Provenance>,
     /// When the run ended, in UTC, ISO 8601 with milliseconds.

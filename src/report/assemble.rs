@@ -8,7 +8,7 @@ use super::optima;
 use super::race::race;
 use super::section::ReportedExperiment;
 use crate::analyse::declared::{SAME, carry_out, condense, reproduce, summarise_arms, varying};
-use crate::job::{Condition, DataPart, RecordedEpisodes, distinct};
+use crate::job::{Condition, DataPart, Estimates, RecordedEpisodes, distinct};
 use crate::key::{DIRECTION, Parameter, SectionName, Value, hidden};
 use crate::manifest::{Analysis, AnalysisKind, Faults, Manifest, Published, kept_text};
 use crate::plan::{self, Staged};
@@ -64,12 +64,21 @@ pub fn assemble(
             true => query.sql(),
             false => format!("{OTHER_JOBS}{}", query.sql()),
         };
-        let concerned = queries.iter().map(|query| query.among(&data.jobs));
+        let concerned = queries.iter().zip(&all).map(|(query, analysis)| {
+            let mut jobs = query.among(&data.jobs);
+            if let AnalysisKind::Effects(_) = analysis.kind {
+                // An agent can have no estimate.
+                jobs.retain(|job| !manifest.estimates_of(&job.agent).is_empty());
+            }
+            jobs
+        });
         let analyses = all.iter().copied().zip(concerned).collect::<Vec<_>>();
         let words = Words::of(manifest, data.description.as_deref());
         let mut findings = carry_out(&analyses, published.as_ref(), words.return_unit);
         let of_findings = findings.iter_mut().zip(&all);
         of_findings.for_each(|(finding, analysis)| diagnosands::add(analysis, finding));
+        let mut arms = summarise_arms(&data.jobs);
+        arms.retain(|arm| !manifest.replays(&arm.name.agent));
         // As TOML writes them; they would turn the text around them.
         let escaped = |c: char| match hidden(c) {
             Some(DIRECTION) => format!("\\u{:04X}", u32::from(c)),
@@ -88,10 +97,11 @@ pub fn assemble(
                 .iter()
                 .filter_map(|agent| Some((agent.name.clone(), agent.label.clone()?)))
                 .collect(),
+            files: manifest.file_labels(),
             reproduction: published
                 .as_ref()
                 .map(|published| reproduce(published, &data.jobs, words.return_unit)),
-            arms: summarise_arms(&data.jobs),
+            arms,
             unknown_optima,
             mixed_programs: reader.mixed_programs(&manifest.name)?,
             words,
@@ -185,11 +195,13 @@ fn add_recorded(
     data: &mut DataSet,
 ) -> Result<(), StoreError> {
     for analysis in &manifest.analyses {
-        let (drawn, replayed) = match analysis.kind {
-            AnalysisKind::Randomisation(_) => (true, false),
-            AnalysisKind::Replay(_) => (false, true),
+        let [mut drawn, mut replayed, mut valued] = [false; 3];
+        match analysis.kind {
+            AnalysisKind::Randomisation(_) => drawn = true,
+            AnalysisKind::Replay(_) => replayed = true,
+            AnalysisKind::Effects(_) if manifest.is_recorded() => valued = true,
             _ => continue,
-        };
+        }
         let conditions: Vec<Condition> = analysis.of_jobs().collect();
         for job in &mut data.jobs {
             let is_concerned = conditions.iter().all(|condition| condition.is_met_by(job));
@@ -201,6 +213,10 @@ fn add_recorded(
             let run = Arc::make_mut(run);
             if drawn && run.description.is_none() {
                 run.description = reader.description(&job.job_key)?;
+            }
+            let is_value = |one: &Estimates| one.declaration.policy.is_some();
+            if valued && run.estimates.iter().any(is_value) {
+                run.mean_outcome = reader.mean_outcome(&job.job_key)?;
             }
             if replayed && run.replayed.is_none() {
                 let per_day = per_day.unwrap_or(1.0) as u32;

@@ -115,7 +115,8 @@ pub fn figures(experiments: &[ReportedExperiment]) -> Vec<ReportFigure> {
 
 /// The experiments in displayed form.
 fn sections(experiments: &[ReportedExperiment]) -> Vec<ReportSection<'_>> {
-    let find_names = |one: &ReportedExperiment| Names::of(&one.jobs, &one.styles, &one.labels);
+    let find_names =
+        |one: &ReportedExperiment| Names::of(&one.jobs, &one.styles, &one.labels, &one.files);
     let names: Vec<Names> = experiments.iter().map(find_names).collect();
     let arms = experiments.iter().zip(&names).flat_map(|(experiment, names)| {
         let findings = experiment.findings.iter();

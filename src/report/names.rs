@@ -5,7 +5,7 @@
 use super::figure::arm_label;
 use super::symbols;
 use crate::analyse::declared::{ArmId, implied};
-use crate::job::short_name;
+use crate::job::{Scalar, short_name};
 use crate::key::shortened;
 use crate::manifest::{FigureKeys, PanelKey};
 use crate::record::JobRecord;
@@ -15,20 +15,27 @@ use crate::record::JobRecord;
 pub struct Names {
     /// Names of agents with their labels.
     labels: Vec<(String, String)>,
+    /// Digests of files with their names.
+    files: Vec<(String, String)>,
     /// Dotted names of keys that other keys of the experiment determine, such as zipped keys.
     implied: Vec<String>,
 }
 
 impl Names {
-    /// The names of an experiment with these jobs, styles of figures and labels of agents.
-    pub fn of(jobs: &[JobRecord], styles: &[FigureKeys], labels: &[(String, String)]) -> Names {
+    /// The names of an experiment with these jobs, styles of figures, labels of agents and names of files.
+    pub fn of(
+        jobs: &[JobRecord],
+        styles: &[FigureKeys],
+        labels: &[(String, String)],
+        files: &[(String, String)],
+    ) -> Names {
         let jobs: Vec<&JobRecord> = jobs.iter().collect();
         let panels = styles.iter().filter_map(|style| match style.panel? {
             PanelKey::Key(parameter) => Some(parameter.to_string()),
             PanelKey::Agent | PanelKey::Scenario => None,
         });
         let kept: Vec<String> = panels.collect();
-        Names { labels: labels.to_vec(), implied: implied(&jobs, &kept) }
+        Names { labels: labels.to_vec(), files: files.to_vec(), implied: implied(&jobs, &kept) }
     }
 
     /// The label of an agent.
@@ -44,13 +51,24 @@ impl Names {
             None if has_agents => self.agent(word),
             None => word.to_owned(),
         };
-        shortened(&text.split(' ').map(word).collect::<Vec<_>>().join(" "))
+        self.with_files(&text.split(' ').map(word).collect::<Vec<_>>().join(" "))
     }
 
-    /// What figures show of an arm: its agent's label, and its settings without implied ones.
+    /// A text with the names of files, and of other contents the beginnings of their digests.
+    fn with_files(&self, text: &str) -> String {
+        let named = |text: String, (content, file): &(String, String)| text.replace(content, file);
+        shortened(&self.files.iter().fold(text.to_owned(), named))
+    }
+
+    /// What figures show of an arm: its agent's label, and its settings without implied ones, with the names of files.
     pub fn arm(&self, name: &ArmId) -> ArmId {
         let mut arm = ArmId { agent: self.agent(&name.agent), ..name.clone() };
         arm.settings.retain(|(key, _)| !self.implied.contains(key));
+        for (_, value) in &mut arm.settings {
+            if let Scalar::Text(text) = value {
+                *text = self.with_files(text);
+            }
+        }
         arm
     }
 
@@ -80,7 +98,6 @@ impl Names {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::job::Scalar;
 
     #[test]
     fn a_key_has_a_symbol_and_an_agent_its_label() {
@@ -90,6 +107,7 @@ mod tests {
         let names = Names {
             labels: vec![("dqn".to_owned(), "Deep Q".to_owned())],
             implied: vec!["environment.kappa_h".to_owned()],
+            ..Names::default()
         };
         let arm = ArmId {
             agent: "dqn".to_owned(),

@@ -33,6 +33,8 @@ pub struct ReportedExperiment {
     pub styles: Vec<FigureKeys>,
     /// Names and labels of the agents that have a label.
     pub labels: Vec<(String, String)>,
+    /// Digests of the files whose contents are values of keys, with the names of the files.
+    pub files: Vec<(String, String)>,
     /// The comparison with published numbers, if the manifest names a file.
     pub reproduction: Option<Reproduction>,
     /// The summary of every arm.

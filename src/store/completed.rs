@@ -342,6 +342,7 @@ fn head(row: &rusqlite::Row<'_>, shared: &mut SharedNames) -> rusqlite::Result<C
         days: Vec::new(),
         description: None,
         replayed: None,
+        mean_outcome: None,
         ended_at: row.get(1)?,
         wall_seconds: row.get(2)?,
         provenance,

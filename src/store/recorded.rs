@@ -135,6 +135,14 @@ impl Reader {
         })
     }
 
+    /// The mean outcome of the recorded decisions of a job's test; `None` without any.
+    pub fn mean_outcome(&self, key: &JobKey) -> Result<Option<f64>, StoreError> {
+        let sql = "SELECT avg(reward) FROM decision WHERE job_key = ?1 AND phase = 'test'";
+        self.read("read decisions", |connection| {
+            Ok(connection.query_row(sql, [key.to_string()], |row| row.get(0))?)
+        })
+    }
+
     /// How the decisions of a job, which replays a recorded trial with this number of decisions per day, differ from the
     /// record by more than a threshold.
     pub fn replayed(

@@ -291,6 +291,17 @@ impl Faults {
         Faults { source: Source::new(text), ..self }
     }
 
+    /// The faults of a text that was made from the options of a command: without positions, and with the options' words.
+    pub(crate) fn of_options(mut self, reword: impl Fn(&str) -> String) -> Faults {
+        self.list.iter_mut().for_each(|fault| fault.span = None);
+        let of_files = self.files.iter_mut().flat_map(|file| &mut file.list);
+        for fault in self.list.iter_mut().chain(of_files) {
+            fault.message = reword(&fault.message);
+            fault.help = fault.help.as_deref().map(&reword);
+        }
+        self
+    }
+
     /// The position of a fault of this list; `None` for a fault of the file as a whole.
     pub fn position(&self, fault: &Fault) -> Option<Position> {
         fault.span.map(|span| self.source.position(span.start))

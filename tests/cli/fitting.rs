@@ -118,7 +118,7 @@ fn residuals_are_replayed() {
 fn faults_of_data_say_where_they_are_all_at_once() {
     let good = data();
     let with = |from: &str, to: &str| good.replacen(from, to, 1);
-    let cases: [(String, &[&str]); 17] = [
+    let cases: [(String, &[&str]); 20] = [
         (with("ann,1,0,0,0.4,1,20", "ann,1,0,0,0.4,1,many"), &["line 2", "`walked`", "`many`"]),
         (with("ann,1,0,0,0.4,1,20", "ann,1,0,0,0.4,1,\"20,5\""), &["line 2", "point, not a comma"]),
         (with("ann,1,0,0,0.4,1,20", "ann,2024-01-03,0,0,0.4,1,20"), &["line 2", "a date or time"]),
@@ -133,6 +133,14 @@ fn faults_of_data_say_where_they_are_all_at_once() {
         (with("ann,1,0,0,0.4,1,20", "ann,1,0,0,0.4,2,20"), &["available is 2"]),
         (with("ann,1,0,0,0.4,1,20", "ann,1,0,0,0.4,1"), &["line 2: 6 fields, and line 1 has 7"]),
         (good.replace(',', ";"), &["separated by semicolons"]),
+        (
+            good.replace("0.4", "40"),
+            &[
+                "is 40, expected a number from 0 to 1; for percentages, write probability = \"p / 100\"",
+            ],
+        ),
+        (with("bob,1,0", "\"bob,1,0"), &["line 14: a quote opens here"]),
+        (good.replacen(HEADER, "", 1), &["line 1: numbers, where the names of columns"]),
         (HEADER.to_owned(), &["at least one row"]),
         (String::new(), &["the file is empty"]),
         (
@@ -225,6 +233,9 @@ fn what_the_data_do_not_say_is_said_with_counts() {
     // A missing value, a gap, a person with one row, and one with equal values.
     let mut text = data().replacen("ann,1,0,0,0.4,1,20", "ann,1,0,0,0.4,1,", 1);
     text = text.replacen("bob,3,0,", "bob,30,0,", 1);
+    // A code for a missing number.
+    text = text.replacen("ann,2,0,0,0.4,1,24", "ann,2,0,0,0.4,1,-99", 1);
+    text = text.replacen("ann,4,0,0,0.4,1,21", "ann,4,0,0,0.4,1,-99", 1);
     text += "cid,1,0,0,0.4,1,7\n";
     for decision in 0..12 {
         writeln!(text, "dee,{},{},{},1,1,9", decision / 2, decision % 2, decision % 3 % 2).unwrap();
@@ -233,8 +244,9 @@ fn what_the_data_do_not_say_is_said_with_counts() {
     let finished = folder.jitai(FIT).succeeded();
     for words in [
         "decisions of 1 people are no rows of the file",
-        "12 decisions have the probability 0 or 1",
-        "1 without a value",
+        "12 decisions have the probability 0 or 1, the first in line 27: they say",
+        "`walked` is -99 in 2 rows, the first in line 4, which looks like a code",
+        "1 without a value (the first in line 2) and 0 without a feature left out",
         "not more rows than coefficients: not estimated: cid",
         "all values are equal: cid, dee",
     ] {
@@ -370,6 +382,13 @@ fn drawn_people_are_swept_by_a_manifest() {
     );
     folder.write("next.toml", manifest);
     folder.jitai(["run", "next.toml"]).succeeded().says("3 completed");
+    // Readers see the names of files, and programs the digests.
+    folder.jitai(["report", "next.toml", "--out", "report"]).succeeded();
+    let arms = folder.read("report/tables/next-arms.md");
+    assert!(arms.contains("people=draw-2.csv") && !arms.contains("sha256"), "{arms}");
+    assert!(folder.read("report/index.html").contains("people=draw-3.csv"));
+    let arms = folder.read("report/tables/next-arms.csv");
+    assert!(arms.contains("sha256:") && !arms.contains("draw-2.csv"), "{arms}");
     folder.jitai(with(&["--draws", "2", "--bootstrap"])).succeeded();
     let all = folder.read("fitted/people.csv");
     let own: Vec<&str> = all.lines().collect();

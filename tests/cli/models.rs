@@ -234,6 +234,32 @@ fn people_of_a_model_are_simulated_with_every_variable() {
 }
 
 #[test]
+fn faults_of_files_that_options_name_are_said_of_the_options() {
+    let folder = folder(include_str!("../../experiments/models/noisy_dose.toml"));
+    let people = include_str!("../../experiments/models/noisy_dose_people.csv");
+    folder.write("people.csv", people);
+    for (rows, said) in [
+        (None, "= name a CSV file, as in --rows rows.csv"),
+        (Some(""), "`--rows`: `rows.csv`, expected a line of names, and at least one row below it"),
+        (Some("person,load\n"), "expected a line of names, and at least one row below it"),
+        (Some("person,lod\na,1\n"), "options: `--rows` has no column `load`"),
+        (Some("person,load\na,x\n"), "options: `--rows`: line 2 has `x` in column `load`"),
+    ] {
+        let mut arguments = vec!["simulate", "--model", "world.toml", "--people", "people.csv"];
+        if let Some(rows) = rows {
+            folder.write("rows.csv", rows);
+            arguments.extend(["--rows", "rows.csv"]);
+        }
+        folder.jitai(arguments).ended(2).says(said);
+    }
+    folder.write("rows.csv", "person,load\na,1\n");
+    folder
+        .jitai(["simulate", "--model", "world.toml", "--rows", "rows.csv"])
+        .ended(2)
+        .says("name their file: --people people.csv");
+}
+
+#[test]
 fn parameters_of_a_preset_stand_beside_those_of_a_manifest_and_all_can_be_set() {
     let folder = Folder::with(
         "format = 1\nname = \"t\"\nextends = \"oralytics_v2\"\nseeds = 1\n[environment]\nfamily = \"declared\"\n\

@@ -468,6 +468,111 @@ fn what_a_recorded_trial_cannot_have_is_refused() {
 }
 
 #[test]
+fn files_as_spreadsheets_and_r_write_them_are_read_or_explained() {
+    let folder = small("");
+    let percent = "expected a number from 0 to 1; for percentages, write probability = \"p / 100\"";
+    for (broken, said) in [
+        (
+            SMALL.replacen("ann,0,3,1", "ann,0,3,yes", 1),
+            "line 2: column `sent` has `yes`, expected a number; write 1 for yes and 0 for no in the file",
+        ),
+        (SMALL.replace("0.6", "60"), &*format!("line 2: `probability` is 60, {percent}")),
+        (SMALL.replace("0.6", "60 %"), "line 2: column `p` has `60 %`, expected a number without"),
+        (SMALL.replacen("ann,2", "\"ann,2", 1), "line 4: a quote opens here, and none closes it"),
+        (SMALL.replacen(",55", ",\"55", 1), "line 4: a quote opens here, and none closes it"),
+        (SMALL.replacen("id,", "\"id,", 1), "line 1: a quote opens here, and none closes it"),
+        (
+            SMALL.replacen("ann,2", "\"ann,2", 1).replacen("bob,0", "\"bob\",0", 1),
+            "line 4: the name of the person has a line break; a quote that opens in this line closes in a later one",
+        ),
+        (
+            SMALL.replacen(",55", ",\"55", 1).replacen("bob,0", "\"bob\",0", 1),
+            "line 4: 13 fields, and line 1 has 7; a quote that opens in this line closes in a later one",
+        ),
+        (
+            SMALL.lines().skip(1).map(|line| format!("{line}\n")).collect(),
+            "line 1: numbers, where the names of columns are expected: add a first line with the names",
+        ),
+    ] {
+        folder.write("trial.csv", broken);
+        let found = folder.jitai(["check", "m.toml"]).ended(2).says(said);
+        let follows = ["with the probability 0", "listed twice", "no column"];
+        assert!(follows.iter().all(|of| !found.stderr.contains(of)), "{}", found.stderr);
+    }
+    // One value between 0 and 1 is a share.
+    folder.write("trial.csv", SMALL.replace("0.6", "60").replacen("60", "0.6", 1));
+    let found = folder.jitai(["check", "m.toml"]).ended(2).says("`probability` is 60");
+    assert!(!found.stderr.contains("percentages"), "{}", found.stderr);
+    folder.write("trial.csv", SMALL.replace("0.6", "60"));
+    let text = folder.read("m.toml");
+    folder.write("m.toml", text.replace("\"p\"", "\"p / 100\""));
+    folder.jitai(["check", "m.toml"]).succeeded();
+    folder.write("m.toml", &text);
+    folder.write("trial.csv", SMALL.replace(",1,0.6", ",T,0.6").replace(",0,0.6", ",F,0.6"));
+    folder.jitai(["check", "m.toml"]).succeeded().says("8 decisions of 2 people are used");
+}
+
+#[test]
+fn what_is_left_out_or_looks_like_a_code_is_said_with_its_first_line() {
+    let folder = small("reached = \"day < 6\"\n");
+    let broken = [
+        ("ann,1,3,0", "ann,1,3,NA"),
+        ("ann,3,4,1,0.6", "ann,3,4,1,"),
+        ("0.6,0,55", "0.6,0,0"),
+        ("0.6,34,", "0.6,-99,"),
+        ("0.6,8,", "0.6,-99,"),
+    ];
+    let file = broken.iter().fold(SMALL.to_owned(), |text, (one, by)| text.replacen(one, by, 1));
+    folder.write("trial.csv", file);
+    let code = "`before` is -99 in 2 rows, the first in line 6, which looks like a code for a missing number: write \
+                \"if(before == -99, missing, before)\"";
+    folder
+        .jitai(["check", "m.toml"])
+        .succeeded()
+        .says("1 decisions have no action and are left out, the first in line 3")
+        .says("1 decisions have no probability and are left out, the first in line 5")
+        .says("1 decisions have no outcome and are left out, the first in line 4")
+        .says("2 decisions have an outcome that did not reach the agent of the trial, the first in line 8")
+        .says(code);
+    let text = folder.read("m.toml");
+    let missing = "{ before = \"if(before == -99, missing, before)\" }";
+    folder.write("m.toml", text.replace("{ before = \"before\" }", missing));
+    let found = folder.jitai(["check", "m.toml"]).succeeded();
+    let found = found.says("3 decisions have no `before`, the first in line 3");
+    assert!(!found.stderr.contains("looks like"), "{}", found.stderr);
+}
+
+#[test]
+fn a_replay_is_reported_by_its_value_and_not_by_returns_of_recorded_actions() {
+    let bandit =
+        "\n[trial]\n[[agent]]\nname = \"bandit\"\nalgorithm = \"linear_thompson\"\npi_min = 0.2\n";
+    let value = "[[estimate]]\nname = \"own\"\nestimator = \"value\"\npolicy = \"agent\"\nagents = \"bandit\"\n";
+    let folder = heartsteps(bandit);
+    let ran = folder.jitai(["run", "m.toml"]).succeeded();
+    assert!(
+        ran.stdout.contains("\nrecorded") && !ran.stdout.contains("\nbandit"),
+        "{}",
+        ran.stdout
+    );
+    folder.jitai(["report", "m.toml", "--out", "report"]).succeeded();
+    assert!(!folder.read("report/index.html").contains("Missing:"));
+    let agents = folder.read("report/tables/heartsteps-v1-agents.csv");
+    assert!(agents.contains("recorded") && !agents.contains("bandit"), "{agents}");
+    let effects = || folder.read("report/tables/heartsteps-v1-effects.csv");
+    assert!(!effects().contains("trial_mean"));
+    // A value stands beside the mean outcome of the trial's own decisions.
+    folder.write("m.toml", folder.read("m.toml") + value);
+    folder.jitai(["run", "m.toml"]).succeeded();
+    folder.jitai(["report", "m.toml", "--out", "report"]).succeeded();
+    let mean = answers(&folder, "SELECT printf('%.4f', avg(reward)) FROM decision")[0].clone();
+    let effects = effects();
+    let own: Vec<&str> = effects.lines().filter(|line| line.contains(",own,")).collect();
+    assert!(effects.contains("decisions,trial_mean,published"), "{effects}");
+    let has_mean = |line: &&str| line.contains(&format!(",7540,{mean}"));
+    assert!(own.len() == 3 && own.iter().all(has_mean), "{mean}: {effects}");
+}
+
+#[test]
 fn a_replay_is_no_trial_and_is_written_out_as_it_is_read() {
     let rule = "[[agent]]\nname = \"chance\"\nalgorithm = \"rule\"\nrule = \"random\"\n";
     let folder = small(&format!("calendar_day = \"day\"\n[trial]\n{rule}"));

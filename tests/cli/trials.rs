@@ -200,7 +200,7 @@ fn a_trial_without_episodes_has_the_same_metrics() {
 }
 
 #[test]
-fn readers_see_eight_digits_of_the_people_and_programs_see_all() {
+fn readers_see_names_or_eight_digits_of_the_people_and_programs_see_all() {
     let text = MANIFEST.replace("pooling = [\"full\", \"none\"]\n", "");
     let text = text.replace("people = \"people.csv\"", "people = [\"people.csv\", \"fewer.csv\"]");
     let analysis = "[[analysis]]\nname = \"gain\"\nkind = \"contrast\"\nby = \"agent\"\n\
@@ -220,9 +220,8 @@ fn readers_see_eight_digits_of_the_people_and_programs_see_all() {
     let plan = |format: &str| {
         folder.jitai(["plan", "trial.toml", "--jobs", "--format", format]).succeeded().stdout
     };
-    let people = [
-        shown.stdout,
-        plan("table"),
+    let people = [shown.stdout, plan("table")];
+    let reported = [
         read("tables/trial-arms.md"),
         read("tables/trial-arms.tex"),
         read("figures/trial-gain.svg"),
@@ -238,7 +237,11 @@ fn readers_see_eight_digits_of_the_people_and_programs_see_all() {
         let page = read("index.html");
         // The page has whole digests in queries alone.
         let is_query = |line: &&str| line.contains("FROM parameter WHERE job_key");
-        assert!(page.contains(&format!("people={short}")));
+        assert!(page.contains("people=synthetic:fewer.csv"));
+        for text in &reported {
+            let is_named = ["people.csv", "fewer.csv"].iter().all(|name| text.contains(name));
+            assert!(is_named && !text.contains("sha256"), "{text}");
+        }
         assert!(page.lines().filter(|line| !is_query(line)).all(|line| !line.contains(&digest)));
     }
 }

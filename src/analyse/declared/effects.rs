@@ -1,7 +1,7 @@
 //! Estimates of single jobs with their intervals, beside published ones.
 
 use super::arm::{ArmId, arms};
-use crate::job::Effect;
+use crate::job::{Effect, GROSS_REWARD, REWARD};
 use crate::manifest::kind::Effects;
 use crate::manifest::{Published, PublishedEstimate};
 use crate::record::JobRecord;
@@ -28,6 +28,8 @@ pub struct EffectRow {
     pub term: String,
     /// The estimate; an error says why there is none.
     pub effect: Result<Effect, String>,
+    /// For the value of a policy on a recorded trial, the mean outcome of the trial's own decisions.
+    pub of_trial: Option<f64>,
     /// The published number.
     pub published: Option<PublishedEstimate>,
 }
@@ -44,12 +46,15 @@ pub fn figure(kind: &Effects, jobs: &[&JobRecord], published: Option<&Published>
                 |name: &String| chosen.is_empty() || chosen.iter().any(|one| one == name);
             for of in run.estimates.iter().filter(|of| is_chosen(&of.declaration.name)) {
                 let name = &of.declaration.name;
+                let has_outcome = [REWARD, GROSS_REWARD].contains(&&*of.declaration.outcome);
+                let is_value = of.declaration.policy.is_some() && has_outcome;
                 rows.extend(of.terms.iter().map(|one| EffectRow {
                     name: arm.name.clone(),
                     seed: job.seed,
                     estimate: name.clone(),
                     term: one.term.clone(),
                     effect: one.effect.clone(),
+                    of_trial: run.mean_outcome.filter(|_| is_value),
                     published: number(published, name, &one.term),
                 }));
             }

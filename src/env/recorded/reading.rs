@@ -63,6 +63,11 @@ struct KeyReader<'h> {
 }
 
 impl KeyReader<'_> {
+    /// The faults, or that of a file without names.
+    fn into_faults(self) -> LogFaults {
+        self.header.lacks_names().map_or(LogFaults::Keys(self.faults), LogFaults::File)
+    }
+
     fn fault(&mut self, key: &'static str, fault: Fault) {
         self.faults.push((key, fault));
     }
@@ -130,10 +135,10 @@ impl LogColumns {
         let found = (person, action, outcome, available, reached);
         let (Some(person), Some(action), Some(outcome), Some(available), Some(reached)) = found
         else {
-            return Err(LogFaults::Keys(reader.faults));
+            return Err(reader.into_faults());
         };
         if !reader.faults.is_empty() {
-            return Err(LogFaults::Keys(reader.faults));
+            return Err(reader.into_faults());
         }
         Ok(LogColumns {
             person,
@@ -148,12 +153,16 @@ impl LogColumns {
         })
     }
 
-    /// The columns of the file that are read as numbers.
-    pub fn used(&self) -> Vec<usize> {
+    fn formulas(&self) -> Vec<&ColumnFormula> {
         let one = [&self.action, &self.available, &self.reached, &self.outcome];
         let lists = self.order.iter().chain(&self.probability).chain(&self.calendar_day);
         let state = self.state.iter().map(|(_, formula)| formula);
-        one.into_iter().chain(lists).chain(state).flat_map(ColumnFormula::columns).collect()
+        one.into_iter().chain(lists).chain(state).collect()
+    }
+
+    /// The columns of the file that are read as numbers.
+    pub fn used(&self) -> Vec<usize> {
+        self.formulas().into_iter().flat_map(ColumnFormula::columns).collect()
     }
 }
 
@@ -193,11 +202,19 @@ impl RecordedLog {
 /// The numbers of decisions that are left out, by reason.
 #[derive(Default)]
 struct LeftOut {
-    without_action: u64,
-    without_probability: u64,
-    without_outcome: u64,
-    unreached: u64,
-    certain: u64,
+    without_action: FirstLine,
+    without_probability: FirstLine,
+    without_outcome: FirstLine,
+    unreached: FirstLine,
+    certain: FirstLine,
+}
+
+/// A number of decisions, and the line of the first.
+type FirstLine = (u64, u32);
+
+fn count((count, first): &mut FirstLine, line: u32) {
+    *first = if *count == 0 { line } else { *first };
+    *count += 1;
 }
 
 /// A log while it is filled.
@@ -207,6 +224,8 @@ struct Building<'a> {
     calendar: Calendar,
     log: RecordedLog,
     left_out: LeftOut,
+    /// What to write if probabilities are percentages; empty if they are not.
+    percentages: String,
     /// \[people\]: whether a row with a day of the calendar was read.
     has_day: Vec<bool>,
     faults: DataFaults,
@@ -244,7 +263,11 @@ impl<'a> Building<'a> {
         };
         let (left_out, faults) = Default::default();
         let has_day = vec![false; log.people.len()];
-        Building { columns, table, calendar, log, left_out, has_day, faults }
+        let chances = (0..table.lines.len())
+            .flat_map(|row| columns.probability.iter().map(move |one| one.value(table, row, 0)));
+        let written = parts(&of.probability);
+        let percentages = table.header.percentages(written.first().unwrap_or(&""), chances);
+        Building { columns, table, calendar, log, left_out, percentages, has_day, faults }
     }
 
     fn fill(&mut self) {
@@ -285,12 +308,9 @@ impl<'a> Building<'a> {
         let (action, outcome) = (value(&columns.action), value(&columns.outcome));
         let chances: Vec<f64> = columns.probability.iter().map(value).collect();
         let state: Vec<f64> = columns.state.iter().map(|(_, formula)| value(formula)).collect();
-        for ((count, line), _) in
-            self.log.lacking.iter_mut().zip(&state).filter(|(_, number)| number.is_nan())
-        {
-            *line = if *count == 0 { self.table.lines[row] } else { *line };
-            *count += 1;
-        }
+        let line = self.table.lines[row];
+        let lacking = self.log.lacking.iter_mut().zip(&state);
+        lacking.filter(|(_, number)| number.is_nan()).for_each(|(one, _)| count(one, line));
         let named = columns.state.iter().map(|(name, _)| name.as_str()).zip(state.iter().copied());
         for (name, number) in named.chain([("outcome", outcome)]) {
             if number.abs() > LARGEST {
@@ -325,16 +345,20 @@ impl<'a> Building<'a> {
         let is_known = chances.iter().all(|p| !p.is_nan()) || !is_available;
         self.log.is_drawn[decision] = is_available && is_action && is_known;
         match (is_action, is_known, outcome.is_nan()) {
-            (false, ..) => left_out.without_action += 1,
-            (true, false, _) => left_out.without_probability += 1,
-            (true, true, true) => left_out.without_outcome += 1,
+            (false, ..) => count(&mut left_out.without_action, line),
+            (true, false, _) => count(&mut left_out.without_probability, line),
+            (true, true, true) => count(&mut left_out.without_outcome, line),
             (true, true, false) => {
                 self.log.is_used[decision] = true;
-                left_out.unreached += u64::from(reached == 0.0);
+                if reached == 0.0 {
+                    count(&mut left_out.unreached, line);
+                }
                 let actions = self.log.actions;
                 let own = &self.log.probabilities[decision * actions..(decision + 1) * actions];
                 let is_certain = is_available && own.iter().any(|p| *p == 0.0 || *p == 1.0);
-                left_out.certain += u64::from(is_certain);
+                if is_certain {
+                    count(&mut left_out.certain, line);
+                }
             }
         }
     }
@@ -363,8 +387,14 @@ impl<'a> Building<'a> {
     /// Checks the probabilities of an available decision.
     fn chances(&mut self, decision: usize, row: usize, chances: &[f64], is_action: bool) {
         let line = self.line(row);
-        for p in chances.iter().filter(|p| !(p.is_nan() || (0.0..=1.0).contains(*p))) {
-            self.faults.add(format!("{line}: `probability` is {p}, expected a number from 0 to 1"));
+        let is_broken = |p: &&f64| !(p.is_nan() || (0.0..=1.0).contains(*p));
+        for p in chances.iter().filter(is_broken) {
+            let help = &self.percentages;
+            self.faults
+                .add(format!("{line}: `probability` is {p}, expected a number from 0 to 1{help}"));
+        }
+        if chances.iter().any(|p| is_broken(&p)) {
+            return;
         }
         let sum: f64 = chances.iter().sum();
         if chances.len() > 1 && sum > 1.0 + ROUNDING {
@@ -419,11 +449,11 @@ impl<'a> Building<'a> {
             (unreached, "have an outcome that did not reach the agent of the trial"),
             (
                 certain,
-                "have an action with the probability 0 or 1, and say nothing about its effect",
+                "have an action with the probability 0 or 1 and say nothing about its effect",
             ),
         ];
-        for (count, says) in counted.into_iter().filter(|(count, _)| *count > 0) {
-            notes.push(format!("{count} decisions {says}"));
+        for ((count, line), says) in counted.into_iter().filter(|((count, _), _)| *count > 0) {
+            notes.push(format!("{count} decisions {says}, the first in line {line}"));
         }
         if skipped > 0 {
             notes.push(format!(
@@ -437,6 +467,7 @@ impl<'a> Building<'a> {
                 "{count} decisions have no `{name}`, the first in line {line}; estimates that read it leave them out"
             ));
         }
+        notes.extend(self.table.codes(&self.columns.formulas(), |_| true));
     }
 }
 

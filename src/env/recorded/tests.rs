@@ -62,7 +62,7 @@ fn decisions_are_those_of_the_file_by_person_and_order() {
         log.notes,
         [
             "4 decisions of 2 people are used",
-            "1 decisions have no outcome and are left out",
+            "1 decisions have no outcome and are left out, the first in line 6",
             "1 decisions of 1 people, before or between others, are no rows of the file",
             "1 decisions have no `mood`, the first in line 5; estimates that read it leave them out",
             "1 decisions have no `twice`, the first in line 5; estimates that read it leave them out",
@@ -103,7 +103,8 @@ fn every_fault_of_a_file_is_said_at_once_with_its_line() {
 fn a_missing_probability_leaves_a_decision_out_and_rounding_is_no_probability() {
     let log = read(&parameters("a,0,0,1,0,,1,1\na,1,0,1,0,0.5,1,1\n")).unwrap();
     assert_eq!(log.is_used, [false, true]);
-    assert!(log.notes.contains(&"1 decisions have no probability and are left out".to_owned()));
+    let left_out = "1 decisions have no probability and are left out, the first in line 2";
+    assert!(log.notes.contains(&left_out.to_owned()), "{:?}", log.notes);
     // Probabilities of two actions that add to 1 leave nothing for action 0.
     let two = |rows| LogParameters { probability: "p; 0.9 - p".to_owned(), ..parameters(rows) };
     let log = read(&two("a,0,0,1,1,0.2,1,1\n")).unwrap();

@@ -14,6 +14,8 @@ use crate::report::tables::{arm, range};
 
 /// Decimals of estimates.
 const DECIMALS: usize = 4;
+/// The column of the mean outcome of a recorded trial, before the published numbers.
+const OF_TRIAL: usize = 9;
 
 impl Drawn for EffectsFigure {
     fn figures(&self, sheet: &Sheet<'_>) -> Vec<(String, Scene)> {
@@ -53,7 +55,7 @@ impl Drawn for EffectsFigure {
     }
 
     fn table(&self, title: &str, _: Measure, names: &Names) -> DataTable {
-        let columns = [
+        let mut columns = vec![
             ("arm", "Arm"),
             ("seed", "Seed"),
             ("estimate", "Estimate"),
@@ -67,8 +69,17 @@ impl Drawn for EffectsFigure {
             ("published_standard_error", "Published SE"),
             ("published_p", "Published p"),
         ];
+        let mut rows: Vec<Vec<TableEntry>> =
+            self.rows.iter().map(|row| cells(row, names)).collect();
+        if self.rows.iter().any(|row| row.of_trial.is_some()) {
+            columns.insert(OF_TRIAL, ("trial_mean", "Mean of the trial"));
+            rows.iter_mut().zip(&self.rows).for_each(|(cells, row)| {
+                let none = "not the value of a policy".to_owned();
+                cells.insert(OF_TRIAL, TableEntry::of(row.of_trial.ok_or(none), DECIMALS));
+            });
+        }
         let mut table = DataTable::new(title, &columns);
-        table.rows = self.rows.iter().map(|row| cells(row, names)).collect();
+        table.rows = rows;
         table
     }
 

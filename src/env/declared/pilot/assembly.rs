@@ -75,6 +75,7 @@ impl<'a> Assembly<'a> {
         let decisions = self.calendar.rows.len();
         let used = self.used();
         let actions = self.actions();
+        self.codes(&used);
         let columns = self.person_columns();
         let (given, mut by_quantity) = self.given(&actions);
         let scales = self.standardise(&given, &mut by_quantity, &used);
@@ -147,6 +148,16 @@ impl<'a> Assembly<'a> {
         used
     }
 
+    /// Notes usual codes for missing numbers that are read as numbers of used rows.
+    fn codes(&mut self, used: &[bool]) {
+        let mut rows = vec![false; self.table.lines.len()];
+        for (decision, row, _) in self.calendar.recorded() {
+            rows[row] = used[decision];
+        }
+        let codes = self.table.codes(&self.sources.numbers(), |row| rows[row]);
+        self.notes.extend(codes);
+    }
+
     /// The actions, probabilities and availability by decision.
     fn actions(&mut self) -> [Vec<f64>; 3] {
         let decisions = self.calendar.rows.len();
@@ -163,7 +174,9 @@ impl<'a> Assembly<'a> {
         let mut action = action.unwrap_or_else(|| vec![0.0; decisions]);
         let available = available.unwrap_or_else(unknown);
         let count = self.model.actions.len() as f64;
-        let mut certain = 0;
+        let (mut certain, mut first_certain) = (0, 0);
+        let written = self.section.probability.first().map_or("", |one| &one.text);
+        let help = self.table.header.percentages(written, probability.iter().copied());
         for decision in (0..decisions).filter(|one| self.calendar.rows[*one] != SKIPPED) {
             let (taken, p, is_available) =
                 (action[decision], probability[decision], available[decision]);
@@ -184,14 +197,20 @@ impl<'a> Assembly<'a> {
                 ));
             }
             if !p.is_nan() && !(0.0..=1.0).contains(&p) {
-                self.faults
-                    .add(format!("{line}the probability is {p}, expected a number from 0 to 1"));
+                self.faults.add(format!(
+                    "{line}the probability is {p}, expected a number from 0 to 1{help}"
+                ));
             }
-            certain += usize::from((p == 0.0 || p == 1.0) && is_available != 0.0);
+            if (p == 0.0 || p == 1.0) && is_available != 0.0 {
+                let row = self.calendar.rows[decision] as usize;
+                first_certain = if certain == 0 { self.table.lines[row] } else { first_certain };
+                certain += 1;
+            }
         }
         if certain > 0 {
             self.notes.push(format!(
-                "{certain} decisions have the probability 0 or 1: they say nothing about the effect"
+                "{certain} decisions have the probability 0 or 1, the first in line {first_certain}: they say nothing about \
+                 the effect"
             ));
         }
         let first = action.iter().find(|action| !action.is_nan());
@@ -537,7 +556,8 @@ impl<'a> Assembly<'a> {
                     coefficients.iter().enumerate().filter(is_own).map(|(index, _)| index).collect()
                 })
                 .collect();
-            let mut without = [0, 0];
+            let mut without = [(0, 0); 2];
+            let line = |decision: usize| self.table.lines[self.calendar.rows[decision] as usize];
             let (mut decisions, mut people) = (Vec::new(), Vec::new());
             for person in &self.calendar.people {
                 let start = decisions.len();
@@ -546,11 +566,17 @@ impl<'a> Assembly<'a> {
                         let is_known = |unit: &usize| !all[*unit][place][decision].is_nan();
                         is_known(&0) && own.iter().all(|one| is_known(&(one + 1)))
                     });
-                    match (values[decision].is_nan(), known) {
-                        (true, _) => without[0] += 1,
-                        (_, false) => without[1] += 1,
-                        _ => decisions.push(decision as u32),
-                    }
+                    let lacks = match (values[decision].is_nan(), known) {
+                        (true, _) => 0,
+                        (_, false) => 1,
+                        _ => {
+                            decisions.push(decision as u32);
+                            continue;
+                        }
+                    };
+                    let (count, first) = &mut without[lacks];
+                    *first = if *count == 0 { line(decision) } else { *first };
+                    *count += 1;
                 }
                 people.push(start..decisions.len());
             }

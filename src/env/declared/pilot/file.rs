@@ -13,6 +13,8 @@ use crate::text::{Fault, FaultList, Span, nearest, shortened};
 
 /// Texts that stand for a missing number.
 const MISSING: [&str; 6] = ["", "NA", "NaN", "nan", "NULL", "."];
+/// Numbers that often stand for a missing one where no number is negative.
+const CODES: [f64; 4] = [-9.0, -99.0, -999.0, -9999.0];
 /// Maximum number of numbers of a file that are kept; 2 GB.
 const MOST_NUMBERS: usize = 1 << 28;
 
@@ -157,6 +159,29 @@ impl Header {
         }
     }
 
+    /// The fault of a file whose first line is a row of data; `None` if most of its fields are no numbers.
+    pub fn lacks_names(&self) -> Option<DataFaults> {
+        let numbers = self.names.iter().filter(|name| name.parse::<f64>().is_ok()).count();
+        (2 * numbers > self.names.len()).then(|| {
+            let mut faults = DataFaults::default();
+            faults.add("line 1: numbers, where the names of columns are expected: add a first line with the names");
+            faults
+        })
+    }
+
+    /// What to write in the place of this column of probabilities, if all have values that percentages have and none lies
+    /// between 0 and 1; empty otherwise.
+    pub fn percentages(&self, written: &str, mut values: impl Iterator<Item = f64>) -> String {
+        if !values.all(|p| p.is_nan() || p == 0.0 || (1.0..=100.0).contains(&p)) {
+            return String::new();
+        }
+        let own = self.column(written).map(|index| self.words[index].clone());
+        format!(
+            "; for percentages, write probability = \"{} / 100\"",
+            own.unwrap_or(format!("({written})"))
+        )
+    }
+
     pub fn names(&self) -> &[String] {
         &self.names
     }
@@ -216,17 +241,57 @@ impl RecordedRows {
     pub(in crate::env) fn number(&self, column: usize, row: usize) -> f64 {
         self.numbers[column][row]
     }
+
+    /// A note for each column whose only negative number is a usual code for a missing one, which these formulas read as a
+    /// number in two rows or more.
+    pub(in crate::env) fn codes(
+        &self,
+        formulas: &[&ColumnFormula],
+        is_used: impl Fn(usize) -> bool,
+    ) -> Vec<String> {
+        let mut columns: Vec<usize> = formulas.iter().flat_map(|one| one.columns()).collect();
+        columns.sort_unstable();
+        columns.dedup();
+        let note = |column: &usize| {
+            let numbers = &self.numbers[*column];
+            let code = *numbers.iter().find(|number| **number < 0.0)?;
+            let is_other = |number: &f64| *number < 0.0 && *number != code;
+            if !CODES.contains(&code) || numbers.iter().any(is_other) {
+                return None;
+            }
+            let reads = |formula: &&&ColumnFormula, row| {
+                formula.columns().contains(column) && !formula.value(self, row, 0).is_nan()
+            };
+            let mut rows = (0..numbers.len()).filter(|row| {
+                numbers[*row] == code
+                    && is_used(*row)
+                    && formulas.iter().any(|one| reads(&one, *row))
+            });
+            let line = self.lines[rows.next()?];
+            let count = rows.count() + 1;
+            let (name, word) = (shortened(self.header.name(*column)), &self.header.words[*column]);
+            (count > 1).then(|| {
+                format!(
+                    "`{name}` is {code} in {count} rows, the first in line {line}, which looks like a code for a missing \
+                     number: write \"if({word} == {code}, missing, {word})\""
+                )
+            })
+        };
+        columns.iter().filter_map(note).collect()
+    }
 }
 
 /// The header of a file.
 ///
 /// **Errors**: it has none, two columns of one name, or fields that other signs separate.
-pub(in crate::env) fn header(reader: &mut csv::Reader<impl Read>) -> Result<Header, DataFaults> {
+pub(in crate::env) fn header(
+    reader: &mut csv::Reader<LineEnds<impl Read>>,
+) -> Result<Header, DataFaults> {
     let mut faults = DataFaults::default();
     let names = match reader.headers() {
         Ok(names) => names.clone(),
         Err(error) => {
-            faults.add(broken(&error));
+            faults.add(broken(&error, &csv::StringRecord::new()));
             return Err(faults);
         }
     };
@@ -237,6 +302,9 @@ pub(in crate::env) fn header(reader: &mut csv::Reader<impl Read>) -> Result<Head
     }
     if names.is_empty() || names.len() == 1 && names[0].is_empty() {
         faults.add("line 1: expected the names of columns, and the file is empty");
+    }
+    if let Some(open) = reader.get_ref().open_quote(&names, 1) {
+        return Err(open);
     }
     // Names may have commas, and a name between commas may have a semicolon.
     let separates = |sign: char| {
@@ -253,12 +321,15 @@ pub(in crate::env) fn header(reader: &mut csv::Reader<impl Read>) -> Result<Head
             faults.add(format!("line 1: column `{}` is listed twice", shortened(name)));
         }
     }
-    if faults.is_empty() { Ok(Header::new(&names)) } else { Err(faults) }
+    let header = Header::new(&names);
+    // A name that is listed twice is a number of a row, if there are no names.
+    if faults.is_empty() { Ok(header) } else { Err(header.lacks_names().unwrap_or(faults)) }
 }
 
 /// A reader of a CSV file.
 pub(in crate::env) fn reader<R: Read>(from: R) -> csv::Reader<LineEnds<R>> {
-    let from = LineEnds { from: BufReader::with_capacity(1 << 16, from), held: false };
+    let from = BufReader::with_capacity(1 << 16, from);
+    let from = LineEnds { from, held: false, has_odd_quotes: false, is_over: false };
     csv::ReaderBuilder::new().trim(csv::Trim::All).from_reader(from)
 }
 
@@ -267,6 +338,25 @@ pub(in crate::env) struct LineEnds<R> {
     from: BufReader<R>,
     /// Whether the last byte was a carriage return.
     held: bool,
+    /// Whether the number of quotes so far is odd.
+    has_odd_quotes: bool,
+    /// Whether all was read.
+    is_over: bool,
+}
+
+impl<R> LineEnds<R> {
+    /// The fault of a record whose last field goes on to the end of the file, because nothing closes its quote.
+    fn open_quote(&self, last: &csv::StringRecord, line: u64) -> Option<DataFaults> {
+        let is_open =
+            self.is_over && self.has_odd_quotes && last.iter().next_back().is_some_and(is_long);
+        is_open.then(|| {
+            let mut faults = DataFaults::default();
+            faults.add(format!(
+                "line {line}: a quote opens here, and none closes it: remove it or close it"
+            ));
+            faults
+        })
+    }
 }
 
 impl<R: Read> Read for LineEnds<R> {
@@ -278,6 +368,7 @@ impl<R: Read> Read for LineEnds<R> {
                 if std::mem::take(&mut self.held) {
                     (out[0], written) = (b'\r', 1);
                 }
+                self.is_over = true;
                 return Ok(written);
             }
             let mut used = 0;
@@ -297,15 +388,19 @@ impl<R: Read> Read for LineEnds<R> {
             }
             self.from.consume(used);
         }
+        let quotes = out[..written].iter().filter(|byte| **byte == b'"').count();
+        self.has_odd_quotes ^= quotes % 2 == 1;
         Ok(written)
     }
 }
 
-fn broken(error: &csv::Error) -> String {
+/// What is wrong with a record; of a row with another number of fields, the fields are known.
+fn broken(error: &csv::Error, fields: &csv::StringRecord) -> String {
     let line = error.position().map_or(1, csv::Position::line);
     match error.kind() {
         csv::ErrorKind::UnequalLengths { expected_len, len, .. } => {
-            format!("line {line}: {len} fields, and line 1 has {expected_len}")
+            let quote = if fields.iter().any(is_long) { LATE_QUOTE } else { "" };
+            format!("line {line}: {len} fields, and line 1 has {expected_len}{quote}")
         }
         csv::ErrorKind::Utf8 { .. } => {
             format!("line {line}: not in UTF-8: save the file as UTF-8")
@@ -318,7 +413,7 @@ fn broken(error: &csv::Error) -> String {
 ///
 /// **Errors**: every fault of the rows.
 pub(in crate::env) fn rows(
-    reader: &mut csv::Reader<impl Read>,
+    reader: &mut csv::Reader<LineEnds<impl Read>>,
     header: Header,
     person: impl Into<Option<usize>>,
     used: &[usize],
@@ -340,12 +435,17 @@ pub(in crate::env) fn rows(
     let mut record = csv::StringRecord::new();
     let most = MOST_NUMBERS / used.len().max(1);
     loop {
-        match reader.read_record(&mut record) {
+        let read = reader.read_record(&mut record);
+        let line = record.position().map_or(0, csv::Position::line);
+        if let Some(open) = reader.get_ref().open_quote(&record, line) {
+            return Err(open);
+        }
+        match read {
             Ok(true) => {}
             Ok(false) => break,
             Err(error) => {
                 let is_row = matches!(error.kind(), csv::ErrorKind::UnequalLengths { .. });
-                faults.add(broken(&error));
+                faults.add(broken(&error, &record));
                 if is_row {
                     continue;
                 }
@@ -359,11 +459,13 @@ pub(in crate::env) fn rows(
         if table.person.len().is_multiple_of(65_536) && stop() {
             break;
         }
-        let line = record.position().map_or(0, csv::Position::line);
         let name = person.map_or("", |person| &record[person]);
         if let Some(person) = person.filter(|_| name.is_empty()) {
             let column = table.header.name(person);
             faults.add(format!("line {line}: column `{column}` is empty, and names the person"));
+        }
+        if is_long(name) {
+            faults.add(format!("line {line}: the name of the person has a line break{LATE_QUOTE}"));
         }
         let next = known.len() as u32;
         let index = match known.get(name) {
@@ -395,6 +497,13 @@ pub(in crate::env) fn rows(
     if faults.is_empty() { Ok(table) } else { Err(faults) }
 }
 
+/// What is said of a field with a line break.
+const LATE_QUOTE: &str = "; a quote that opens in this line closes in a later one";
+
+fn is_long(field: &str) -> bool {
+    field.contains('\n')
+}
+
 /// The number of a field; NaN where it is missing.
 ///
 /// **Errors**: what to do about a text.
@@ -407,17 +516,24 @@ fn number(written: &str) -> Result<f64, &'static str> {
     }
     let is_like = |text: &str| text.parse::<f64>().is_ok();
     Err(match written {
-        "TRUE" | "True" | "true" => return Ok(1.0),
-        "FALSE" | "False" | "false" => return Ok(0.0),
+        "TRUE" | "True" | "true" | "T" => return Ok(1.0),
+        "FALSE" | "False" | "false" | "F" => return Ok(0.0),
+        text if is_long(text) => LATE_QUOTE,
         text if text.contains(',') && is_like(&text.replacen(',', ".", 1)) => {
             " with a point, not a comma"
+        }
+        text if ["yes", "no", "y", "n"].contains(&&*text.to_lowercase()) => {
+            "; write 1 for yes and 0 for no in the file"
+        }
+        text if text.strip_suffix('%').is_some_and(|number| is_like(number.trim())) => {
+            " without a sign for percent; 60 % as a probability is 0.6"
         }
         text if text.contains(['-', '/', ':', '.'])
             && text.chars().filter(char::is_ascii_digit).count() >= 4 =>
         {
             "; a date or time must become a number, such as the day of the study"
         }
-        _ => "; leave the field empty where it is missing",
+        _ => "; leave the field empty where it is missing, and write a number for each word",
     })
 }
 

@@ -30,7 +30,7 @@ impl Pilot {
         let sources = Sources::new(&model, &section, &header, &mut faults);
         let plan = FitPlan::new(&model, &section, &sources, &mut faults);
         if !faults.is_empty() {
-            return Err(PilotError::Model(faults));
+            return Err(header.lacks_names().map_or(PilotError::Model(faults), PilotError::Data));
         }
         let person = sources.person.unwrap_or(0);
         let used = sources.columns();

@@ -119,11 +119,16 @@ impl Sources {
 
     /// The columns of the file that are read as numbers.
     pub fn columns(&self) -> Vec<usize> {
-        let lists = self.order.iter().chain(&self.filter).chain(&self.action);
+        let all = self.numbers().into_iter().chain(&self.filter).flat_map(ColumnFormula::columns);
+        all.chain(self.constant.values().copied()).collect()
+    }
+
+    /// The expressions whose numbers are used in the rows that are fitted.
+    pub fn numbers(&self) -> Vec<&ColumnFormula> {
+        let lists = self.order.iter().chain(&self.action);
         let lists = lists.chain(&self.probability).chain(&self.available);
         let lists = lists.chain(self.given.values());
-        let lists = lists.chain(self.people.values().map(|(_, formula)| formula));
-        lists.flat_map(ColumnFormula::columns).chain(self.constant.values().copied()).collect()
+        lists.chain(self.people.values().map(|(_, formula)| formula)).collect()
     }
 }
 

@@ -91,11 +91,24 @@ pub struct FittedDraw {
     pub outcome: Vec<f64>,
     /// \[people\]: their rows.
     pub people: Vec<Range<usize>>,
-    /// The number of decisions without a value, and without a feature.
-    pub without: [usize; 2],
+    /// The numbers of decisions without a value, and without a feature, each with the line of the first.
+    pub without: [(usize, u32); 2],
 }
 
 impl FittedDraw {
+    /// How many rows are used, and how many are not.
+    pub fn counts(&self) -> String {
+        let left_out = |(count, first): (usize, u32), what: &str| match count {
+            0 => format!("0 {what}"),
+            _ => format!("{count} {what} (the first in line {first})"),
+        };
+        let [value, features] = self.without;
+        let value = left_out(value, "without a value");
+        let features = left_out(features, "without a feature");
+        let (name, rows) = (&self.name, self.decisions.len());
+        format!("{name}: {rows} rows used; {value} and {features} left out")
+    }
+
     /// The draw with some of its rows.
     pub fn of_rows(&self, is_taken: impl Fn(usize) -> bool) -> FittedDraw {
         let rows: Vec<usize> = (0..self.decisions.len()).filter(|row| is_taken(*row)).collect();
