@@ -25,7 +25,7 @@ pub(super) struct Arguments {
     /// `reward`, and with action centring the probabilities `probability_1` and so on
     #[arg(long, value_name = "FILE", value_hint = clap::ValueHint::FilePath)]
     data: PathBuf,
-    /// Learn from the rows, and write the new policy to this file
+    /// Learn from the rows, and write the new policy to this file, which must not exist
     #[arg(long, value_name = "NEW", value_hint = clap::ValueHint::FilePath)]
     update: Option<PathBuf>,
     /// Seed of the stream that draws actions; by default that of the policy's job
@@ -169,6 +169,10 @@ impl FileBandit {
     }
 
     fn update(&mut self, arguments: &Arguments, text: &str, new: &Path) -> Result<Exit, Error> {
+        if new.symlink_metadata().is_ok() {
+            let says = format!("--update: `{}` already exists; name a new file", new.display());
+            return Err(Error::Usage(says));
+        }
         let log = digest(text.as_bytes());
         let mut updated = match self.about["updated"].take() {
             Json::Array(list) => list,

@@ -107,6 +107,19 @@ fn decisions_are_drawn_at_their_places() {
     assert_eq!(fields(last.lines().nth(1).unwrap()), fields(lines[3]));
 }
 
+fn update<'a>(policy: &'a str, log: &'a str, new: &'a str) -> [&'a str; 7] {
+    ["decide", "--policy", policy, "--data", log, "--update", new]
+}
+
+#[test]
+fn an_update_writes_a_new_file_alone() {
+    let folder = folder("");
+    let before = folder.read("prior.json");
+    let refused = folder.jitai(update("prior.json", "log.csv", "prior.json")).ended(2);
+    refused.says("--update: `prior.json` already exists; name a new file");
+    assert_eq!(folder.read("prior.json"), before);
+}
+
 #[test]
 fn faults_of_a_table_and_of_a_policy_are_sentences() {
     let folder = folder("");
@@ -169,23 +182,20 @@ fn a_log_is_learned_from_once_and_files_are_named_by_their_bytes() {
     folder.write("policy.json", format!("{about:#}"));
     let earlier = Sha256::digest(folder.read("policy.json"));
     let earlier: String = earlier.iter().map(|byte| format!("{byte:02x}")).collect();
-    let update =
-        ["decide", "--policy", "policy.json", "--data", "log.csv", "--update", "policy.json"];
-    folder.jitai(update).succeeded();
-    assert!(
-        !folder.path("policy.partial").exists() && !folder.path("policy.json.partial").exists()
-    );
-    let once = folder.read("policy.json");
-    let learned: serde_json::Value = serde_json::from_str(&once).unwrap();
+    folder.jitai(update("policy.json", "log.csv", "once.json")).succeeded();
+    assert!(!folder.path("once.partial").exists() && !folder.path("once.json.partial").exists());
+    let learned: serde_json::Value = serde_json::from_str(&folder.read("once.json")).unwrap();
     assert_eq!(learned["updated"][0]["policy_sha256"], serde_json::json!(earlier));
-    folder.jitai(update).ended(2).says("`log.csv`: this log is already in the policy");
-    assert_eq!(folder.read("policy.json"), once);
+    let again = update("once.json", "log.csv", "again.json");
+    folder.jitai(again).ended(2).says("`log.csv`: this log is already in the policy");
+    assert!(!folder.path("again.json").exists());
     // Another log is added to the list, and the first one is still known.
     let log = folder.read("log.csv");
     folder
         .write("log.csv", log.lines().take(4).map(|line| format!("{line}\n")).collect::<String>());
-    folder.jitai(update).succeeded();
-    assert_eq!(numbers(&folder, "policy.json", "/updated/1/decisions"), [3.0]);
+    folder.jitai(update("once.json", "log.csv", "twice.json")).succeeded();
+    assert_eq!(numbers(&folder, "twice.json", "/updated/1/decisions"), [3.0]);
     folder.write("log.csv", &log);
-    folder.jitai(update).ended(2).says("this log is already in the policy");
+    let again = update("twice.json", "log.csv", "again.json");
+    folder.jitai(again).ended(2).says("this log is already in the policy");
 }
