@@ -7,8 +7,9 @@ use std::path::{Path, PathBuf};
 use serde_json::{Value as Json, json};
 
 use crate::agent::{Actions, BanditPolicy, LinearThompson};
+use crate::cli::output::cause;
 use crate::cli::{Error, Exit, folder};
-use crate::env::recorded::NumberTable;
+use crate::env::recorded::{MayLack, NumberTable};
 use crate::env::{Action, FeatureSpec, Interface, ObservationSpec};
 use crate::job::Job;
 use crate::portable::digest;
@@ -41,13 +42,12 @@ const LARGEST: f64 = 1e100;
 const LARGEST_SINGLE: f64 = 1e30;
 /// How far the probabilities of messages may add to more than 1.
 const ROUNDING: f64 = 1e-9;
-
 /// A bandit of a file.
 struct FileBandit {
     about: Json,
     /// The digest of the file.
     sha256: String,
-    names: Vec<String>,
+    spec: ObservationSpec,
     actions: usize,
     seed: u64,
     parameters: LinearThompson,
@@ -107,13 +107,10 @@ impl FileBandit {
                 "its features have a one-hot of time, for which a row has no column".to_owned(),
             ));
         }
-        let feature = |name: &String| FeatureSpec {
-            name: name.clone(),
-            low: f32::NEG_INFINITY,
-            high: f32::INFINITY,
-        };
-        let observations =
-            ObservationSpec { features: names.iter().map(feature).collect(), one_hot: 0 };
+        let feature = |name| FeatureSpec { name, low: f32::NEG_INFINITY, high: f32::INFINITY };
+        let features = names.into_iter().map(feature).collect();
+        let spec = ObservationSpec { features, one_hot: 0 };
+        let observations = spec.clone();
         let policy =
             BanditPolicy::of_prior(&of_prior, &Interface { observations, actions }, job.seed)
                 .map_err(|error| refused(error.to_string()))?;
@@ -121,20 +118,23 @@ impl FileBandit {
         let seed = job.seed;
         let sha256 = digest(text.as_bytes());
         let parameters = of_prior;
-        Ok(FileBandit { about, sha256, names, actions, seed, parameters, policy, is_single })
+        Ok(FileBandit { about, sha256, spec, actions, seed, parameters, policy, is_single })
     }
 
-    /// The numbers of these columns.
+    /// The numbers of the features and of these columns.
     fn table(&self, path: &Path, text: &str, more: &[String]) -> Result<NumberTable, Error> {
-        let names = [&self.names, more].concat();
-        let table = NumberTable::read(text, &names)
+        let features = self.spec.features.iter().map(|one| &one.name).chain(more);
+        let columns: Vec<_> = features.map(|name| (name.as_str(), MayLack::Nothing)).collect();
+        let table = NumberTable::read(text, &columns)
             .map_err(|faults| Error::Usage(faults.text(&path.display().to_string())))?;
-        let largest = if self.is_single { LARGEST_SINGLE } else { LARGEST };
-        for (index, (name, column)) in names.iter().zip(&table.columns).enumerate() {
-            let largest = if index < self.names.len() { largest } else { LARGEST };
-            if let Some(row) = column.iter().position(|number| number.abs() > largest) {
-                let says = format!("`{name}` is {:e}, above {largest:e} in size", column[row]);
-                return Err(fault(path, table.lines[row], &says));
+        for (index, ((name, _), column)) in columns.iter().zip(&table.columns).enumerate() {
+            let numbers = || column.iter().zip(&table.lines);
+            let feature = self.spec.features.get(index);
+            let is_single = self.is_single && feature.is_some();
+            let largest = if is_single { LARGEST_SINGLE } else { LARGEST };
+            if let Some((number, line)) = numbers().find(|(number, _)| number.abs() > largest) {
+                let says = format!("`{name}` is {number:e}, above {largest:e} in size");
+                return Err(fault(path, *line, &says));
             }
         }
         Ok(table)
@@ -142,7 +142,8 @@ impl FileBandit {
 
     /// The observation of a row, in the precision that the agent had.
     fn observation(&self, table: &NumberTable, row: usize) -> Vec<f64> {
-        let mut seen = table.row(row, self.names.len());
+        let columns = &table.columns[..self.spec.features.len()];
+        let mut seen: Vec<f64> = columns.iter().map(|column| column[row]).collect();
         if self.is_single {
             seen.iter_mut().for_each(|number| *number = f64::from(*number as f32));
         }
@@ -153,47 +154,55 @@ impl FileBandit {
         let table = self.table(&arguments.data, text, &[])?;
         let mut stream = Stream::new(arguments.seed.unwrap_or(self.seed), Purpose::Deployed);
         stream.go_to(arguments.place);
-        let mut out = io::stdout().lock();
         let chances: Vec<String> =
             (0..self.actions).map(|action| format!("probability_{action}")).collect();
-        writeln!(out, "row,{},action,place", chances.join(","))?;
-        for row in 0..table.lines.len() {
-            let place = stream.position();
+        let own = format!("row,{},action,place", chances.join(","));
+        let own: Vec<&str> = own.split(',').collect();
+        let kept = (0..table.names.len()).filter(|index| !own.contains(&&*table.names[*index]));
+        let kept: Vec<usize> = kept.collect();
+        let mut out = csv::Writer::from_writer(io::stdout().lock());
+        let names = kept.iter().map(|index| &*table.names[*index]);
+        out.write_record(names.chain(own)).map_err(cause)?;
+        for (row, fields) in table.fields.iter().enumerate() {
+            let (place, word) = (stream.position(), stream.bits());
             let seen = self.observation(&table, row);
-            let (action, all) =
-                self.policy.choose(Actions::AsTrained, (&seen, None), stream.bits());
-            let all: Vec<String> = all.iter().map(f64::to_string).collect();
-            writeln!(out, "{},{},{},{place}", row + 1, all.join(","), action.index())?;
+            let (action, all) = self.policy.choose(Actions::AsTrained, (&seen, None), word);
+            let all = all.iter().map(f64::to_string);
+            let numbers = [(row + 1).to_string()].into_iter().chain(all);
+            let numbers = numbers.chain([action.index().to_string(), place.to_string()]);
+            let kept = kept.iter().map(|index| fields[*index].to_owned());
+            out.write_record(kept.chain(numbers)).map_err(cause)?;
         }
+        out.flush()?;
         Ok(Exit::Done)
     }
 
     fn update(&mut self, arguments: &Arguments, text: &str, new: &Path) -> Result<Exit, Error> {
+        let path = &arguments.data;
         if new.symlink_metadata().is_ok() {
             let says = format!("--update: `{}` already exists; name a new file", new.display());
             return Err(Error::Usage(says));
         }
         let log = digest(text.as_bytes());
-        let mut updated = match self.about["updated"].take() {
-            Json::Array(list) => list,
-            Json::Null => Vec::new(),
-            one => vec![one],
-        };
+        let mut updated = self.about["updated"].as_array().cloned().unwrap_or_default();
         if updated.iter().any(|one| one["log_sha256"] == json!(log)) {
             let says = format!(
                 "--data: `{}`: this log is already in the policy; use the earlier policy, or a log of later decisions",
-                arguments.data.display()
+                path.display()
             );
             return Err(Error::Usage(says));
         }
-        let decisions = self.learn(&arguments.data, text)?;
-        self.renew_posterior()?;
-        updated.push(json!({
-            "decisions": decisions,
-            "log_sha256": log,
-            "policy_sha256": self.sha256,
-        }));
-        self.about["updated"] = Json::Array(updated);
+        let decisions = self.learn(path, text)?;
+        // A log without rows leaves the policy as it is.
+        if decisions > 0 {
+            self.renew_posterior()?;
+            updated.push(json!({
+                "decisions": decisions,
+                "log_sha256": log,
+                "policy_sha256": self.sha256,
+            }));
+            self.about["updated"] = Json::Array(updated);
+        }
         folder::write(new, format!("{:#}\n", self.about).as_bytes())?;
         writeln!(io::stderr(), "{}", new.display())?;
         Ok(Exit::Done)
@@ -206,7 +215,7 @@ impl FileBandit {
             more.extend((1..self.actions).map(|action| format!("probability_{action}")));
         }
         let table = self.table(path, text, &more)?;
-        let first = self.names.len();
+        let first = self.spec.features.len();
         for (row, line) in table.lines.iter().enumerate() {
             let number = |column: usize| table.columns[first + column][row];
             let (action, reward) = (number(0), number(1));

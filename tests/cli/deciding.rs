@@ -92,23 +92,65 @@ fn decisions_are_drawn_at_their_places() {
     let lines: Vec<&str> = all.lines().collect();
     assert_eq!(
         lines[0],
-        "row,probability_0,probability_1,probability_2,probability_3,action,place"
+        "H,C,row,probability_0,probability_1,probability_2,probability_3,action,place"
     );
     for (row, line) in lines[1..].iter().enumerate() {
-        let fields: Vec<f64> = line.split(',').map(|field| field.parse().unwrap()).collect();
-        assert!((fields[1..5].iter().sum::<f64>() - 1.0).abs() < 1e-12);
-        assert!(fields[1..5].iter().all(|p| *p >= 0.05 - 1e-12));
-        assert_eq!((fields[0], fields[6]), (row as f64 + 1.0, row as f64));
+        let fields = numbers_of(line);
+        assert!((fields[3..7].iter().sum::<f64>() - 1.0).abs() < 1e-12);
+        assert!(fields[3..7].iter().all(|p| *p >= 0.05 - 1e-12));
+        assert_eq!((fields[2], fields[8]), (row as f64 + 1.0, row as f64));
     }
     // Another call draws at the next place what one call would have drawn.
     folder.write("states.csv", "C,H\n1,0.2\n");
     let last = folder.jitai(decide.into_iter().chain(["--place", "2"])).succeeded().stdout;
-    let fields = |line: &str| line.split_once(',').unwrap().1.to_owned();
-    assert_eq!(fields(last.lines().nth(1).unwrap()), fields(lines[3]));
+    assert_eq!(numbers_of(last.lines().nth(1).unwrap())[3..], numbers_of(lines[3])[3..]);
+}
+
+fn numbers_of(line: &str) -> Vec<f64> {
+    line.split(',').map(|field| field.parse().unwrap()).collect()
 }
 
 fn update<'a>(policy: &'a str, log: &'a str, new: &'a str) -> [&'a str; 7] {
     ["decide", "--policy", policy, "--data", log, "--update", new]
+}
+
+#[test]
+fn a_table_without_rows_has_no_decisions_and_teaches_nothing() {
+    let folder = folder("");
+    folder.write("states.csv", "day,C,H\n");
+    let decide = ["decide", "--policy", "learned/policy.json", "--data", "states.csv"];
+    let header =
+        "day,C,H,row,probability_0,probability_1,probability_2,probability_3,action,place\n";
+    assert_eq!(folder.jitai(decide).succeeded().stdout, header);
+    folder.write("states.csv", "day,C\n");
+    folder.jitai(decide).ended(2).says("there is no column `H`");
+    folder.write("log.csv", "C,H,action,reward\n");
+    folder.jitai(update("learned/policy.json", "log.csv", "new.json")).succeeded();
+    assert_eq!(folder.read("new.json"), folder.read("learned/policy.json"));
+    // Another day without rows is no fault.
+    folder.jitai(update("new.json", "log.csv", "next.json")).succeeded();
+}
+
+#[test]
+fn decisions_keep_the_columns_of_the_states_and_become_a_log() {
+    let folder = folder("action_centring = true");
+    folder.write(
+        "states.csv",
+        "person,C,action,H,\"day, hour\"\n\"Lee, Ann\",1,x,0.5,2024-05-01\n=Jörg,0,y,0.25,\n",
+    );
+    let decide = ["decide", "--policy", "learned/policy.json", "--data", "states.csv"];
+    let out = folder.jitai(decide).succeeded().stdout;
+    let lines: Vec<&str> = out.lines().collect();
+    // The action of the decisions stands in the place of another.
+    let header = "person,C,H,\"day, hour\",row,probability_0,probability_1,probability_2,probability_3,action,place";
+    assert_eq!(lines[0], header);
+    assert!(lines[1].starts_with("\"Lee, Ann\",1,0.5,2024-05-01,1,"), "{out}");
+    assert!(lines[2].starts_with("=Jörg,0,0.25,,2,"), "{out}");
+    // With a column of rewards, the decisions are a log.
+    let log = format!("{},reward\n{},60\n{},80\n", lines[0], lines[1], lines[2]);
+    folder.write("log.csv", log);
+    folder.jitai(update("learned/policy.json", "log.csv", "new.json")).succeeded();
+    assert_eq!(numbers(&folder, "new.json", "/updated/0/decisions"), [2.0]);
 }
 
 #[test]
