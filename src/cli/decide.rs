@@ -1,12 +1,13 @@
 //! `jitai decide`: probabilities and actions of an exported bandit for a table of states, and what it learns from a log.
 
+use std::collections::BTreeMap;
 use std::fs;
 use std::io::{self, Write};
 use std::path::{Path, PathBuf};
 
 use serde_json::{Value as Json, json};
 
-use crate::agent::{Actions, BanditPolicy, LinearThompson};
+use crate::agent::{Actions, BanditPolicy, LinearThompson, certain};
 use crate::cli::output::cause;
 use crate::cli::{Error, Exit, folder};
 use crate::env::recorded::{MayLack, NumberTable};
@@ -22,8 +23,8 @@ pub(super) struct Arguments {
     /// The bandit: a policy.json of `jitai export --policy`
     #[arg(long, value_name = "FILE", value_hint = clap::ValueHint::FilePath)]
     policy: PathBuf,
-    /// A CSV file with a column for each feature of the bandit, one row per decision; with --update, also `action` and
-    /// `reward`, and with action centring the probabilities `probability_1` and so on
+    /// A CSV file with a column for each feature of the bandit, one row per decision, and perhaps `available`; with --update,
+    /// also `action` and `reward`, with action centring the probabilities `probability_1` and so on, and perhaps `reached`
     #[arg(long, value_name = "FILE", value_hint = clap::ValueHint::FilePath)]
     data: PathBuf,
     /// Learn from the rows, and write the new policy to this file, which must not exist
@@ -42,6 +43,16 @@ const LARGEST: f64 = 1e100;
 const LARGEST_SINGLE: f64 = 1e30;
 /// How far the probabilities of messages may add to more than 1.
 const ROUNDING: f64 = 1e-9;
+/// Columns that a table may have: whether an action was possible, and whether the outcome reached the agent.
+const FLAGS: [&str; 2] = ["available", "reached"];
+/// The columns of a log after those of the features; with action centring, the probabilities of the messages follow.
+const LOG: [(&str, MayLack); 4] = [
+    (FLAGS[0], MayLack::Column(1.0)),
+    (FLAGS[1], MayLack::Column(1.0)),
+    ("action", MayLack::Numbers),
+    ("reward", MayLack::Numbers),
+];
+
 /// A bandit of a file.
 struct FileBandit {
     about: Json,
@@ -122,9 +133,14 @@ impl FileBandit {
     }
 
     /// The numbers of the features and of these columns.
-    fn table(&self, path: &Path, text: &str, more: &[String]) -> Result<NumberTable, Error> {
-        let features = self.spec.features.iter().map(|one| &one.name).chain(more);
-        let columns: Vec<_> = features.map(|name| (name.as_str(), MayLack::Nothing)).collect();
+    fn table(
+        &self,
+        path: &Path,
+        text: &str,
+        more: &[(&str, MayLack)],
+    ) -> Result<NumberTable, Error> {
+        let features = self.spec.features.iter().map(|one| (one.name.as_str(), MayLack::Nothing));
+        let columns: Vec<(&str, MayLack)> = features.chain(more.iter().copied()).collect();
         let table = NumberTable::read(text, &columns)
             .map_err(|faults| Error::Usage(faults.text(&path.display().to_string())))?;
         for (index, ((name, _), column)) in columns.iter().zip(&table.columns).enumerate() {
@@ -134,6 +150,17 @@ impl FileBandit {
             let largest = if is_single { LARGEST_SINGLE } else { LARGEST };
             if let Some((number, line)) = numbers().find(|(number, _)| number.abs() > largest) {
                 let says = format!("`{name}` is {number:e}, above {largest:e} in size");
+                return Err(fault(path, *line, &says));
+            }
+            if feature.is_some() || !FLAGS.contains(name) {
+                continue;
+            }
+            let most = 1.0;
+            let is_whole = |number: f64| number.fract() == 0.0 && (0.0..=most).contains(&number);
+            let is_bad = |number: f64| !number.is_nan() && !is_whole(number);
+            if let Some((number, line)) = numbers().find(|(number, _)| is_bad(**number)) {
+                let says =
+                    format!("`{name}` is {number}, expected a whole number from 0 to {most}");
                 return Err(fault(path, *line, &says));
             }
         }
@@ -151,7 +178,7 @@ impl FileBandit {
     }
 
     fn decide(&mut self, arguments: &Arguments, text: &str) -> Result<Exit, Error> {
-        let table = self.table(&arguments.data, text, &[])?;
+        let table = self.table(&arguments.data, text, &LOG[..1])?;
         let mut stream = Stream::new(arguments.seed.unwrap_or(self.seed), Purpose::Deployed);
         stream.go_to(arguments.place);
         let chances: Vec<String> =
@@ -164,9 +191,15 @@ impl FileBandit {
         let names = kept.iter().map(|index| &*table.names[*index]);
         out.write_record(names.chain(own)).map_err(cause)?;
         for (row, fields) in table.fields.iter().enumerate() {
+            // A place for every row, so that a row's chance does not depend on who is available.
             let (place, word) = (stream.position(), stream.bits());
             let seen = self.observation(&table, row);
-            let (action, all) = self.policy.choose(Actions::AsTrained, (&seen, None), word);
+            let (mut action, all) = self.policy.choose(Actions::AsTrained, (&seen, None), word);
+            let mut all = all.to_vec();
+            if table.columns[self.spec.features.len()][row] == 0.0 {
+                action = Action::NONE;
+                certain(action, &mut all);
+            }
             let all = all.iter().map(f64::to_string);
             let numbers = [(row + 1).to_string()].into_iter().chain(all);
             let numbers = numbers.chain([action.index().to_string(), place.to_string()]);
@@ -192,10 +225,13 @@ impl FileBandit {
             );
             return Err(Error::Usage(says));
         }
-        let decisions = self.learn(path, text)?;
-        // A log without rows leaves the policy as it is.
+        let table = self.log(path, text)?;
+        let decisions = self.learn(path, &table)?;
         if decisions > 0 {
             self.renew_posterior()?;
+        }
+        // A log without rows leaves the policy as it is.
+        if !table.lines.is_empty() {
             updated.push(json!({
                 "decisions": decisions,
                 "log_sha256": log,
@@ -208,36 +244,77 @@ impl FileBandit {
         Ok(Exit::Done)
     }
 
-    /// Learns from the rows of a log, and returns their number.
-    fn learn(&mut self, path: &Path, text: &str) -> Result<usize, Error> {
-        let mut more = vec!["action".to_owned(), "reward".to_owned()];
-        if self.parameters.action_centring {
-            more.extend((1..self.actions).map(|action| format!("probability_{action}")));
-        }
-        let table = self.table(path, text, &more)?;
-        let first = self.spec.features.len();
+    /// The numbers of a log.
+    fn log(&self, path: &Path, text: &str) -> Result<NumberTable, Error> {
+        let messages = if self.parameters.action_centring { 1..self.actions } else { 0..0 };
+        let chances: Vec<String> = messages.map(|action| format!("probability_{action}")).collect();
+        let chances = chances.iter().map(|name| (name.as_str(), MayLack::Numbers));
+        self.table(path, text, &LOG.into_iter().chain(chances).collect::<Vec<_>>())
+    }
+
+    /// Learns from the rows of a log that count, and returns their number.
+    fn learn(&mut self, path: &Path, table: &NumberTable) -> Result<usize, Error> {
+        let mut left_out: BTreeMap<&str, usize> = BTreeMap::new();
         for (row, line) in table.lines.iter().enumerate() {
-            let number = |column: usize| table.columns[first + column][row];
-            let (action, reward) = (number(0), number(1));
-            let taken = Action::from_index(action as usize).filter(|taken| {
-                taken.index() < self.actions && action.fract() == 0.0 && action >= 0.0
-            });
-            let Some(taken) = taken else {
-                let most = self.actions - 1;
-                let says =
-                    format!("`action` is {action}, expected a whole number from 0 to {most}");
-                return Err(fault(path, *line, &says));
-            };
-            let messages: Vec<f64> = (2..more.len()).map(number).collect();
-            let mut chances = match self.parameters.action_centring {
-                true => chances(&messages, taken).map_err(|says| fault(path, *line, &says))?,
-                false => vec![1.0],
-            };
-            chances.resize(self.actions, 0.0);
-            let seen = self.observation(&table, row);
-            self.policy.learn((&seen, None), (taken, &chances), reward);
+            let why = self.teach(table, row).map_err(|says| fault(path, *line, &says))?;
+            why.into_iter().for_each(|why| *left_out.entry(why).or_default() += 1);
         }
-        Ok(table.lines.len())
+        let rows = table.lines.len();
+        let learned = rows - left_out.values().sum::<usize>();
+        if learned < rows || rows == 0 {
+            let whys: Vec<String> =
+                left_out.iter().map(|(why, count)| format!("; {count} {why}")).collect();
+            let (path, whys) = (path.display(), whys.concat());
+            writeln!(
+                io::stderr(),
+                "note: {path}: {learned} of {rows} rows teach the policy{whys}"
+            )?;
+        }
+        Ok(learned)
+    }
+
+    /// Learns from a row of a log, or returns why it teaches nothing, as a replay of a recorded trial does.
+    ///
+    /// **Errors**: the row is no decision.
+    fn teach(&mut self, table: &NumberTable, row: usize) -> Result<Option<&'static str>, String> {
+        let first = self.spec.features.len();
+        let number = |column: usize| table.columns[first + column][row];
+        let [is_available, is_reached] = [0, 1].map(|flag| number(flag) == 1.0);
+        let (action, reward) = (number(2), number(3));
+        if is_available && action.is_nan() {
+            return Ok(Some("without `action`"));
+        }
+        let action = if action.is_nan() { 0.0 } else { action };
+        let taken = Action::from_index(action as usize)
+            .filter(|taken| taken.index() < self.actions && action.fract() == 0.0 && action >= 0.0);
+        let most = self.actions - 1;
+        let taken = taken.ok_or_else(|| {
+            format!("`action` is {action}, expected a whole number from 0 to {most}")
+        })?;
+        if !is_available {
+            return match taken.index() {
+                0 => Ok(Some("with `available` 0")),
+                _ => Err(format!("action {action} where `available` is 0")),
+            };
+        }
+        let messages: Vec<f64> = (LOG.len()..table.columns.len() - first).map(number).collect();
+        if messages.iter().any(|chance| chance.is_nan()) {
+            return Ok(Some("without a probability"));
+        }
+        let mut chances = match self.parameters.action_centring {
+            true => chances(&messages, taken)?,
+            false => vec![1.0],
+        };
+        chances.resize(self.actions, 0.0);
+        if reward.is_nan() {
+            return Ok(Some("without `reward`"));
+        }
+        if !is_reached {
+            return Ok(Some("with `reached` 0"));
+        }
+        let seen = self.observation(table, row);
+        self.policy.learn((&seen, None), (taken, &chances), reward);
+        Ok(None)
     }
 
     /// Writes what was learned into the content of the file.

@@ -115,6 +115,68 @@ fn update<'a>(policy: &'a str, log: &'a str, new: &'a str) -> [&'a str; 7] {
 }
 
 #[test]
+fn an_unavailable_person_gets_action_0_at_a_place_of_the_stream() {
+    let folder = folder("");
+    let decide = ["decide", "--policy", "learned/policy.json", "--data", "states.csv"];
+    let states = |flags: [u8; 3]| {
+        let [first, second, third] = flags;
+        folder.write(
+            "states.csv",
+            format!("C,H,available\n1,0.1,{first}\n0,0.3,{second}\n1,0.2,{third}\n"),
+        );
+        let out = folder.jitai(decide).succeeded().stdout;
+        out.lines().skip(1).map(|line| numbers_of(line)[3..].to_vec()).collect::<Vec<_>>()
+    };
+    let (all, some) = (states([1, 1, 1]), states([1, 0, 1]));
+    assert_eq!((&all[0], &all[2]), (&some[0], &some[2]));
+    assert_eq!(some[1], [2.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0]);
+    folder.write("states.csv", "C,H,available\n1,0.1,1\n0,0.3,2\n");
+    folder.jitai(decide).ended(2).says("states.csv: line 3: `available` is 2, expected");
+    folder.write("states.csv", "C,H,available\n1,0.1,\n");
+    folder.jitai(decide).ended(2).says("states.csv: line 2: column `available` is empty");
+}
+
+#[test]
+fn rows_that_a_replay_leaves_out_teach_nothing() {
+    let folder = folder("action_centring = true");
+    let header = "C,H,action,reward,probability_1,probability_2,probability_3";
+    folder.write("plain.csv", format!("{header}\n1,0.5,1,60,0.25,0.25,0.25\n"));
+    folder.jitai(update("prior.json", "plain.csv", "plain.json")).succeeded();
+    let rows = [
+        "1,0.5,1,60,0.25,0.25,0.25,1,1",
+        // Without availability, an action is 0, whose probabilities are not read.
+        "1,0.5,0,90,7,,,0,1",
+        "0,0.5,,,,,,0,0",
+        "0,0.5,2,90,0.25,0.25,0.25,1,0",
+        "0,0.5,2,NA,0.25,0.25,0.25,1,1",
+        "0,0.5,,90,0.25,0.25,0.25,1,1",
+        "0,0.5,2,90,,0.25,0.25,1,1",
+    ];
+    let flags = format!("{header},available,reached\n");
+    folder.write("log.csv", format!("{flags}{}\n", rows.join("\n")));
+    folder.jitai(update("prior.json", "log.csv", "new.json")).succeeded().says(
+        "note: log.csv: 1 of 7 rows teach the policy; 2 with `available` 0; 1 with `reached` 0; 1 without `action`; \
+         1 without `reward`; 1 without a probability",
+    );
+    for of in ["/posterior/precision", "/posterior/mean"] {
+        assert_eq!(numbers(&folder, "new.json", of), numbers(&folder, "plain.json", of));
+    }
+    assert_eq!(numbers(&folder, "new.json", "/updated/0/decisions"), [1.0]);
+    for (row, says) in [
+        ("1,0.5,1,60,0.25,0.25,0.25,0,1", "line 2: action 1 where `available` is 0"),
+        ("1,0.5,1,60,0.25,0.25,0.25,1,0.5", "line 2: `reached` is 0.5, expected"),
+        ("1,,0,60,0.25,0.25,0.25,0,1", "line 2: column `H` is empty"),
+    ] {
+        folder.write("log.csv", format!("{flags}{row}\n"));
+        folder.jitai(update("prior.json", "log.csv", "bad.json")).ended(2).says(says);
+        assert!(!folder.path("bad.json").exists());
+    }
+    folder.write("log.csv", "C,H,action,probability_1,probability_2,probability_3\n");
+    let refused = folder.jitai(update("prior.json", "log.csv", "bad.json")).ended(2);
+    refused.says("there is no column `reward`");
+}
+
+#[test]
 fn a_table_without_rows_has_no_decisions_and_teaches_nothing() {
     let folder = folder("");
     folder.write("states.csv", "day,C,H\n");
@@ -125,7 +187,8 @@ fn a_table_without_rows_has_no_decisions_and_teaches_nothing() {
     folder.write("states.csv", "day,C\n");
     folder.jitai(decide).ended(2).says("there is no column `H`");
     folder.write("log.csv", "C,H,action,reward\n");
-    folder.jitai(update("learned/policy.json", "log.csv", "new.json")).succeeded();
+    let none = folder.jitai(update("learned/policy.json", "log.csv", "new.json")).succeeded();
+    none.says("note: log.csv: 0 of 0 rows teach the policy");
     assert_eq!(folder.read("new.json"), folder.read("learned/policy.json"));
     // Another day without rows is no fault.
     folder.jitai(update("new.json", "log.csv", "next.json")).succeeded();
