@@ -118,8 +118,15 @@ impl FileBandit {
                 "its features have a one-hot of time, for which a row has no column".to_owned(),
             ));
         }
-        let feature = |name| FeatureSpec { name, low: f32::NEG_INFINITY, high: f32::INFINITY };
-        let features = names.into_iter().map(feature).collect();
+        let feature = |(index, name)| {
+            // An infinite bound is null.
+            let bound =
+                |key: &str| about["features"][index][key].as_f64().map(|bound| bound as f32);
+            let (low, high) = (bound("low"), bound("high"));
+            let (low, high) = (low.unwrap_or(f32::NEG_INFINITY), high.unwrap_or(f32::INFINITY));
+            FeatureSpec { name, low, high }
+        };
+        let features = names.into_iter().enumerate().map(feature).collect();
         let spec = ObservationSpec { features, one_hot: 0 };
         let observations = spec.clone();
         let policy =
@@ -132,7 +139,8 @@ impl FileBandit {
         Ok(FileBandit { about, sha256, spec, actions, seed, parameters, policy, is_single })
     }
 
-    /// The numbers of the features and of these columns.
+    /// The numbers of the features and of these columns, with notes about features outside of their ranges, which a policy
+    /// accepts as a replay does.
     fn table(
         &self,
         path: &Path,
@@ -152,7 +160,22 @@ impl FileBandit {
                 let says = format!("`{name}` is {number:e}, above {largest:e} in size");
                 return Err(fault(path, *line, &says));
             }
-            if feature.is_some() || !FLAGS.contains(name) {
+            if let Some(FeatureSpec { low, high, .. }) = feature {
+                let is_outside = |number: f64| !(*low..=*high).contains(&(number as f32));
+                let mut outside = numbers().filter(|(number, _)| is_outside(**number));
+                if let Some((number, line)) = outside.next() {
+                    let says =
+                        format!("`{name}` is {number}, outside of its range {low} to {high}");
+                    let says = fault(path, *line, &says);
+                    writeln!(
+                        io::stderr(),
+                        "note: {says}; rows like this: {}",
+                        outside.count() + 1
+                    )?;
+                }
+                continue;
+            }
+            if !FLAGS.contains(name) {
                 continue;
             }
             let most = 1.0;

@@ -177,6 +177,19 @@ fn rows_that_a_replay_leaves_out_teach_nothing() {
 }
 
 #[test]
+fn numbers_outside_of_their_range_are_noted() {
+    let folder = folder("");
+    folder.write("states.csv", "C,H\n1,0.5\n1,7\n0,8\n");
+    let decide = ["decide", "--policy", "learned/policy.json", "--data", "states.csv"];
+    let noted = folder.jitai(decide).succeeded();
+    assert_eq!(noted.stdout.lines().count(), 4);
+    assert_eq!(
+        noted.stderr,
+        "note: states.csv: line 3: `H` is 7, outside of its range 0 to 1; rows like this: 2\n"
+    );
+}
+
+#[test]
 fn a_table_without_rows_has_no_decisions_and_teaches_nothing() {
     let folder = folder("");
     folder.write("states.csv", "day,C,H\n");
