@@ -24,7 +24,8 @@ pub(super) struct Arguments {
     #[arg(long, value_name = "FILE", value_hint = clap::ValueHint::FilePath)]
     policy: PathBuf,
     /// A CSV file with a column for each feature of the bandit, one row per decision, and perhaps `available`; with --update,
-    /// also `action` and `reward`, with action centring the probabilities `probability_1` and so on, and perhaps `reached`
+    /// also `action` and `reward`, with action centring the probabilities `probability_1` and so on, and perhaps `reached` and
+    /// `place`
     #[arg(long, value_name = "FILE", value_hint = clap::ValueHint::FilePath)]
     data: PathBuf,
     /// Learn from the rows, and write the new policy to this file, which must not exist
@@ -33,22 +34,28 @@ pub(super) struct Arguments {
     /// Seed of the stream that draws actions; by default that of the policy's job
     #[arg(long, value_name = "SEED", conflicts_with = "update")]
     seed: Option<u64>,
-    /// Place in the stream at which the first action is drawn: the last one that was written, plus 1
-    #[arg(long, value_name = "PLACE", default_value_t = 0, conflicts_with = "update")]
-    place: u64,
+    /// Place in the stream at which the first action is drawn: by default the policy's, which an update moves; for a second
+    /// table before the next update, the last place that was written, plus 1
+    #[arg(long, value_name = "PLACE", conflicts_with = "update")]
+    place: Option<u64>,
 }
 
 /// The largest number of a table, whose squares have sums; and that of a feature in single precision.
 const LARGEST: f64 = 1e100;
 const LARGEST_SINGLE: f64 = 1e30;
+/// The largest place of a log; larger numbers are not whole.
+const LARGEST_PLACE: f64 = 9_007_199_254_740_992.0;
 /// How far the probabilities of messages may add to more than 1.
 const ROUNDING: f64 = 1e-9;
 /// Columns that a table may have: whether an action was possible, and whether the outcome reached the agent.
 const FLAGS: [&str; 2] = ["available", "reached"];
+/// The last column of decisions.
+const PLACE: &str = "place";
 /// The columns of a log after those of the features; with action centring, the probabilities of the messages follow.
-const LOG: [(&str, MayLack); 4] = [
+const LOG: [(&str, MayLack); 5] = [
     (FLAGS[0], MayLack::Column(1.0)),
     (FLAGS[1], MayLack::Column(1.0)),
+    (PLACE, MayLack::Column(f64::NAN)),
     ("action", MayLack::Numbers),
     ("reward", MayLack::Numbers),
 ];
@@ -61,6 +68,8 @@ struct FileBandit {
     spec: ObservationSpec,
     actions: usize,
     seed: u64,
+    /// Where the next decisions begin.
+    place: u64,
     parameters: LinearThompson,
     policy: BanditPolicy,
     is_single: bool,
@@ -118,6 +127,13 @@ impl FileBandit {
                 "its features have a one-hot of time, for which a row has no column".to_owned(),
             ));
         }
+        let place = match about.get(PLACE) {
+            None => Some(0),
+            Some(place) => place.as_u64(),
+        };
+        let place = place.ok_or_else(|| {
+            refused(format!("its `place` is {}, expected a whole number from 0", about[PLACE]))
+        })?;
         let feature = |(index, name)| {
             // An infinite bound is null.
             let bound =
@@ -136,7 +152,7 @@ impl FileBandit {
         let seed = job.seed;
         let sha256 = digest(text.as_bytes());
         let parameters = of_prior;
-        Ok(FileBandit { about, sha256, spec, actions, seed, parameters, policy, is_single })
+        Ok(FileBandit { about, sha256, spec, actions, seed, place, parameters, policy, is_single })
     }
 
     /// The numbers of the features and of these columns, with notes about features outside of their ranges, which a policy
@@ -175,10 +191,11 @@ impl FileBandit {
                 }
                 continue;
             }
-            if !FLAGS.contains(name) {
-                continue;
-            }
-            let most = 1.0;
+            let most = match *name {
+                PLACE if !self.has_feature(PLACE) => LARGEST_PLACE,
+                name if FLAGS.contains(&name) => 1.0,
+                _ => continue,
+            };
             let is_whole = |number: f64| number.fract() == 0.0 && (0.0..=most).contains(&number);
             let is_bad = |number: f64| !number.is_nan() && !is_whole(number);
             if let Some((number, line)) = numbers().find(|(number, _)| is_bad(**number)) {
@@ -203,10 +220,10 @@ impl FileBandit {
     fn decide(&mut self, arguments: &Arguments, text: &str) -> Result<Exit, Error> {
         let table = self.table(&arguments.data, text, &LOG[..1])?;
         let mut stream = Stream::new(arguments.seed.unwrap_or(self.seed), Purpose::Deployed);
-        stream.go_to(arguments.place);
+        stream.go_to(arguments.place.unwrap_or(self.place));
         let chances: Vec<String> =
             (0..self.actions).map(|action| format!("probability_{action}")).collect();
-        let own = format!("row,{},action,place", chances.join(","));
+        let own = format!("row,{},action,{PLACE}", chances.join(","));
         let own: Vec<&str> = own.split(',').collect();
         let kept = (0..table.names.len()).filter(|index| !own.contains(&&*table.names[*index]));
         let kept: Vec<usize> = kept.collect();
@@ -261,6 +278,7 @@ impl FileBandit {
                 "policy_sha256": self.sha256,
             }));
             self.about["updated"] = Json::Array(updated);
+            self.about[PLACE] = json!(self.place_after(&table));
         }
         folder::write(new, format!("{:#}\n", self.about).as_bytes())?;
         writeln!(io::stderr(), "{}", new.display())?;
@@ -273,6 +291,19 @@ impl FileBandit {
         let chances: Vec<String> = messages.map(|action| format!("probability_{action}")).collect();
         let chances = chances.iter().map(|name| (name.as_str(), MayLack::Numbers));
         self.table(path, text, &LOG.into_iter().chain(chances).collect::<Vec<_>>())
+    }
+
+    /// Where the decisions after a log begin: never before those of the policy.
+    fn place_after(&self, table: &NumberTable) -> u64 {
+        let is_place = |place: &&f64| !place.is_nan() && !self.has_feature(PLACE);
+        let places = table.columns[self.spec.features.len() + 2].iter().filter(is_place);
+        let after = places.map(|place| *place as u64 + 1).max();
+        let by_rows = || self.place.saturating_add(table.lines.len() as u64);
+        after.unwrap_or_else(by_rows).max(self.place)
+    }
+
+    fn has_feature(&self, name: &str) -> bool {
+        self.spec.features.iter().any(|feature| feature.name == name)
     }
 
     /// Learns from the rows of a log that count, and returns their number.
@@ -303,7 +334,7 @@ impl FileBandit {
         let first = self.spec.features.len();
         let number = |column: usize| table.columns[first + column][row];
         let [is_available, is_reached] = [0, 1].map(|flag| number(flag) == 1.0);
-        let (action, reward) = (number(2), number(3));
+        let (action, reward) = (number(3), number(4));
         if is_available && action.is_nan() {
             return Ok(Some("without `action`"));
         }

@@ -104,6 +104,18 @@ fn decisions_are_drawn_at_their_places() {
     folder.write("states.csv", "C,H\n1,0.2\n");
     let last = folder.jitai(decide.into_iter().chain(["--place", "2"])).succeeded().stdout;
     assert_eq!(numbers_of(last.lines().nth(1).unwrap())[3..], numbers_of(lines[3])[3..]);
+    // So does a policy that says where the next decisions begin.
+    let mut about: serde_json::Value =
+        serde_json::from_str(&folder.read("learned/policy.json")).unwrap();
+    about["place"] = 2.into();
+    folder.write("moved.json", about.to_string());
+    let moved = ["decide", "--policy", "moved.json", "--data", "states.csv"];
+    assert_eq!(folder.jitai(moved).succeeded().stdout, last);
+    let first = moved.into_iter().chain(["--place", "0"]);
+    assert!(folder.jitai(first).succeeded().stdout.ends_with(",0\n"));
+    about["place"] = (-1).into();
+    folder.write("moved.json", about.to_string());
+    folder.jitai(moved).ended(2).says("its `place` is -1, expected a whole number from 0");
 }
 
 fn numbers_of(line: &str) -> Vec<f64> {
@@ -190,6 +202,33 @@ fn numbers_outside_of_their_range_are_noted() {
 }
 
 #[test]
+fn an_update_says_where_the_next_decisions_begin() {
+    let folder = folder("");
+    let log = |name: &str, rows: &[&str]| {
+        folder.write(name, format!("C,H,action,reward,place\n{}\n", rows.join("\n")));
+    };
+    // Without the column, every row has had a place.
+    folder.jitai(update("prior.json", "log.csv", "a.json")).succeeded();
+    let rows = folder.read("log.csv").lines().count() as f64 - 1.0;
+    assert_eq!(numbers(&folder, "a.json", "/place"), [rows]);
+    // With it, decisions begin after the last place, and never before those of the policy.
+    log("b.csv", &["1,0.5,0,1,1007", "1,0.5,0,1,1009", "1,0.5,0,1,"]);
+    folder.jitai(update("a.json", "b.csv", "b.json")).succeeded();
+    assert_eq!(numbers(&folder, "b.json", "/place"), [1010.0]);
+    log("c.csv", &["1,0.5,0,1,3"]);
+    folder.jitai(update("b.json", "c.csv", "c.json")).succeeded();
+    assert_eq!(numbers(&folder, "c.json", "/place"), [1010.0]);
+    folder.write("states.csv", "C,H\n1,0.5\n");
+    folder
+        .jitai(["decide", "--policy", "c.json", "--data", "states.csv"])
+        .succeeded()
+        .prints(",1010\n");
+    log("d.csv", &["1,0.5,0,1,3", "1,0.5,0,1,1.5"]);
+    let refused = folder.jitai(update("c.json", "d.csv", "d.json")).ended(2);
+    refused.says("d.csv: line 3: `place` is 1.5, expected a whole number from 0");
+}
+
+#[test]
 fn a_table_without_rows_has_no_decisions_and_teaches_nothing() {
     let folder = folder("");
     folder.write("states.csv", "day,C,H\n");
@@ -226,6 +265,7 @@ fn decisions_keep_the_columns_of_the_states_and_become_a_log() {
     let log = format!("{},reward\n{},60\n{},80\n", lines[0], lines[1], lines[2]);
     folder.write("log.csv", log);
     folder.jitai(update("learned/policy.json", "log.csv", "new.json")).succeeded();
+    assert_eq!(numbers(&folder, "new.json", "/place"), [2.0]);
     assert_eq!(numbers(&folder, "new.json", "/updated/0/decisions"), [2.0]);
 }
 
