@@ -533,6 +533,20 @@ def test_a_bandit_learns_from_a_log_as_the_program_does(bandits, tmp_path):
         assert ran.returncode == 0, ran.stderr
         of_program = json.loads(new.read_text())["posterior"]
         np.testing.assert_allclose(of_program["mean"], learned.weights["mean"], rtol=1e-6, atol=1e-6)
+        # Decisions without availability, and outcomes that were not reached, teach nothing.
+        available, reached = np.arange(30) % 5 > 0, np.arange(30) % 7 != 3
+        unknown = np.where(available & reached, rewards, np.nan)
+        some = policy.update(
+            rows, np.where(available, actions, 0), unknown, chances, available=available, reached=reached * 1
+        )
+        kept = available & reached
+        same = policy.update(rows[kept], actions[kept], rewards[kept], chances[kept])
+        assert np.array_equal(some.weights["precision"], same.weights["precision"])
+        assert np.array_equal(some.weights["mean"], same.weights["mean"])
+    with pytest.raises(ValueError, match="row 0 has 1 where available is 0"):
+        policy.update(rows[:1], [1], [1.0], chances[:1], available=[0])
+    with pytest.raises(ValueError, match="reached: expected 0 or 1 for each of 2"):
+        policy.update(rows[:2], [1, 1], [1.0, 1.0], chances[:2], reached=[1, 0.5])
     with pytest.raises(ValueError, match="row 0 has 99"):
         policy.update(rows[:1], [99], [1.0], chances[:1])
     with pytest.raises(ValueError, match="an action and a reward for each of 2"):

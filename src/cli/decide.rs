@@ -1,14 +1,16 @@
 //! `jitai decide`: probabilities and actions of an exported bandit for a table of states, and what it learns from a log.
 
+use std::collections::BTreeMap;
 use std::fs;
 use std::io::{self, Write};
 use std::path::{Path, PathBuf};
 
 use serde_json::{Value as Json, json};
 
-use crate::agent::{Actions, BanditPolicy, LinearThompson};
+use crate::agent::{Actions, BanditPolicy, LinearThompson, certain};
+use crate::cli::output::cause;
 use crate::cli::{Error, Exit, folder};
-use crate::env::recorded::NumberTable;
+use crate::env::recorded::{MayLack, NumberTable};
 use crate::env::{Action, FeatureSpec, Interface, ObservationSpec};
 use crate::job::Job;
 use crate::portable::digest;
@@ -21,35 +23,53 @@ pub(super) struct Arguments {
     /// The bandit: a policy.json of `jitai export --policy`
     #[arg(long, value_name = "FILE", value_hint = clap::ValueHint::FilePath)]
     policy: PathBuf,
-    /// A CSV file with a column for each feature of the bandit, one row per decision; with --update, also `action` and
-    /// `reward`, and with action centring the probabilities `probability_1` and so on
+    /// A CSV file with a column for each feature of the bandit, one row per decision, and perhaps `available`; with --update,
+    /// also `action` and `reward`, with action centring the probabilities `probability_1` and so on, and perhaps `reached` and
+    /// `place`
     #[arg(long, value_name = "FILE", value_hint = clap::ValueHint::FilePath)]
     data: PathBuf,
-    /// Learn from the rows, and write the new policy to this file
+    /// Learn from the rows, and write the new policy to this file, which must not exist
     #[arg(long, value_name = "NEW", value_hint = clap::ValueHint::FilePath)]
     update: Option<PathBuf>,
     /// Seed of the stream that draws actions; by default that of the policy's job
     #[arg(long, value_name = "SEED", conflicts_with = "update")]
     seed: Option<u64>,
-    /// Place in the stream at which the first action is drawn: the last one that was written, plus 1
-    #[arg(long, value_name = "PLACE", default_value_t = 0, conflicts_with = "update")]
-    place: u64,
+    /// Place in the stream at which the first action is drawn: by default the policy's, which an update moves; for a second
+    /// table before the next update, the last place that was written, plus 1
+    #[arg(long, value_name = "PLACE", conflicts_with = "update")]
+    place: Option<u64>,
 }
 
 /// The largest number of a table, whose squares have sums; and that of a feature in single precision.
 const LARGEST: f64 = 1e100;
 const LARGEST_SINGLE: f64 = 1e30;
+/// The largest place of a log; larger numbers are not whole.
+const LARGEST_PLACE: f64 = 9_007_199_254_740_992.0;
 /// How far the probabilities of messages may add to more than 1.
 const ROUNDING: f64 = 1e-9;
+/// Columns that a table may have: whether an action was possible, and whether the outcome reached the agent.
+const FLAGS: [&str; 2] = ["available", "reached"];
+/// The last column of decisions.
+const PLACE: &str = "place";
+/// The columns of a log after those of the features; with action centring, the probabilities of the messages follow.
+const LOG: [(&str, MayLack); 5] = [
+    (FLAGS[0], MayLack::Column(1.0)),
+    (FLAGS[1], MayLack::Column(1.0)),
+    (PLACE, MayLack::Column(f64::NAN)),
+    ("action", MayLack::Numbers),
+    ("reward", MayLack::Numbers),
+];
 
 /// A bandit of a file.
 struct FileBandit {
     about: Json,
     /// The digest of the file.
     sha256: String,
-    names: Vec<String>,
+    spec: ObservationSpec,
     actions: usize,
     seed: u64,
+    /// Where the next decisions begin.
+    place: u64,
     parameters: LinearThompson,
     policy: BanditPolicy,
     is_single: bool,
@@ -107,13 +127,24 @@ impl FileBandit {
                 "its features have a one-hot of time, for which a row has no column".to_owned(),
             ));
         }
-        let feature = |name: &String| FeatureSpec {
-            name: name.clone(),
-            low: f32::NEG_INFINITY,
-            high: f32::INFINITY,
+        let place = match about.get(PLACE) {
+            None => Some(0),
+            Some(place) => place.as_u64(),
         };
-        let observations =
-            ObservationSpec { features: names.iter().map(feature).collect(), one_hot: 0 };
+        let place = place.ok_or_else(|| {
+            refused(format!("its `place` is {}, expected a whole number from 0", about[PLACE]))
+        })?;
+        let feature = |(index, name)| {
+            // An infinite bound is null.
+            let bound =
+                |key: &str| about["features"][index][key].as_f64().map(|bound| bound as f32);
+            let (low, high) = (bound("low"), bound("high"));
+            let (low, high) = (low.unwrap_or(f32::NEG_INFINITY), high.unwrap_or(f32::INFINITY));
+            FeatureSpec { name, low, high }
+        };
+        let features = names.into_iter().enumerate().map(feature).collect();
+        let spec = ObservationSpec { features, one_hot: 0 };
+        let observations = spec.clone();
         let policy =
             BanditPolicy::of_prior(&of_prior, &Interface { observations, actions }, job.seed)
                 .map_err(|error| refused(error.to_string()))?;
@@ -121,20 +152,56 @@ impl FileBandit {
         let seed = job.seed;
         let sha256 = digest(text.as_bytes());
         let parameters = of_prior;
-        Ok(FileBandit { about, sha256, names, actions, seed, parameters, policy, is_single })
+        Ok(FileBandit { about, sha256, spec, actions, seed, place, parameters, policy, is_single })
     }
 
-    /// The numbers of these columns.
-    fn table(&self, path: &Path, text: &str, more: &[String]) -> Result<NumberTable, Error> {
-        let names = [&self.names, more].concat();
-        let table = NumberTable::read(text, &names)
+    /// The numbers of the features and of these columns, with notes about features outside of their ranges, which a policy
+    /// accepts as a replay does.
+    fn table(
+        &self,
+        path: &Path,
+        text: &str,
+        more: &[(&str, MayLack)],
+    ) -> Result<NumberTable, Error> {
+        let features = self.spec.features.iter().map(|one| (one.name.as_str(), MayLack::Nothing));
+        let columns: Vec<(&str, MayLack)> = features.chain(more.iter().copied()).collect();
+        let table = NumberTable::read(text, &columns)
             .map_err(|faults| Error::Usage(faults.text(&path.display().to_string())))?;
-        let largest = if self.is_single { LARGEST_SINGLE } else { LARGEST };
-        for (index, (name, column)) in names.iter().zip(&table.columns).enumerate() {
-            let largest = if index < self.names.len() { largest } else { LARGEST };
-            if let Some(row) = column.iter().position(|number| number.abs() > largest) {
-                let says = format!("`{name}` is {:e}, above {largest:e} in size", column[row]);
-                return Err(fault(path, table.lines[row], &says));
+        for (index, ((name, _), column)) in columns.iter().zip(&table.columns).enumerate() {
+            let numbers = || column.iter().zip(&table.lines);
+            let feature = self.spec.features.get(index);
+            let is_single = self.is_single && feature.is_some();
+            let largest = if is_single { LARGEST_SINGLE } else { LARGEST };
+            if let Some((number, line)) = numbers().find(|(number, _)| number.abs() > largest) {
+                let says = format!("`{name}` is {number:e}, above {largest:e} in size");
+                return Err(fault(path, *line, &says));
+            }
+            if let Some(FeatureSpec { low, high, .. }) = feature {
+                let is_outside = |number: f64| !(*low..=*high).contains(&(number as f32));
+                let mut outside = numbers().filter(|(number, _)| is_outside(**number));
+                if let Some((number, line)) = outside.next() {
+                    let says =
+                        format!("`{name}` is {number}, outside of its range {low} to {high}");
+                    let says = fault(path, *line, &says);
+                    writeln!(
+                        io::stderr(),
+                        "note: {says}; rows like this: {}",
+                        outside.count() + 1
+                    )?;
+                }
+                continue;
+            }
+            let most = match *name {
+                PLACE if !self.has_feature(PLACE) => LARGEST_PLACE,
+                name if FLAGS.contains(&name) => 1.0,
+                _ => continue,
+            };
+            let is_whole = |number: f64| number.fract() == 0.0 && (0.0..=most).contains(&number);
+            let is_bad = |number: f64| !number.is_nan() && !is_whole(number);
+            if let Some((number, line)) = numbers().find(|(number, _)| is_bad(**number)) {
+                let says =
+                    format!("`{name}` is {number}, expected a whole number from 0 to {most}");
+                return Err(fault(path, *line, &says));
             }
         }
         Ok(table)
@@ -142,7 +209,8 @@ impl FileBandit {
 
     /// The observation of a row, in the precision that the agent had.
     fn observation(&self, table: &NumberTable, row: usize) -> Vec<f64> {
-        let mut seen = table.row(row, self.names.len());
+        let columns = &table.columns[..self.spec.features.len()];
+        let mut seen: Vec<f64> = columns.iter().map(|column| column[row]).collect();
         if self.is_single {
             seen.iter_mut().for_each(|number| *number = f64::from(*number as f32));
         }
@@ -150,81 +218,157 @@ impl FileBandit {
     }
 
     fn decide(&mut self, arguments: &Arguments, text: &str) -> Result<Exit, Error> {
-        let table = self.table(&arguments.data, text, &[])?;
+        let table = self.table(&arguments.data, text, &LOG[..1])?;
         let mut stream = Stream::new(arguments.seed.unwrap_or(self.seed), Purpose::Deployed);
-        stream.go_to(arguments.place);
-        let mut out = io::stdout().lock();
+        stream.go_to(arguments.place.unwrap_or(self.place));
         let chances: Vec<String> =
             (0..self.actions).map(|action| format!("probability_{action}")).collect();
-        writeln!(out, "row,{},action,place", chances.join(","))?;
-        for row in 0..table.lines.len() {
-            let place = stream.position();
+        let own = format!("row,{},action,{PLACE}", chances.join(","));
+        let own: Vec<&str> = own.split(',').collect();
+        let kept = (0..table.names.len()).filter(|index| !own.contains(&&*table.names[*index]));
+        let kept: Vec<usize> = kept.collect();
+        let mut out = csv::Writer::from_writer(io::stdout().lock());
+        let names = kept.iter().map(|index| &*table.names[*index]);
+        out.write_record(names.chain(own)).map_err(cause)?;
+        for (row, fields) in table.fields.iter().enumerate() {
+            // A place for every row, so that a row's chance does not depend on who is available.
+            let (place, word) = (stream.position(), stream.bits());
             let seen = self.observation(&table, row);
-            let (action, all) =
-                self.policy.choose(Actions::AsTrained, (&seen, None), stream.bits());
-            let all: Vec<String> = all.iter().map(f64::to_string).collect();
-            writeln!(out, "{},{},{},{place}", row + 1, all.join(","), action.index())?;
+            let (mut action, all) = self.policy.choose(Actions::AsTrained, (&seen, None), word);
+            let mut all = all.to_vec();
+            if table.columns[self.spec.features.len()][row] == 0.0 {
+                action = Action::NONE;
+                certain(action, &mut all);
+            }
+            let all = all.iter().map(f64::to_string);
+            let numbers = [(row + 1).to_string()].into_iter().chain(all);
+            let numbers = numbers.chain([action.index().to_string(), place.to_string()]);
+            let kept = kept.iter().map(|index| fields[*index].to_owned());
+            out.write_record(kept.chain(numbers)).map_err(cause)?;
         }
+        out.flush()?;
         Ok(Exit::Done)
     }
 
     fn update(&mut self, arguments: &Arguments, text: &str, new: &Path) -> Result<Exit, Error> {
+        let path = &arguments.data;
+        if new.symlink_metadata().is_ok() {
+            let says = format!("--update: `{}` already exists; name a new file", new.display());
+            return Err(Error::Usage(says));
+        }
         let log = digest(text.as_bytes());
-        let mut updated = match self.about["updated"].take() {
-            Json::Array(list) => list,
-            Json::Null => Vec::new(),
-            one => vec![one],
-        };
+        let mut updated = self.about["updated"].as_array().cloned().unwrap_or_default();
         if updated.iter().any(|one| one["log_sha256"] == json!(log)) {
             let says = format!(
                 "--data: `{}`: this log is already in the policy; use the earlier policy, or a log of later decisions",
-                arguments.data.display()
+                path.display()
             );
             return Err(Error::Usage(says));
         }
-        let decisions = self.learn(&arguments.data, text)?;
-        self.renew_posterior()?;
-        updated.push(json!({
-            "decisions": decisions,
-            "log_sha256": log,
-            "policy_sha256": self.sha256,
-        }));
-        self.about["updated"] = Json::Array(updated);
+        let table = self.log(path, text)?;
+        let decisions = self.learn(path, &table)?;
+        if decisions > 0 {
+            self.renew_posterior()?;
+        }
+        // A log without rows leaves the policy as it is.
+        if !table.lines.is_empty() {
+            updated.push(json!({
+                "decisions": decisions,
+                "log_sha256": log,
+                "policy_sha256": self.sha256,
+            }));
+            self.about["updated"] = Json::Array(updated);
+            self.about[PLACE] = json!(self.place_after(&table));
+        }
         folder::write(new, format!("{:#}\n", self.about).as_bytes())?;
         writeln!(io::stderr(), "{}", new.display())?;
         Ok(Exit::Done)
     }
 
-    /// Learns from the rows of a log, and returns their number.
-    fn learn(&mut self, path: &Path, text: &str) -> Result<usize, Error> {
-        let mut more = vec!["action".to_owned(), "reward".to_owned()];
-        if self.parameters.action_centring {
-            more.extend((1..self.actions).map(|action| format!("probability_{action}")));
-        }
-        let table = self.table(path, text, &more)?;
-        let first = self.names.len();
+    /// The numbers of a log.
+    fn log(&self, path: &Path, text: &str) -> Result<NumberTable, Error> {
+        let messages = if self.parameters.action_centring { 1..self.actions } else { 0..0 };
+        let chances: Vec<String> = messages.map(|action| format!("probability_{action}")).collect();
+        let chances = chances.iter().map(|name| (name.as_str(), MayLack::Numbers));
+        self.table(path, text, &LOG.into_iter().chain(chances).collect::<Vec<_>>())
+    }
+
+    /// Where the decisions after a log begin: never before those of the policy.
+    fn place_after(&self, table: &NumberTable) -> u64 {
+        let is_place = |place: &&f64| !place.is_nan() && !self.has_feature(PLACE);
+        let places = table.columns[self.spec.features.len() + 2].iter().filter(is_place);
+        let after = places.map(|place| *place as u64 + 1).max();
+        let by_rows = || self.place.saturating_add(table.lines.len() as u64);
+        after.unwrap_or_else(by_rows).max(self.place)
+    }
+
+    fn has_feature(&self, name: &str) -> bool {
+        self.spec.features.iter().any(|feature| feature.name == name)
+    }
+
+    /// Learns from the rows of a log that count, and returns their number.
+    fn learn(&mut self, path: &Path, table: &NumberTable) -> Result<usize, Error> {
+        let mut left_out: BTreeMap<&str, usize> = BTreeMap::new();
         for (row, line) in table.lines.iter().enumerate() {
-            let number = |column: usize| table.columns[first + column][row];
-            let (action, reward) = (number(0), number(1));
-            let taken = Action::from_index(action as usize).filter(|taken| {
-                taken.index() < self.actions && action.fract() == 0.0 && action >= 0.0
-            });
-            let Some(taken) = taken else {
-                let most = self.actions - 1;
-                let says =
-                    format!("`action` is {action}, expected a whole number from 0 to {most}");
-                return Err(fault(path, *line, &says));
-            };
-            let messages: Vec<f64> = (2..more.len()).map(number).collect();
-            let mut chances = match self.parameters.action_centring {
-                true => chances(&messages, taken).map_err(|says| fault(path, *line, &says))?,
-                false => vec![1.0],
-            };
-            chances.resize(self.actions, 0.0);
-            let seen = self.observation(&table, row);
-            self.policy.learn((&seen, None), (taken, &chances), reward);
+            let why = self.teach(table, row).map_err(|says| fault(path, *line, &says))?;
+            why.into_iter().for_each(|why| *left_out.entry(why).or_default() += 1);
         }
-        Ok(table.lines.len())
+        let rows = table.lines.len();
+        let learned = rows - left_out.values().sum::<usize>();
+        if learned < rows || rows == 0 {
+            let whys: Vec<String> =
+                left_out.iter().map(|(why, count)| format!("; {count} {why}")).collect();
+            let (path, whys) = (path.display(), whys.concat());
+            writeln!(
+                io::stderr(),
+                "note: {path}: {learned} of {rows} rows teach the policy{whys}"
+            )?;
+        }
+        Ok(learned)
+    }
+
+    /// Learns from a row of a log, or returns why it teaches nothing, as a replay of a recorded trial does.
+    ///
+    /// **Errors**: the row is no decision.
+    fn teach(&mut self, table: &NumberTable, row: usize) -> Result<Option<&'static str>, String> {
+        let first = self.spec.features.len();
+        let number = |column: usize| table.columns[first + column][row];
+        let [is_available, is_reached] = [0, 1].map(|flag| number(flag) == 1.0);
+        let (action, reward) = (number(3), number(4));
+        if is_available && action.is_nan() {
+            return Ok(Some("without `action`"));
+        }
+        let action = if action.is_nan() { 0.0 } else { action };
+        let taken = Action::from_index(action as usize)
+            .filter(|taken| taken.index() < self.actions && action.fract() == 0.0 && action >= 0.0);
+        let most = self.actions - 1;
+        let taken = taken.ok_or_else(|| {
+            format!("`action` is {action}, expected a whole number from 0 to {most}")
+        })?;
+        if !is_available {
+            return match taken.index() {
+                0 => Ok(Some("with `available` 0")),
+                _ => Err(format!("action {action} where `available` is 0")),
+            };
+        }
+        let messages: Vec<f64> = (LOG.len()..table.columns.len() - first).map(number).collect();
+        if messages.iter().any(|chance| chance.is_nan()) {
+            return Ok(Some("without a probability"));
+        }
+        let mut chances = match self.parameters.action_centring {
+            true => chances(&messages, taken)?,
+            false => vec![1.0],
+        };
+        chances.resize(self.actions, 0.0);
+        if reward.is_nan() {
+            return Ok(Some("without `reward`"));
+        }
+        if !is_reached {
+            return Ok(Some("with `reached` 0"));
+        }
+        let seen = self.observation(table, row);
+        self.policy.learn((&seen, None), (taken, &chances), reward);
+        Ok(None)
     }
 
     /// Writes what was learned into the content of the file.

@@ -315,7 +315,7 @@ fn lay_out(table: &mut Table, widths: &[u16]) {
 }
 
 /// The I/O error behind a CSV error, which keeps a closed pipe recognisable.
-fn cause(error: csv::Error) -> io::Error {
+pub(super) fn cause(error: csv::Error) -> io::Error {
     match error.into_kind() {
         csv::ErrorKind::Io(error) => error,
         other => io::Error::other(format!("{other:?}")),

@@ -138,6 +138,12 @@ fn a_job_begins_where_an_earlier_job_ended_and_is_known_by_the_posterior() {
     let resolved = folder.jitai(["plan", "--resolved", "run.toml"]).succeeded().stdout;
     folder.write("resolved.toml", resolved);
     folder.jitai(["run", "resolved.toml"]).succeeded();
+    // What a policy says of its own use is no part of its posterior.
+    let mut about: serde_json::Value =
+        serde_json::from_str(&folder.read("pilot/policy.json")).unwrap();
+    (about["place"], about["updated"]) = (7.into(), serde_json::json!([{ "decisions": 3 }]));
+    folder.write("pilot/policy.json", about.to_string());
+    folder.jitai(["run", "file.toml"]).succeeded();
     let set = format!("agent.prior_from=run:{pilot}");
     folder.write("none.toml", next(PILOT, "none"));
     folder.jitai(["run", "none.toml", "--set", &set]).succeeded();

@@ -107,20 +107,35 @@ class Policy:
         actions: npt.ArrayLike,
         rewards: npt.ArrayLike,
         probabilities: npt.ArrayLike | None = None,
+        *,
+        available: npt.ArrayLike | None = None,
+        reached: npt.ArrayLike | None = None,
     ) -> Policy:
         """The bandit that has also learned from decisions, as a trial's update does; this one stays as it is.
 
         ``observations`` has a row for each decision, ``actions`` and ``rewards`` a number, and ``probabilities`` a row with
-        the probabilities with which the actions were drawn, which bandits with action centring need. Its actions begin
-        at the start of the random stream.
+        the probabilities with which the actions were drawn, which bandits with action centring need. Decisions with
+        ``available`` or ``reached`` 0 teach nothing, as in a replay; messages count the others alone, from 0. Its actions
+        begin at the start of the random stream.
         """
         rows, _ = _rows(observations)
         taken = np.asarray(actions)
         if taken.dtype.kind not in "iu":
             raise TypeError(f"actions: expected whole numbers, found {taken.dtype}")
-        paid = np.asarray(rewards, np.float64)
+        taken, paid = taken.ravel(), np.asarray(rewards, np.float64).ravel()
         chances = None if probabilities is None else np.ascontiguousarray(np.atleast_2d(probabilities), np.float64)
-        return Policy(self._policy.updated(rows, taken.ravel().tolist(), paid.ravel().tolist(), chances))
+        if available is not None or reached is not None:
+            free, known = _flags("available", available, len(rows)), _flags("reached", reached, len(rows))
+            for name, given in (("actions", taken), ("rewards", paid), ("probabilities", chances)):
+                if given is not None and len(given) != len(rows):
+                    raise ValueError(f"{name}: expected one for each of {len(rows)} observations, found {len(given)}")
+            if np.any(taken[~free] != 0):
+                row = np.flatnonzero(~free & (taken != 0))[0]
+                raise ValueError(f"actions: row {row} has {taken[row]} where available is 0")
+            teaches = free & known
+            rows, taken, paid = rows[teaches], taken[teaches], paid[teaches]
+            chances = None if chances is None else chances[teaches]
+        return Policy(self._policy.updated(rows, taken.tolist(), paid.tolist(), chances))
 
     def _states(
         self, rows: npt.NDArray[np.float64], info: Mapping[str, Any] | None
@@ -138,6 +153,14 @@ class Policy:
     def __repr__(self) -> str:
         names = ", ".join(feature["name"] for feature in self.description["features"])
         return f"<jitai.Policy of job {self.job_key}: {self._policy.algorithm} of {names}>"
+
+
+def _flags(name: str, given: npt.ArrayLike | None, count: int) -> npt.NDArray[np.bool_]:
+    """A flag for each decision, 0 or 1; all are 1 if none are given."""
+    flags = np.ones(count) if given is None else np.asarray(given).ravel()
+    if len(flags) != count or not np.isin(flags, (0, 1)).all():
+        raise ValueError(f"{name}: expected 0 or 1 for each of {count} observations")
+    return flags.astype(bool)
 
 
 def _rows(observations: npt.ArrayLike) -> tuple[npt.NDArray[np.float64], bool]:

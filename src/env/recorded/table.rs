@@ -3,6 +3,17 @@
 use crate::env::declared::{DataFaults, Header, header, reader, rows};
 use crate::text::{nearest, shortened};
 
+/// What a column of a table may lack.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum MayLack {
+    /// Nothing: a file without the column is a fault, and so is an empty field.
+    Nothing,
+    /// Numbers: an empty field is NaN.
+    Numbers,
+    /// Itself: without the column, every row has this number. An empty field is a fault unless this number is NaN.
+    Column(f64),
+}
+
 /// Columns of a CSV file.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct NumberTable {
@@ -10,49 +21,66 @@ pub struct NumberTable {
     pub columns: Vec<Vec<f64>>,
     /// \[rows\]: the line in the file.
     pub lines: Vec<u32>,
+    /// The names of all columns of the file, and \[rows\] their fields.
+    pub names: Vec<String>,
+    /// See `names`.
+    pub fields: Vec<csv::StringRecord>,
 }
 
 impl NumberTable {
-    /// These columns of a text.
+    /// These columns of a text, which may have no rows.
     ///
     /// **Errors**: every fault: a column or a number is missing, or a field is no number.
-    pub fn read(text: &str, names: &[String]) -> Result<NumberTable, DataFaults> {
+    pub fn read(text: &str, columns: &[(&str, MayLack)]) -> Result<NumberTable, DataFaults> {
+        let fields: Result<Vec<_>, _> = reader(text.as_bytes()).into_records().collect();
         let mut reader = reader(text.as_bytes());
         let header = header(&mut reader)?;
         let mut faults = DataFaults::default();
-        let mut indices = Vec::new();
-        for name in names {
-            match header.column(name) {
-                Some(index) => indices.push(index),
-                None => faults.add(lacking(&header, name, names)),
+        let indices: Vec<_> = columns.iter().map(|(name, _)| header.column(name)).collect();
+        for ((name, lack), index) in columns.iter().zip(&indices) {
+            if index.is_none() && !matches!(lack, MayLack::Column(_)) {
+                faults.add(lacking(&header, name, columns));
             }
         }
         if !faults.is_empty() {
             return Err(faults);
         }
-        let table = rows(&mut reader, header, None::<usize>, &indices, &|| false)?;
-        let column = |index: &usize| -> Vec<f64> {
-            (0..table.lines.len()).map(|row| table.number(*index, row)).collect()
-        };
-        let columns: Vec<Vec<f64>> = indices.iter().map(column).collect();
-        for (name, column) in names.iter().zip(&columns) {
-            for (line, _) in table.lines.iter().zip(column).filter(|(_, number)| number.is_nan()) {
+        let names = header.names().to_vec();
+        if fields.as_ref().is_ok_and(Vec::is_empty) {
+            let columns = vec![Vec::new(); columns.len()];
+            return Ok(NumberTable { columns, names, ..NumberTable::default() });
+        }
+        let used: Vec<usize> = indices.iter().copied().flatten().collect();
+        let table = rows(&mut reader, header, None::<usize>, &used, &|| false)?;
+        let count = table.lines.len();
+        let mut read = Vec::with_capacity(columns.len());
+        for ((name, lack), index) in columns.iter().zip(indices) {
+            let number = match lack {
+                MayLack::Nothing => 0.0,
+                MayLack::Numbers => f64::NAN,
+                MayLack::Column(number) => *number,
+            };
+            let column: Vec<f64> = match index {
+                Some(index) => (0..count).map(|row| table.number(index, row)).collect(),
+                None => vec![number; count],
+            };
+            let empty = column.iter().zip(&table.lines).filter(|(field, _)| field.is_nan());
+            for (_, line) in empty.filter(|_| !number.is_nan()) {
                 faults.add(format!("line {line}: column `{name}` is empty"));
             }
+            read.push(column);
         }
-        let lines = table.lines;
-        if faults.is_empty() { Ok(NumberTable { columns, lines }) } else { Err(faults) }
-    }
-
-    /// The numbers of a row in the first columns.
-    pub fn row(&self, row: usize, columns: usize) -> Vec<f64> {
-        self.columns[..columns].iter().map(|column| column[row]).collect()
+        // Where `rows` has no fault, every record was read.
+        let (lines, fields) = (table.lines, fields.unwrap_or_default());
+        let table = NumberTable { columns: read, lines, names, fields };
+        if faults.is_empty() { Ok(table) } else { Err(faults) }
     }
 }
 
 /// That there is no column of this name, of those that are read.
-fn lacking(header: &Header, name: &str, read: &[String]) -> String {
-    let others = header.names().iter().filter(|other| !read.contains(*other));
+fn lacking(header: &Header, name: &str, read: &[(&str, MayLack)]) -> String {
+    let is_read = |other: &String| read.iter().any(|(name, _)| name == other);
+    let others = header.names().iter().filter(|other| !is_read(other));
     let help = match nearest(name, others.map(String::as_str)) {
         Some(near) => format!("did you mean `{}`?", shortened(near)),
         None => format!("its columns are {}", shortened(&header.names().join(", "))),
