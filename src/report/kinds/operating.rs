@@ -1,9 +1,9 @@
 //! Operating characteristics of estimates: power, coverage and bias over trials.
 
-use super::{Drawn, Sheet, parameter};
+use super::{Drawn, Sheet, parameter, per_moderator, unit_of_outcome};
 use crate::analyse::declared::{ArmId, FEW_TRIALS, OperatingFigure, OperatingRow, Sought, Term};
 use crate::analyse::{Along, Crossing, Interval, LEVEL, MonteCarloMean, Undefined};
-use crate::job::{CONSTANT, GROSS_REWARD, Measure, MetricUnit, REWARD, counted, distinct};
+use crate::job::{Measure, MetricUnit, counted, distinct};
 use crate::manifest::Find;
 use crate::report::data_table::{DataTable, TableEntry, shown};
 use crate::report::figure::{
@@ -108,7 +108,11 @@ impl Drawn for OperatingFigure {
                 }
                 let scale = sheet.style.x_scale(AxisScale::Linear);
                 let (title, numbers) = match group[0] {
-                    Shown::Bias => (bias_title(term, sheet.metric), NumberFormat::Plain),
+                    Shown::Bias => {
+                        let unit = unit_of_outcome(&term.outcome, sheet.metric);
+                        let title = format!("bias, {unit}{}", per_moderator(&term.term));
+                        (title, NumberFormat::Plain)
+                    }
                     _ => ("share of trials, %".to_owned(), NumberFormat::Percent),
                 };
                 let x = (symbols::quantity(axis), NumberFormat::Plain, scale);
@@ -401,19 +405,6 @@ fn coverage_of(rows: &[&OperatingRow]) -> Option<String> {
                 share(least)
             ))
         }
-    }
-}
-
-/// The title of the axis of a bias, with its unit: that of the outcome, for a moderator per unit of the moderator.
-fn bias_title(term: &Term, metric: Measure) -> String {
-    let unit = match term.outcome.as_str() {
-        REWARD | GROSS_REWARD => metric.unit_word().unwrap_or("reward"),
-        state => state,
-    };
-    // With several treatments, the name of a term begins with its action.
-    match term.term.rsplit(": ").next().unwrap_or(CONSTANT) {
-        CONSTANT => format!("bias, {unit}"),
-        moderator => format!("bias, {unit} per unit of {moderator}"),
     }
 }
 
