@@ -146,7 +146,7 @@ fn effects() -> String {
 #[test]
 fn the_smallest_effect_is_found_and_numbers_of_ones_own_are_shown() {
     let own = "diagnosands = { largest = \"max(estimate)\", found = \"avg(low > 0 OR high < 0)\", \
-               none = \"avg(effective_sample_size)\" }\n";
+               none = \"avg(effective_sample_size)\", all = \"avg(failure IS NOT NULL)\" }\n";
     let manifest =
         effects().replace("estimates = [\"first\"]\n", &format!("estimates = [\"first\"]\n{own}"));
     let folder = Folder::completed(&manifest);
@@ -163,7 +163,8 @@ fn the_smallest_effect_is_found_and_numbers_of_ones_own_are_shown() {
     for (found, power) in numbers(&csv, "found").iter().zip(numbers(&csv, "power")) {
         assert!((found - power).abs() < 1e-12, "{found} {power}");
     }
-    let (low, high) = (numbers(&csv, "found_low")[1], numbers(&csv, "found_high")[1]);
+    let [low, high] =
+        ["found_low", "found_high"].map(|name| column(&csv, name)[1].parse::<f64>().unwrap());
     assert!(high - low > 0.2 && high - low < 0.6, "{low} {high}");
     let largest: f64 = folder
         .store()
@@ -176,7 +177,16 @@ fn the_smallest_effect_is_found_and_numbers_of_ones_own_are_shown() {
         .unwrap();
     assert_eq!(numbers(&csv, "largest")[3], largest);
     assert_eq!(column(&csv, "none"), ["", "", "", ""]);
-    assert!(folder.read("report/tables/sizes-size.md").contains("it is no number"));
+    let table = folder.read("report/tables/sizes-size.md");
+    assert!(table.contains("it is no number"));
+    // Groups of trials say nothing about an extreme, nor about a share that no trial changes.
+    for (own, why) in
+        [("largest", "a maximum or minimum over trials"), ("all", "no Monte Carlo error")]
+    {
+        assert!(column(&csv, &format!("{own}_low")).iter().all(String::is_empty), "{csv}");
+        assert!(table.contains(why), "{table}");
+    }
+    assert_eq!(numbers(&csv, "all"), [0.0; 4]);
 }
 
 #[test]

@@ -139,7 +139,8 @@ impl Drawn for OperatingFigure {
         let own = self.rows.iter().map(|row| &row.diagnosands).max_by_key(|all| all.len());
         let own = own.into_iter().flatten().flat_map(|(name, _)| {
             let end = |end: &str| (format!(".{name}_{end}"), String::new());
-            [(name.clone(), name.clone()), end("low"), end("high")]
+            let interval = (format!("{name}_interval"), "95 % interval".to_owned());
+            [(name.clone(), name.clone()), interval, end("low"), end("high")]
         });
         let own: Vec<(String, String)> = own.collect();
         let own = own.iter().map(|(name, heading)| (name.as_str(), heading.as_str()));
@@ -220,8 +221,7 @@ impl OperatingFigure {
     fn decimals(&self) -> usize {
         let errors = self.rows.iter().filter_map(|row| row.operating.mean_error.ok());
         let least = errors.map(|error| error.value).filter(|error| *error > 0.0);
-        let least = least.fold(f64::INFINITY, f64::min);
-        if least.is_finite() { (2.0 - least.log10().floor()).clamp(0.0, 9.0) as usize } else { 2 }
+        decimals_of(least.fold(f64::INFINITY, f64::min))
     }
 
     fn chart(&self, what: Shown, term: &Term, sheet: &Sheet<'_>) -> Chart {
@@ -372,6 +372,11 @@ fn interval(found: Crossing, number: impl Fn(f64) -> String, less: &str) -> Stri
     format!("95 % interval {least} to {most}")
 }
 
+/// Decimals that show a size with three digits.
+fn decimals_of(size: f64) -> usize {
+    if size.is_finite() { (2.0 - size.log10().floor()).clamp(0.0, 9.0) as usize } else { 2 }
+}
+
 /// A number with three digits.
 fn with_three_digits(number: f64) -> f64 {
     let scale = 10_f64.powf(2.0 - number.abs().log10().floor());
@@ -455,8 +460,16 @@ fn cells(row: &OperatingRow, decimals: usize, names: &Names) -> Vec<TableEntry> 
     with_ends(&mut cells, of.exaggeration, times);
     for (_, own) in &row.diagnosands {
         match own {
-            Ok(value) => with_ends(&mut cells, Ok(*value), vec![plain(Ok(*value))]),
-            Err(why) => cells.extend([why; 3].map(|why| TableEntry::Missing(why.clone()))),
+            Ok(value) => {
+                // The size of the user's numbers is not that of the estimates.
+                let decimals = value.interval.map_or(decimals, |of| decimals_of(of.high - of.low));
+                let entries = vec![
+                    TableEntry::number(value.value, decimals),
+                    scaled(value.interval, (1.0, decimals)),
+                ];
+                with_ends(&mut cells, Ok(*value), entries);
+            }
+            Err(why) => cells.extend([why; 4].map(|why| TableEntry::Missing(why.clone()))),
         }
     }
     cells
