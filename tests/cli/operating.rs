@@ -190,6 +190,35 @@ fn the_smallest_effect_is_found_and_numbers_of_ones_own_are_shown() {
 }
 
 #[test]
+fn a_power_that_falls_before_it_rises_is_said_at_both_ends() {
+    let folder = Folder::with(
+        "format = 1\nname = \"sizes\"\nscenarios = \"all\"\nseeds = 20\n\
+         environment = { family = \"declared\", model = \"m.toml\", parameters.effect = [0, 0.5, 1.5] }\n\
+         trial = { people = 10, days = 40 }\nevaluation.on = \"trial\"\n\
+         [[agent]]\nname = \"random\"\nalgorithm = \"rule\"\nrule = \"random\"\n\
+         [[estimate]]\nname = \"mean\"\ntruth = true\n\
+         [[analysis]]\nname = \"size\"\nkind = \"operating_characteristics\"\n\
+         find = { effect = \"environment.parameters.effect\", power = 0.8 }\n",
+    );
+    folder.write(
+        "m.toml",
+        "format = 1\ndays = 40\n[parameters]\neffect = 0\n[variables]\n\
+         x = { gaussian = [0, 1] }\ny = { gaussian = [\"action * (effect - 0.5)\", 1] }\n\
+         [roles]\noutcome = \"y\"\nfeatures = [{ name = \"x\", low = -4, high = 4 }]\n",
+    );
+    folder.jitai(["run", "sweep.toml"]).succeeded();
+    folder.jitai(["report", "sweep.toml", "--out", "report"]).succeeded();
+    let page = folder.read("report/index.html");
+    for says in [
+        " reaches a power of 80",
+        "; with effect = 0 the power is 100.0",
+        " already, where the true effect has the other sign",
+    ] {
+        assert!(page.contains(says), "{page}");
+    }
+}
+
+#[test]
 fn the_formula_is_of_least_squares_alone() {
     let manifest = |estimator: &str| {
         format!(

@@ -361,7 +361,25 @@ impl OperatingFigure {
             let outside = if sought.differs(along) { ", outside this interval" } else { "" };
             format!("; the formula of Liao et al. (2016) gives {formula}{outside}")
         });
-        found + &formula
+        found + &self.before(sought, find, value) + &formula
+    }
+
+    /// A first simulated value whose power falls below what is sought before it rises to it: a clause, or nothing.
+    fn before(&self, sought: &Sought, find: Find, value: impl Fn(f64) -> String) -> String {
+        let (first, power) = sought.ends[0];
+        if sought.simulated.is_none() || sought.trials < FEW_TRIALS || power < find.power {
+            return String::new();
+        }
+        let is_first = |row: &&OperatingRow| {
+            (&row.name, &row.term, row.x) == (&sought.name, &sought.term, Some(first))
+        };
+        let truth = self.rows.iter().find(is_first).and_then(|row| row.operating.truth.ok());
+        let is_opposite = truth.zip(sought.truth).is_some_and(|(one, at)| one.value * at.at < 0.0);
+        let why = match is_opposite {
+            true => "where the true effect has the other sign",
+            false => "and less in between",
+        };
+        format!("; with {} the power is {} % already, {why}", value(first), shown(100.0 * power, 1))
     }
 }
 
