@@ -466,6 +466,24 @@ fn a_missing_number_of_the_state_is_null_and_estimates_leave_it_out() {
 }
 
 #[test]
+fn certain_decisions_are_left_out_as_the_failure_says() {
+    let folder = heartsteps("");
+    let row = folder.read("trial_log.csv").replacen("1311.5,0.6", "1311.5,1", 1);
+    folder.write("trial_log.csv", row);
+    folder.jitai(["run", "m.toml"]).succeeded();
+    let failure = answers(&folder, "SELECT DISTINCT failure FROM estimate")[0].clone();
+    assert!(failure.contains("probability 0 or 1, the first at step 1 of person 1"), "{failure}");
+    let (_, advice) = failure.split_once("such as \"\"").unwrap();
+    let advised = advice.split_once("\"\"").unwrap().0.replace("p >", "probability >");
+    let advised = advised.replace("p <", "probability <").replace(", p,", ", probability,");
+    let text = folder.read("m.toml");
+    folder.write("m.toml", text.replace("= \"probability\"", &format!("= \"{advised}\"")));
+    folder.jitai(["check", "m.toml"]).succeeded().says("1 decisions have no probability");
+    folder.jitai(["run", "m.toml", "--replace"]).succeeded();
+    assert_eq!(answers(&folder, "SELECT DISTINCT decisions FROM estimate"), ["6060"]);
+}
+
+#[test]
 fn what_a_recorded_trial_cannot_have_is_refused() {
     let rule = "[[agent]]\nname = \"chance\"\nalgorithm = \"rule\"\nrule = \"random\"\n";
     let bandit = "[[agent]]\nname = \"recorded\"\nalgorithm = \"linear_thompson\"\n";
