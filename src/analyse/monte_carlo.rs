@@ -21,16 +21,20 @@ pub fn monte_carlo_p(number: f64, draws: &[f64]) -> Result<f64, Undefined> {
 }
 
 /// A number over trials with its Monte Carlo interval, from its values without each of some groups of trials, by Student's t.
-/// Without an interval for fewer than two groups.
+/// Without an interval for fewer than two groups, and where all of them give the same number but for rounding, as a share
+/// of no trial does.
 ///
 /// **Source**: Shao and Wu, "A general theory for jackknife variance estimation", Annals of Statistics 17, 1989, for groups,
 /// with which numbers that are not smooth, such as a median, have an error, too.
 pub fn jackknife(value: f64, without_each: &[f64]) -> MonteCarloMean {
     let groups = without_each.len() as f64;
-    let interval = at_least(2, without_each.len()).map(|()| {
+    let interval = at_least(2, without_each.len()).and_then(|()| {
+        if without_each.iter().all(|one| (one - value).abs() <= 1e-12 * value.abs()) {
+            return Err(Undefined::NoMonteCarloError);
+        }
         let mean = without_each.iter().sum::<f64>() / groups;
         let squares = without_each.iter().map(|one| (one - mean) * (one - mean)).sum::<f64>();
-        Interval::around(value, ((groups - 1.0) / groups * squares).sqrt(), groups - 1.0)
+        Ok(Interval::around(value, ((groups - 1.0) / groups * squares).sqrt(), groups - 1.0))
     });
     MonteCarloMean { value, interval }
 }
@@ -47,6 +51,12 @@ mod tests {
         assert!((low - 3.0 + half).abs() < 1e-12 && (high - 3.0 - half).abs() < 1e-12);
         let none = jackknife(3.0, &[]).interval;
         assert_eq!(none, Err(Undefined::NoSeeds));
+        // No trial of any group counts, or all do: no interval of no length.
+        for share in [0.0, 1.0] {
+            let same = jackknife(share, &[share; 20]).interval;
+            assert_eq!(same, Err(Undefined::NoMonteCarloError));
+        }
+        assert_eq!(jackknife(0.1, &[0.1 + 1e-16; 3]).interval, Err(Undefined::NoMonteCarloError));
     }
 
     #[test]

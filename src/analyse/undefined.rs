@@ -49,6 +49,12 @@ pub enum Undefined {
     /// The true effect is 0, which has no sign and no size.
     #[error("the true effect is 0")]
     NoEffect,
+    /// Every group of trials gives the same number.
+    #[error("no Monte Carlo error: the number is the same without each group of trials")]
+    NoMonteCarloError,
+    /// The largest or the smallest of some trials, which groups of trials give no interval.
+    #[error("a maximum or minimum over trials has no Monte Carlo interval")]
+    Extreme,
     /// An exact answer would take too long.
     #[error("too many permutations to enumerate")]
     Infeasible,

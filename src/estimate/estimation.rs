@@ -298,9 +298,17 @@ impl Estimation {
                     counted(self.certain, "decision")
                 ));
             }
+            // Nobody randomises a recorded trial afterwards.
+            let advice = match layout.recorded {
+                Some(_) => {
+                    "; leave them out by a `probability` of [data] without a value there, such as \
+                     \"if(p > 0 and p < 1, p, log(0))\" of a column `p`"
+                }
+                None => ", as with a `pi_min` above 0",
+            };
             return Err(format!(
                 "{} of a compared action with probability 0 or 1, the first at step {step} of person {person}; the \
-                 effect needs decisions that are randomised, as with a `pi_min` above 0",
+                 effect needs decisions that are randomised{advice}",
                 counted(self.certain, "decision")
             ));
         }

@@ -226,6 +226,11 @@ impl EstimateDeclaration {
         self.policy.iter().map(|policy| ("policy", policy)).chain(against)
     }
 
+    /// Whether it is the value of a policy, and neither an effect nor a difference of two policies.
+    pub fn is_value(&self) -> bool {
+        self.estimator == Estimator::Value && self.against.is_none()
+    }
+
     /// Whether the outcome is a reward of the step.
     pub fn is_of_reward(&self) -> bool {
         [REWARD, GROSS_REWARD].contains(&self.outcome.as_str())

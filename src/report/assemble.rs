@@ -147,9 +147,12 @@ fn data_set(
         if let JobStatus::Completed(run) = &mut job.status
             && !run.estimates.is_empty()
         {
-            // A run can have estimates that other manifests declare.
+            // A run can have estimates that other manifests declare, and has them in another order.
             let declared = manifest.estimates_of(&job.agent);
-            Arc::make_mut(run).estimates.retain(|one| declared.contains(&one.declaration));
+            let place = |one: &Estimates| declared.iter().position(|of| *of == one.declaration);
+            let estimates = &mut Arc::make_mut(run).estimates;
+            estimates.retain(|one| place(one).is_some());
+            estimates.sort_by_key(place);
         }
         read += 1;
         on_progress(AssemblyWork::Jobs, read, total);

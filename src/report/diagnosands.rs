@@ -4,7 +4,7 @@
 
 use super::kinds::operating::COLUMNS;
 use crate::analyse::declared::{Diagnosand, Finding, FindingContent};
-use crate::analyse::jackknife;
+use crate::analyse::{MonteCarloMean, Undefined, jackknife};
 use crate::job::Effect;
 use crate::manifest::{Analysis, AnalysisKind, Faults, Manifest};
 use crate::store::{Diagnosed, diagnosand_fault};
@@ -68,5 +68,8 @@ fn diagnosed(trials: &[Result<Effect, String>], expression: &str) -> Diagnosand 
     let diagnosed = Diagnosed::new(trials)?;
     let value = diagnosed.value(expression, None)?;
     let value = value.ok_or_else(|| "it is no number".to_owned())?;
+    if diagnosed.has_extreme(expression)? {
+        return Ok(MonteCarloMean { value, interval: Err(Undefined::Extreme) });
+    }
     Ok(jackknife(value, &diagnosed.without_each(expression)?))
 }

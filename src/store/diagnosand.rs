@@ -64,11 +64,7 @@ impl Diagnosed {
         group: Option<(i64, i64)>,
     ) -> Result<Option<f64>, String> {
         let (of, groups) = group.unwrap_or((-1, 1));
-        // The line break ends a comment in the expression.
-        let sql = format!(
-            "WITH estimate AS (SELECT * FROM main.estimate WHERE trial % {groups} <> {of})
-            SELECT (\n{expression}\n) FROM estimate"
-        );
+        let sql = statement(expression, (of, groups));
         self.used.store(0, Ordering::Relaxed);
         let mut statement = self.connection.prepare(&sql).map_err(|error| in_words(&error))?;
         if statement.column_count() != 1 || !statement.readonly() {
@@ -91,6 +87,27 @@ impl Diagnosed {
         if count == 1 { Ok(value) } else { Err(NO_AGGREGATE.to_owned()) }
     }
 
+    /// Whether an expression has an aggregate that is the largest or the smallest of some rows, by the program of its
+    /// statement: `max(a, b)` of two numbers is none.
+    ///
+    /// **Errors**: what is wrong with the expression.
+    pub fn has_extreme(&self, expression: &str) -> Result<bool, String> {
+        let explained = format!("EXPLAIN {}", statement(expression, (-1, 1)));
+        let read = || -> rusqlite::Result<bool> {
+            let mut program = self.connection.prepare(&explained)?;
+            let mut steps = program.raw_query();
+            while let Some(step) = steps.next()? {
+                let operation = step.get_ref("opcode")?.as_str().unwrap_or_default();
+                let of = step.get_ref("p4")?.as_str().unwrap_or_default();
+                if operation.starts_with("AggStep") && ["max(1)", "min(1)"].contains(&of) {
+                    return Ok(true);
+                }
+            }
+            Ok(false)
+        };
+        read().map_err(|error| in_words(&error))
+    }
+
     /// The values of an expression without each of some groups of trials, for its Monte Carlo error; empty if one of them is
     /// none, or with fewer than two trials.
     ///
@@ -108,6 +125,15 @@ impl Diagnosed {
             .filter(|_| groups > 1)
             .unwrap_or_default())
     }
+}
+
+/// The statement of an expression, without the trials of a group.
+fn statement(expression: &str, (of, groups): (i64, i64)) -> String {
+    // The line break ends a comment in the expression.
+    format!(
+        "WITH estimate AS (SELECT * FROM main.estimate WHERE trial % {groups} <> {of})
+        SELECT (\n{expression}\n) FROM estimate"
+    )
 }
 
 const NOT_ONE: &str = "expected a single expression";
@@ -195,6 +221,21 @@ mod tests {
         }
         assert_eq!(diagnosed.without_each("max(estimate)").unwrap(), [6.0, 6.0, 6.0, 2.0]);
         assert!(diagnosed.without_each("avg(effective_sample_size)").unwrap().is_empty());
+    }
+
+    #[test]
+    fn an_extreme_is_known_by_its_aggregate() {
+        let diagnosed = Diagnosed::new(&trials()).unwrap();
+        for (expression, expected) in [
+            ("max(abs(estimate - truth))", true),
+            ("avg(estimate) - MIN ( estimate )", true),
+            ("(SELECT max(low) FROM estimate)", true),
+            ("avg(max(low, 0)) /* max(low) */", false),
+            ("count(*) FILTER (WHERE failure LIKE 'max(low)')", false),
+            ("stddev(estimate)", false),
+        ] {
+            assert_eq!(diagnosed.has_extreme(expression), Ok(expected), "{expression}");
+        }
     }
 
     #[test]

@@ -146,7 +146,7 @@ fn effects() -> String {
 #[test]
 fn the_smallest_effect_is_found_and_numbers_of_ones_own_are_shown() {
     let own = "diagnosands = { largest = \"max(estimate)\", found = \"avg(low > 0 OR high < 0)\", \
-               none = \"avg(effective_sample_size)\" }\n";
+               none = \"avg(effective_sample_size)\", all = \"avg(failure IS NOT NULL)\" }\n";
     let manifest =
         effects().replace("estimates = [\"first\"]\n", &format!("estimates = [\"first\"]\n{own}"));
     let folder = Folder::completed(&manifest);
@@ -163,7 +163,8 @@ fn the_smallest_effect_is_found_and_numbers_of_ones_own_are_shown() {
     for (found, power) in numbers(&csv, "found").iter().zip(numbers(&csv, "power")) {
         assert!((found - power).abs() < 1e-12, "{found} {power}");
     }
-    let (low, high) = (numbers(&csv, "found_low")[1], numbers(&csv, "found_high")[1]);
+    let [low, high] =
+        ["found_low", "found_high"].map(|name| column(&csv, name)[1].parse::<f64>().unwrap());
     assert!(high - low > 0.2 && high - low < 0.6, "{low} {high}");
     let largest: f64 = folder
         .store()
@@ -176,7 +177,45 @@ fn the_smallest_effect_is_found_and_numbers_of_ones_own_are_shown() {
         .unwrap();
     assert_eq!(numbers(&csv, "largest")[3], largest);
     assert_eq!(column(&csv, "none"), ["", "", "", ""]);
-    assert!(folder.read("report/tables/sizes-size.md").contains("it is no number"));
+    let table = folder.read("report/tables/sizes-size.md");
+    assert!(table.contains("it is no number"));
+    // Groups of trials say nothing about an extreme, nor about a share that no trial changes.
+    for (own, why) in
+        [("largest", "a maximum or minimum over trials"), ("all", "no Monte Carlo error")]
+    {
+        assert!(column(&csv, &format!("{own}_low")).iter().all(String::is_empty), "{csv}");
+        assert!(table.contains(why), "{table}");
+    }
+    assert_eq!(numbers(&csv, "all"), [0.0; 4]);
+}
+
+#[test]
+fn a_power_that_falls_before_it_rises_is_said_at_both_ends() {
+    let folder = Folder::with(
+        "format = 1\nname = \"sizes\"\nscenarios = \"all\"\nseeds = 20\n\
+         environment = { family = \"declared\", model = \"m.toml\", parameters.effect = [0, 0.5, 1.5] }\n\
+         trial = { people = 10, days = 40 }\nevaluation.on = \"trial\"\n\
+         [[agent]]\nname = \"random\"\nalgorithm = \"rule\"\nrule = \"random\"\n\
+         [[estimate]]\nname = \"mean\"\ntruth = true\n\
+         [[analysis]]\nname = \"size\"\nkind = \"operating_characteristics\"\n\
+         find = { effect = \"environment.parameters.effect\", power = 0.8 }\n",
+    );
+    folder.write(
+        "m.toml",
+        "format = 1\ndays = 40\n[parameters]\neffect = 0\n[variables]\n\
+         x = { gaussian = [0, 1] }\ny = { gaussian = [\"action * (effect - 0.5)\", 1] }\n\
+         [roles]\noutcome = \"y\"\nfeatures = [{ name = \"x\", low = -4, high = 4 }]\n",
+    );
+    folder.jitai(["run", "sweep.toml"]).succeeded();
+    folder.jitai(["report", "sweep.toml", "--out", "report"]).succeeded();
+    let page = folder.read("report/index.html");
+    for says in [
+        " reaches a power of 80",
+        "; with effect = 0 the power is 100.0",
+        " already, where the true effect has the other sign",
+    ] {
+        assert!(page.contains(says), "{page}");
+    }
 }
 
 #[test]

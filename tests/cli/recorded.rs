@@ -73,6 +73,18 @@ fn a_recorded_trial_is_reported_merged_exported_and_forgotten_as_others_are() {
     let folder = heartsteps("");
     folder.jitai(["run", "m.toml"]).succeeded();
     folder.jitai(["report", "m.toml", "--out", "report"]).succeeded();
+    // The manifest's first estimate is the first, although the store has it after "by day". A slope has an axis of its own.
+    let table = folder.read("report/tables/heartsteps-v1-effects.md");
+    let begins = ["| effect | wcls | 1 |", "| by day | wcls | 1 |", "| by day | wcls | day |"];
+    let begins =
+        begins.map(|cells| table.find(cells).unwrap_or_else(|| panic!("{cells}: {table}")));
+    assert!(begins.is_sorted() && !table.contains("Effective"), "{table}");
+    for (figure, axis) in
+        [("-1", "effect, log steps<"), ("-2", "effect, log steps per unit of day<")]
+    {
+        let figure = folder.read(&format!("report/figures/heartsteps-v1-effects{figure}.svg"));
+        assert!(figure.contains(axis) && figure.contains(">by day: "), "{figure}");
+    }
     let page = folder.read("report/index.html");
     let places = ["Was it randomised as recorded?", "3 of 3 numbers are the published ones"];
     let places = places.map(|words| page.find(words).unwrap());
@@ -178,6 +190,22 @@ fn the_value_of_a_policy_on_a_recorded_trial_has_its_errors() {
     assert_eq!(answers(&folder, sql), [format!("{},1", mean[0])]);
     let sql = "SELECT count(*) FROM estimate WHERE name = 'more often' AND failure IS NULL AND effective_sample_size > 1000";
     assert_eq!(answers(&folder, sql), ["3"]);
+    // Values have an axis of their own, and no test against 0.
+    folder.jitai(["report", "m.toml", "--out", "report"]).succeeded();
+    let table = folder.read("report/tables/heartsteps-v1-effects.csv");
+    let mut rows = csv::Reader::from_reader(table.as_bytes());
+    let names = rows.headers().unwrap().clone();
+    let column = |name: &str| names.iter().position(|one| one == name).unwrap();
+    let [p, size] = ["p", "effective_sample_size"].map(column);
+    let has = rows.records().map(|row| row.unwrap());
+    let has: Vec<[bool; 2]> = has.map(|row| [p, size].map(|at| !row[at].is_empty())).collect();
+    let (effect, value) = ([true, false], [false, true]);
+    assert_eq!(has, [[effect; 3].as_slice(), &[value; 6]].concat());
+    let table = folder.read("report/tables/heartsteps-v1-effects.md");
+    assert!(table.contains("a value of a policy is not tested against 0"), "{table}");
+    let figure = folder.read("report/figures/heartsteps-v1-effects-3.svg");
+    assert!(figure.contains(">value per decision, log steps<"), "{figure}");
+    assert!(figure.contains("as it was: doubly_robust") && !figure.contains(">0<"), "{figure}");
 }
 
 #[test]
@@ -435,6 +463,24 @@ fn a_missing_number_of_the_state_is_null_and_estimates_leave_it_out() {
     assert!(again.contains("decisions_per_day = 2\nunit = \"log steps\"\n"), "{again}");
     folder.jitai(["run", "log/trial.toml"]).succeeded();
     assert_eq!(folder.runs(), 2);
+}
+
+#[test]
+fn certain_decisions_are_left_out_as_the_failure_says() {
+    let folder = heartsteps("");
+    let row = folder.read("trial_log.csv").replacen("1311.5,0.6", "1311.5,1", 1);
+    folder.write("trial_log.csv", row);
+    folder.jitai(["run", "m.toml"]).succeeded();
+    let failure = answers(&folder, "SELECT DISTINCT failure FROM estimate")[0].clone();
+    assert!(failure.contains("probability 0 or 1, the first at step 1 of person 1"), "{failure}");
+    let (_, advice) = failure.split_once("such as \"\"").unwrap();
+    let advised = advice.split_once("\"\"").unwrap().0.replace("p >", "probability >");
+    let advised = advised.replace("p <", "probability <").replace(", p,", ", probability,");
+    let text = folder.read("m.toml");
+    folder.write("m.toml", text.replace("= \"probability\"", &format!("= \"{advised}\"")));
+    folder.jitai(["check", "m.toml"]).succeeded().says("1 decisions have no probability");
+    folder.jitai(["run", "m.toml", "--replace"]).succeeded();
+    assert_eq!(answers(&folder, "SELECT DISTINCT decisions FROM estimate"), ["6060"]);
 }
 
 #[test]

@@ -1,7 +1,9 @@
 //! Estimates of single jobs with their intervals, beside published ones.
 
+use std::sync::Arc;
+
 use super::arm::{ArmId, arms};
-use crate::job::{Effect, GROSS_REWARD, REWARD};
+use crate::job::{Effect, EstimateDeclaration, GROSS_REWARD, REWARD};
 use crate::manifest::kind::Effects;
 use crate::manifest::{Published, PublishedEstimate};
 use crate::record::JobRecord;
@@ -22,8 +24,8 @@ pub struct EffectRow {
     pub name: ArmId,
     /// The seed.
     pub seed: u64,
-    /// The name of the estimate.
-    pub estimate: String,
+    /// The estimate.
+    pub declaration: Arc<EstimateDeclaration>,
     /// The term of its effect.
     pub term: String,
     /// The estimate; an error says why there is none.
@@ -47,11 +49,11 @@ pub fn figure(kind: &Effects, jobs: &[&JobRecord], published: Option<&Published>
             for of in run.estimates.iter().filter(|of| is_chosen(&of.declaration.name)) {
                 let name = &of.declaration.name;
                 let has_outcome = [REWARD, GROSS_REWARD].contains(&&*of.declaration.outcome);
-                let is_value = of.declaration.policy.is_some() && has_outcome;
+                let is_value = of.declaration.is_value() && has_outcome;
                 rows.extend(of.terms.iter().map(|one| EffectRow {
                     name: arm.name.clone(),
                     seed: job.seed,
-                    estimate: name.clone(),
+                    declaration: of.declaration.clone(),
                     term: one.term.clone(),
                     effect: one.effect.clone(),
                     of_trial: run.mean_outcome.filter(|_| is_value),

@@ -19,7 +19,8 @@ pub use axis::{Axis, AxisScale, round_range};
 pub use chart::{axes, axes_of, draw};
 pub use line::{Chart, Line, PlottedPoint, Spread, marker};
 pub use look::{
-    COLORS, DASHES, Look, Looks, Marker, arm_key, arm_label, facets, settings_key, settings_label,
+    COLORS, DASHES, Look, Looks, Marker, arm_key, arm_label, facets, labels, settings_key,
+    settings_label,
 };
 pub use optimum::optimum_lines;
 pub use panel::{MOST_ARMS, Panel, Panels};

@@ -1,18 +1,21 @@
-//! The figures of contrasts: forest plots around zero, with one row per comparison.
+//! Forest plots: one row per number, with its interval; those of contrasts are around zero.
 
 use super::{Sheet, gap_ends, gap_title, is_rate, related, test_name};
+use crate::analyse::Interval;
 use crate::analyse::declared::{ArmId, ContrastRow, TestFamily};
 use crate::job::Measure;
 use crate::report::data_table::shown;
 use crate::report::figure::{
-    Axis, AxisScale, FAINT, GRID, INK, Look, Marker, NOTE, PUBLISHED, Panel, Panels, TEXT, facets,
-    fitting, marker, note_lines, round_range, seeds, text,
+    Axis, AxisScale, FAINT, GRID, INK, Look, Marker, NOTE, PUBLISHED, Panel, Panels, Style, TEXT,
+    facets, fitting, marker, note_lines, round_range, seeds, text,
 };
 use crate::report::names::Names;
-use crate::report::scene::{Anchor, Mark, Scene, SceneShape, Stroke, Weight, width};
+use crate::report::scene::{Anchor, Facets, Mark, Scene, SceneShape, Stroke, Weight, width};
 use crate::report::words::{NumberFormat, unit_numbers};
 
 const TOP: f64 = 24.0;
+/// [`TOP`] of a figure without a heading.
+const UNTITLED: f64 = 8.0;
 const ROW: f64 = 15.0;
 /// Maximum number of rows of a figure, which is then as high as a page.
 pub(super) const MOST_ROWS: usize = 50;
@@ -23,8 +26,38 @@ const BOTTOM: f64 = 39.0;
 /// Minimum width of the axis.
 const LEAST_PLOT: f64 = 120.0;
 
+/// A row: a number with its interval, and what stands beside it.
+pub(super) struct ForestRow {
+    pub label: String,
+    /// The words at the end of the line.
+    pub words: String,
+    pub value: Option<f64>,
+    pub interval: Option<Interval>,
+    pub marker: Marker,
+    pub tip: String,
+    /// The published number, with the tip of its mark.
+    pub published: Option<(f64, String)>,
+    pub facets: Facets,
+}
+
+impl ForestRow {
+    /// The numbers that an axis shows.
+    fn numbers(&self) -> impl Iterator<Item = f64> {
+        let ends = self.interval.map(|ends| [ends.low, ends.high]);
+        let published = self.published.as_ref().map(|(number, _)| *number);
+        self.value.into_iter().chain(published).chain(ends.into_iter().flatten())
+    }
+}
+
+/// The words around the rows of a forest plot; a heading and a note may be empty.
+pub(super) struct ForestWords {
+    pub heading: String,
+    pub note: String,
+    pub description: String,
+}
+
 /// The horizontal layout, the same in all panels.
-struct Across {
+pub(super) struct Across {
     axis: Axis,
     left: f64,
     right: f64,
@@ -32,6 +65,18 @@ struct Across {
 }
 
 impl Across {
+    /// The layout of rows in a figure of this style.
+    pub(super) fn of(axis: Axis, rows: &[ForestRow], style: &Style) -> Across {
+        let widest = |text: fn(&ForestRow) -> &String, size: f64| {
+            let widths = rows.iter().map(|row| width(text(row), size, Weight::Regular));
+            widths.fold(0.0, f64::max)
+        };
+        let left = (widest(|row| &row.label, TEXT) + 12.0).max(44.0);
+        let beside = widest(|row| &row.words, NOTE) + 12.0;
+        let right = (style.width() - beside).max(left + LEAST_PLOT);
+        Across { axis, left, right, whole: right + beside }
+    }
+
     fn position(&self, value: f64) -> f64 {
         self.left + self.axis.share(value).clamp(0.0, 1.0) * (self.right - self.left)
     }
@@ -45,27 +90,65 @@ pub(super) fn forest_figures(rows: &[ContrastRow], sheet: &Sheet<'_>) -> Vec<(St
         Some(_) => Panels::of(&names, sheet.style.panel, None),
         None => Panels::whole(&names),
     };
-    let written: Vec<String> = rows.iter().map(|row| words(row, sheet.metric)).collect();
-    let widest = |texts: &[String], size: f64| {
-        texts.iter().map(|text| width(text, size, Weight::Regular)).fold(0.0, f64::max)
-    };
-    let left = (widest(&panels.labels, TEXT) + 12.0).max(44.0);
-    let beside = widest(&written, NOTE) + 12.0;
-    let right = (sheet.style.width() - beside).max(left + LEAST_PLOT);
-    let across = Across { axis: axis(rows, sheet.metric), left, right, whole: right + beside };
+    let drawn: Vec<ForestRow> = rows
+        .iter()
+        .zip(&panels.labels)
+        .map(|(row, label)| forest_row(row, label, (sheet.metric, sheet.names)))
+        .collect();
+    let across = Across::of(axis(&drawn, sheet.metric), &drawn, sheet.style);
     let figures = |(stem, panel): (String, &Panel)| -> Vec<(String, Scene)> {
         let parts = panel.members.chunks(MOST_ROWS).enumerate();
         let part = |(part, members): (usize, &[usize])| {
-            let shown = members.iter();
-            let shown =
-                shown.map(|at| (&rows[*at], panels.labels[*at].as_str(), written[*at].as_str()));
-            let scene = forest(&shown.collect::<Vec<_>>(), &panel.heading, &across, sheet);
+            let of_part: Vec<&ContrastRow> = members.iter().map(|at| &rows[*at]).collect();
+            let shown: Vec<&ForestRow> = members.iter().map(|at| &drawn[*at]).collect();
+            let heading = match of_part.first() {
+                Some(row) if sheet.style.has_titles() || !panel.heading.is_empty() => {
+                    let sides = sides(row, sheet.names).join(" − ");
+                    match panel.heading.as_str() {
+                        "" => sides,
+                        heading => format!("{heading}: {sides}"),
+                    }
+                }
+                _ => String::new(),
+            };
+            let words = ForestWords {
+                heading,
+                note: note(&of_part),
+                description: format!("differences in {}", sheet.metric.title()),
+            };
             let stem = if part == 0 { stem.clone() } else { format!("{stem}-part-{}", part + 1) };
-            (stem, scene)
+            (stem, forest(&shown, &words, &across, sheet.style))
         };
         parts.map(part).collect()
     };
     panels.stems(sheet.stem).into_iter().zip(&panels.panels).flat_map(figures).collect()
+}
+
+/// A comparison as a row.
+fn forest_row(row: &ContrastRow, label: &str, (metric, names): (Measure, &Names)) -> ForestRow {
+    let words = words(row, metric);
+    let interval = row.contrast.test.ok().map(|test| test.interval);
+    let spread = interval.map_or_else(String::new, |interval| {
+        format!(", 95 % interval {}", gap_ends(interval, metric))
+    });
+    let (first, second) = row.contrast.seeds;
+    let n = seeds([first, second].into_iter());
+    let tip = format!("{label}: {words}{spread}, {n} per side");
+    let published = row.published.map(|(effect, p)| {
+        let p = p.map_or_else(String::new, |p| format!(" (p = {p})"));
+        (effect, format!("{label}: published {}{p}", shown(effect, 0)))
+    });
+    ForestRow {
+        label: label.to_owned(),
+        words,
+        value: row.contrast.difference.ok(),
+        interval,
+        // A difference of single seeds is an open circle.
+        marker: if first.min(second) > 1 { Marker::Disc } else { Marker::Ring },
+        tip,
+        published,
+        facets: facets(&names.arm(&row.name)),
+    }
 }
 
 /// The difference of a row with its corrected p value, for the end of its line.
@@ -93,30 +176,32 @@ fn family(row: &ContrastRow) -> String {
     }
 }
 
-fn note(rows: &[(&ContrastRow, &str, &str)]) -> String {
-    let compared = rows.iter().flat_map(|(row, ..)| <[usize; 2]>::from(row.contrast.seeds));
-    let is_published = rows.iter().any(|(row, ..)| row.published.is_some());
+fn note(rows: &[&ContrastRow]) -> String {
+    let compared = rows.iter().flat_map(|row| <[usize; 2]>::from(row.contrast.seeds));
+    let is_published = rows.iter().any(|row| row.published.is_some());
     format!(
         "Difference, uncorrected 95 % interval{}{}, {} per side.{}",
-        rows.first().map_or_else(String::new, |(row, ..)| family(row)),
-        test_name(rows.iter().map(|(row, ..)| row.contrast.design))
+        rows.first().map_or_else(String::new, |row| family(row)),
+        test_name(rows.iter().map(|row| row.contrast.design))
             .map_or_else(String::new, |test| format!(", {test}")),
         seeds(compared.filter(|n| *n > 0)),
         if is_published { " Diamonds: published." } else { "" }
     )
 }
 
-fn forest(
-    rows: &[(&ContrastRow, &str, &str)],
-    heading: &str,
+/// A figure of rows.
+pub(super) fn forest(
+    rows: &[&ForestRow],
+    words: &ForestWords,
     across: &Across,
-    &Sheet { metric, style, names, .. }: &Sheet<'_>,
+    style: &Style,
 ) -> Scene {
     let Across { left, right, whole, .. } = *across;
     let has_upper = rows.len() >= MANY_ROWS;
-    let top = if has_upper { TOP + TEXT + 3.0 } else { TOP };
+    let top = if words.heading.is_empty() { UNTITLED } else { TOP };
+    let top = if has_upper { top + TEXT + 3.0 } else { top };
     let note = match style.has_titles() {
-        true => note_lines(&note(rows), whole - 8.0),
+        true => note_lines(&words.note, whole - 8.0),
         false => Vec::new(),
     };
     let beside = top + BOTTOM + note.len() as f64 * style.note();
@@ -124,56 +209,50 @@ fn forest(
     let bottom = top + high * rows.len() as f64;
     let height = beside - top + bottom;
     let mut marks = ruler(across, (top, bottom), has_upper);
-    if let Some((row, ..)) = rows.first().filter(|_| style.has_titles() || !heading.is_empty()) {
-        let sides = sides(row, names).join(" − ");
-        let heading = if heading.is_empty() { sides } else { format!("{heading}: {sides}") };
+    if !words.heading.is_empty() {
+        let heading = words.heading.as_str();
         let (size, weight) = (TEXT + 1.0, Weight::SemiBold);
-        let room = width(&heading, size, weight);
+        let room = width(heading, size, weight);
         // Above the axis, moved left or made smaller if it would cross the edge.
         let from = left.min(whole - room - 4.0).max(4.0);
         let size = size * ((whole - from - 4.0) / room).min(1.0);
         marks.push(text((from, 15.0), heading, (size, weight), INK, Anchor::Start).into());
     }
-    for (at, (row, label, words)) in rows.iter().enumerate() {
+    for (at, row) in rows.iter().enumerate() {
         let middle = top + high * (at as f64 + 0.5);
         let plain = (TEXT, Weight::Regular);
         let point = (left - 6.0, middle + TEXT * 0.35);
-        let mut of_row: Vec<Mark> = vec![text(point, *label, plain, INK, Anchor::End).into()];
+        let mut of_row: Vec<Mark> =
+            vec![text(point, row.label.as_str(), plain, INK, Anchor::End).into()];
         let point = (whole - 4.0, middle + NOTE * 0.35);
-        of_row.push(text(point, *words, (NOTE, Weight::Regular), INK, Anchor::End).into());
-        of_row.extend(row_marks(row, label, middle, (across, metric)));
+        let plain = (NOTE, Weight::Regular);
+        of_row.push(text(point, row.words.as_str(), plain, INK, Anchor::End).into());
+        of_row.extend(row_marks(row, middle, across));
         marks.extend(of_row.into_iter().map(|mark| mark.of(at)));
     }
     for (at, line) in note.iter().rev().enumerate() {
         let point = (whole / 2.0, height - 5.0 - at as f64 * style.note());
         marks.push(fitting(point, line.trim_end(), (NOTE, whole - 8.0), FAINT).into());
     }
-    let description = format!("differences in {}", metric.title());
-    let series = rows.iter().map(|(row, ..)| facets(&names.arm(&row.name))).collect();
+    let series = rows.iter().map(|row| row.facets.clone()).collect();
     debug_assert!(right < whole);
-    Scene { width: whole, height, description, marks, series }
+    Scene { width: whole, height, description: words.description.clone(), marks, series }
 }
 
-/// The axis of differences, with at least one tick on each side of zero.
-fn axis(rows: &[ContrastRow], metric: Measure) -> Axis {
-    let mut numbers = vec![0.0];
-    for row in rows {
-        numbers.extend(row.contrast.difference.ok());
-        numbers.extend(row.published.map(|(effect, _)| effect));
-        let interval = row.contrast.test.map(|test| test.interval);
-        numbers.extend(interval.iter().flat_map(|interval| [interval.low, interval.high]));
-    }
-    numbers.retain(|number| number.is_finite());
-    let low = numbers.iter().copied().fold(f64::INFINITY, f64::min);
-    let high = numbers.iter().copied().fold(f64::NEG_INFINITY, f64::max);
-    // All differences may be 0.
-    let (low, high) = if low < high { (low, high) } else { (-1.0, 1.0) };
+/// The axis of differences.
+fn axis(rows: &[ForestRow], metric: Measure) -> Axis {
     let title = match is_rate(metric) {
         true => gap_title(metric),
         false => format!("difference in {}", metric.title()),
     };
-    let numbers = unit_numbers(metric).0;
-    let mut axis = Axis::new(title, round_range(low, high), AxisScale::Linear, numbers);
+    axis_around_zero(rows, title, unit_numbers(metric).0)
+}
+
+/// An axis of rows with at least one tick on each side of zero.
+pub(super) fn axis_around_zero(rows: &[ForestRow], title: String, numbers: NumberFormat) -> Axis {
+    // All numbers may be 0.
+    let range = ends(rows, Some(0.0)).filter(|(low, high)| low < high).unwrap_or((-1.0, 1.0));
+    let mut axis = Axis::new(title, round_range(range.0, range.1), AxisScale::Linear, numbers);
     // A wider range may have wider steps.
     for _ in 0..3 {
         let (low, high) = axis.range();
@@ -181,6 +260,16 @@ fn axis(rows: &[ContrastRow], metric: Measure) -> Axis {
         axis = axis.with_range((low.min(-step), high.max(step)));
     }
     axis
+}
+
+/// The smallest and the largest finite number of rows, and of one more; `None` if there is none.
+pub(super) fn ends(rows: &[ForestRow], more: Option<f64>) -> Option<(f64, f64)> {
+    let numbers = rows.iter().flat_map(ForestRow::numbers).chain(more);
+    let finite = numbers.filter(|number| number.is_finite());
+    finite.fold(None, |ends, number| {
+        let (low, high) = ends.unwrap_or((number, number));
+        Some((number.min(low), number.max(high)))
+    })
 }
 
 /// Maximum number of ticks.
@@ -211,18 +300,12 @@ fn ruler(across: &Across, (top, bottom): (f64, f64), has_upper: bool) -> Vec<Mar
     marks
 }
 
-fn row_marks(
-    row: &ContrastRow,
-    label: &str,
-    middle: f64,
-    (across, metric): (&Across, Measure),
-) -> Vec<Mark> {
+fn row_marks(row: &ForestRow, middle: f64, across: &Across) -> Vec<Mark> {
     /// Half the height of the end marks of an interval, which are visible beside the point even if
     /// the interval is short.
     const END: f64 = 4.0;
     let mut marks = Vec::new();
-    let interval = row.contrast.test.ok().map(|test| test.interval);
-    if let Some(interval) = interval {
+    if let Some(interval) = row.interval {
         let (low, high) = (across.position(interval.low), across.position(interval.high));
         let mut line = |points, width| {
             marks.push(SceneShape::Line { points, stroke: Stroke::solid(INK, width) }.into());
@@ -231,27 +314,17 @@ fn row_marks(
         line(vec![(low, middle - END), (low, middle + END)], 0.9);
         line(vec![(high, middle - END), (high, middle + END)], 0.9);
     }
-    if let Ok(difference) = row.contrast.difference {
-        let spread = interval.map_or_else(String::new, |interval| {
-            format!(", 95 % interval {}", gap_ends(interval, metric))
-        });
-        let (first, second) = row.contrast.seeds;
-        let n = seeds([first, second].into_iter());
-        let words = words(row, metric);
-        let tip = format!("{label}: {words}{spread}, {n} per side");
-        // A difference of single seeds is an open circle.
-        let shape = if first.min(second) > 1 { Marker::Disc } else { Marker::Ring };
-        let look = Look { color: INK, dash: None, marker: shape };
-        marks.push(
-            Mark::from(marker((across.position(difference), middle), &look, 2.4)).saying(tip),
-        );
+    let mut point = |number: f64, (color, shape), radius, tip: &String| {
+        let look = Look { color, dash: None, marker: shape };
+        let mark = Mark::from(marker((across.position(number), middle), &look, radius));
+        marks.push(mark.saying(tip.clone()));
+    };
+    if let Some(value) = row.value {
+        point(value, (INK, row.marker), 2.4, &row.tip);
     }
     // Above our point, whose rim remains visible if both coincide.
-    if let Some((effect, p)) = row.published {
-        let look = Look { color: PUBLISHED, dash: None, marker: Marker::Diamond };
-        let p = p.map_or_else(String::new, |p| format!(" (p = {p})"));
-        let tip = format!("{label}: published {}{p}", shown(effect, 0));
-        marks.push(Mark::from(marker((across.position(effect), middle), &look, 3.2)).saying(tip));
+    if let Some((number, tip)) = &row.published {
+        point(*number, (PUBLISHED, Marker::Diamond), 3.2, tip);
     }
     marks
 }
@@ -277,30 +350,31 @@ mod tests {
 
     const RETURN: Measure = MEAN_RETURN.in_unit("points");
 
+    fn drawn(rows: &[ContrastRow]) -> Vec<ForestRow> {
+        let draw = |row| forest_row(row, "dqn P", (RETURN, &Names::default()));
+        rows.iter().map(draw).collect()
+    }
+
     #[test]
     fn a_number_stands_on_both_sides_of_zero() {
         let high = row(&[(1, 900.0), (2, 903.0)], &[(1, 1.0), (2, 2.0)]);
         let low = row(&[(1, 0.0), (2, 0.2)], &[(1, 0.31), (2, 0.5)]);
         for rows in [vec![high.clone()], vec![low.clone()], vec![high, low]] {
-            let ticks = axis(&rows, RETURN).ticks(TICKS);
+            let ticks = axis(&drawn(&rows), RETURN).ticks(TICKS);
             let zero = ticks.iter().position(|tick| tick.is_zero).unwrap();
             assert!(0 < zero && zero + 1 < ticks.len(), "{ticks:?}");
         }
         let equal = row(&[(1, 900.0)], &[(1, 900.0)]);
-        assert_eq!(axis(&[equal], RETURN).range(), (-1.0, 1.0));
+        assert_eq!(axis(&drawn(&[equal]), RETURN).range(), (-1.0, 1.0));
     }
 
     #[test]
     fn the_end_of_a_line_has_the_difference_with_its_corrected_p() {
         let row = row(&[(1, 900.0), (2, 903.0)], &[(1, 1.0), (2, 2.0)]);
         assert_eq!(words(&row, RETURN), "900, p = 0.0001");
-        let across = Across {
-            axis: axis(std::slice::from_ref(&row), RETURN),
-            left: 50.0,
-            right: 250.0,
-            whole: 321.0,
-        };
-        let marks = row_marks(&row, "dqn P", 100.0, (&across, RETURN));
+        let rows = drawn(&[row]);
+        let across = Across { axis: axis(&rows, RETURN), left: 50.0, right: 250.0, whole: 321.0 };
+        let marks = row_marks(&rows[0], 100.0, &across);
         // An interval of ±20 steps on an axis of more than 1000: its end marks are higher than the point.
         let ends = marks.iter().filter(|mark| match &mark.shape {
             SceneShape::Line { points, .. } => {

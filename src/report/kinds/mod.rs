@@ -23,8 +23,9 @@ use super::scene::Scene;
 use super::words::unit_numbers;
 use crate::analyse::declared::{ArmId, Finding, FindingContent};
 use crate::analyse::{Interval, SeedPairing};
-use crate::job::counted;
-use crate::job::{Measure, MetricUnit, Scalar};
+use crate::job::{
+    CONSTANT, GROSS_REWARD, Measure, MetricUnit, REWARD, Scalar, VALUE_TERMS, counted,
+};
 use crate::report::symbols;
 
 /// Inputs that all figures of a finding share.
@@ -225,6 +226,24 @@ pub(super) fn ends(Interval { low, high }: Interval, unit: impl Into<MetricUnit>
 pub(super) fn spread<E>(interval: Result<Interval, E>, unit: impl Into<MetricUnit>) -> String {
     let words = interval.map(|interval| format!(", 95 % interval {}", ends(interval, unit)));
     words.unwrap_or_default()
+}
+
+/// The unit of an outcome of an estimate.
+fn unit_of_outcome(outcome: &str, metric: Measure) -> &str {
+    match outcome {
+        REWARD | GROSS_REWARD => metric.unit_word().unwrap_or("reward"),
+        state => state,
+    }
+}
+
+/// The end of the unit of a term: " per unit of day" for a moderator, empty for the constant and for values.
+fn per_moderator(term: &str) -> String {
+    // With several treatments, the name of a term begins with its action.
+    match term.rsplit(": ").next().unwrap_or(CONSTANT) {
+        CONSTANT => String::new(),
+        term if VALUE_TERMS.contains(&term) => String::new(),
+        moderator => format!(" per unit of {moderator}"),
+    }
 }
 
 /// A number of a parameter with its sign: every digit, or an exponent if it is very small or very large.

@@ -1,9 +1,9 @@
 //! Operating characteristics of estimates: power, coverage and bias over trials.
 
-use super::{Drawn, Sheet, parameter};
+use super::{Drawn, Sheet, parameter, per_moderator, unit_of_outcome};
 use crate::analyse::declared::{ArmId, FEW_TRIALS, OperatingFigure, OperatingRow, Sought, Term};
 use crate::analyse::{Along, Crossing, Interval, LEVEL, MonteCarloMean, Undefined};
-use crate::job::{CONSTANT, GROSS_REWARD, Measure, MetricUnit, REWARD, counted, distinct};
+use crate::job::{Measure, MetricUnit, counted, distinct};
 use crate::manifest::Find;
 use crate::report::data_table::{DataTable, TableEntry, shown};
 use crate::report::figure::{
@@ -108,7 +108,11 @@ impl Drawn for OperatingFigure {
                 }
                 let scale = sheet.style.x_scale(AxisScale::Linear);
                 let (title, numbers) = match group[0] {
-                    Shown::Bias => (bias_title(term, sheet.metric), NumberFormat::Plain),
+                    Shown::Bias => {
+                        let unit = unit_of_outcome(&term.outcome, sheet.metric);
+                        let title = format!("bias, {unit}{}", per_moderator(&term.term));
+                        (title, NumberFormat::Plain)
+                    }
                     _ => ("share of trials, %".to_owned(), NumberFormat::Percent),
                 };
                 let x = (symbols::quantity(axis), NumberFormat::Plain, scale);
@@ -135,7 +139,8 @@ impl Drawn for OperatingFigure {
         let own = self.rows.iter().map(|row| &row.diagnosands).max_by_key(|all| all.len());
         let own = own.into_iter().flatten().flat_map(|(name, _)| {
             let end = |end: &str| (format!(".{name}_{end}"), String::new());
-            [(name.clone(), name.clone()), end("low"), end("high")]
+            let interval = (format!("{name}_interval"), "95 % interval".to_owned());
+            [(name.clone(), name.clone()), interval, end("low"), end("high")]
         });
         let own: Vec<(String, String)> = own.collect();
         let own = own.iter().map(|(name, heading)| (name.as_str(), heading.as_str()));
@@ -216,8 +221,7 @@ impl OperatingFigure {
     fn decimals(&self) -> usize {
         let errors = self.rows.iter().filter_map(|row| row.operating.mean_error.ok());
         let least = errors.map(|error| error.value).filter(|error| *error > 0.0);
-        let least = least.fold(f64::INFINITY, f64::min);
-        if least.is_finite() { (2.0 - least.log10().floor()).clamp(0.0, 9.0) as usize } else { 2 }
+        decimals_of(least.fold(f64::INFINITY, f64::min))
     }
 
     fn chart(&self, what: Shown, term: &Term, sheet: &Sheet<'_>) -> Chart {
@@ -357,7 +361,25 @@ impl OperatingFigure {
             let outside = if sought.differs(along) { ", outside this interval" } else { "" };
             format!("; the formula of Liao et al. (2016) gives {formula}{outside}")
         });
-        found + &formula
+        found + &self.before(sought, find, value) + &formula
+    }
+
+    /// A first simulated value whose power falls below what is sought before it rises to it: a clause, or nothing.
+    fn before(&self, sought: &Sought, find: Find, value: impl Fn(f64) -> String) -> String {
+        let (first, power) = sought.ends[0];
+        if sought.simulated.is_none() || sought.trials < FEW_TRIALS || power < find.power {
+            return String::new();
+        }
+        let is_first = |row: &&OperatingRow| {
+            (&row.name, &row.term, row.x) == (&sought.name, &sought.term, Some(first))
+        };
+        let truth = self.rows.iter().find(is_first).and_then(|row| row.operating.truth.ok());
+        let is_opposite = truth.zip(sought.truth).is_some_and(|(one, at)| one.value * at.at < 0.0);
+        let why = match is_opposite {
+            true => "where the true effect has the other sign",
+            false => "and less in between",
+        };
+        format!("; with {} the power is {} % already, {why}", value(first), shown(100.0 * power, 1))
     }
 }
 
@@ -366,6 +388,11 @@ fn interval(found: Crossing, number: impl Fn(f64) -> String, less: &str) -> Stri
     let least = found.low.map_or(less.to_owned(), &number);
     let most = found.high.map_or("more than simulated".to_owned(), &number);
     format!("95 % interval {least} to {most}")
+}
+
+/// Decimals that show a size with three digits.
+fn decimals_of(size: f64) -> usize {
+    if size.is_finite() { (2.0 - size.log10().floor()).clamp(0.0, 9.0) as usize } else { 2 }
 }
 
 /// A number with three digits.
@@ -401,19 +428,6 @@ fn coverage_of(rows: &[&OperatingRow]) -> Option<String> {
                 share(least)
             ))
         }
-    }
-}
-
-/// The title of the axis of a bias, with its unit: that of the outcome, for a moderator per unit of the moderator.
-fn bias_title(term: &Term, metric: Measure) -> String {
-    let unit = match term.outcome.as_str() {
-        REWARD | GROSS_REWARD => metric.unit_word().unwrap_or("reward"),
-        state => state,
-    };
-    // With several treatments, the name of a term begins with its action.
-    match term.term.rsplit(": ").next().unwrap_or(CONSTANT) {
-        CONSTANT => format!("bias, {unit}"),
-        moderator => format!("bias, {unit} per unit of {moderator}"),
     }
 }
 
@@ -464,8 +478,16 @@ fn cells(row: &OperatingRow, decimals: usize, names: &Names) -> Vec<TableEntry> 
     with_ends(&mut cells, of.exaggeration, times);
     for (_, own) in &row.diagnosands {
         match own {
-            Ok(value) => with_ends(&mut cells, Ok(*value), vec![plain(Ok(*value))]),
-            Err(why) => cells.extend([why; 3].map(|why| TableEntry::Missing(why.clone()))),
+            Ok(value) => {
+                // The size of the user's numbers is not that of the estimates.
+                let decimals = value.interval.map_or(decimals, |of| decimals_of(of.high - of.low));
+                let entries = vec![
+                    TableEntry::number(value.value, decimals),
+                    scaled(value.interval, (1.0, decimals)),
+                ];
+                with_ends(&mut cells, Ok(*value), entries);
+            }
+            Err(why) => cells.extend([why; 4].map(|why| TableEntry::Missing(why.clone()))),
         }
     }
     cells
