@@ -51,7 +51,10 @@ impl Together {
                 let steps = declaration.steps as usize;
                 let new = || Courses { steps, controls, terms, actions, ..Courses::default() };
                 let policies = declaration.policies();
-                let all = policies.map(|(_, one)| one.probabilities(actions, 0.5).map(|_| new()));
+                let all = policies.map(|(key, one)| match one.probabilities(actions, 0.5) {
+                    Ok(_) => Ok(new()),
+                    Err(why) => Err(format!("`{key}` {why}")),
+                });
                 all.collect::<Result<_, _>>().map_or_else(Together::Unfit, Together::Courses)
             }
         }
@@ -112,17 +115,17 @@ impl Together {
             Together::Unfit(why) => return Err(why.clone()),
             Together::Nothing | Together::Rows(_) => return Err(NO_ROWS.to_owned()),
         };
-        let value = |courses: &Courses| match courses.misfit {
+        let value = |courses: &Courses, key: &str| match courses.misfit {
             Some((person, step, message)) => Err(format!(
-                "its policy is {message} at step {step} of person {person}, which is no probability"
+                "its `{key}` is {message} at step {step} of person {person}, which is no probability"
             )),
             None => courses.value().map_err(|why| no_value(why, courses.steps)),
         };
         let [own, others @ ..] = &all[..] else { return Err(NO_ROWS.to_owned()) };
-        let (size, alone) = (value(own)?, others.is_empty());
+        let (size, alone) = (value(own, "policy")?, others.is_empty());
         let scales = [0, 1, 2].map(|term| size.values[term].value.abs());
         let found = match others.first() {
-            Some(other) => size.less(&value(other)?),
+            Some(other) => size.less(&value(other, "against")?),
             None => size,
         };
         let df = (found.people.len() - 1) as f64;

@@ -687,7 +687,7 @@ fn names_of_people_are_nowhere_in_a_store_or_a_page() {
     // Whoever asks for names has them.
     let kept = folder.read("m.toml").replace("unit =", "keep_identifiers = true\nunit =");
     folder.write("kept.toml", kept);
-    folder.jitai(["run", "kept.toml"]).succeeded();
+    folder.jitai(["run", "kept.toml", "--replace"]).succeeded();
     assert!(manifest().contains("annegret"));
 }
 
