@@ -613,8 +613,8 @@ fn a_replay_is_reported_by_its_value_and_not_by_returns_of_recorded_actions() {
     let mean = answers(&folder, "SELECT printf('%.4f', avg(reward)) FROM decision")[0].clone();
     let effects = effects();
     let own: Vec<&str> = effects.lines().filter(|line| line.contains(",own,")).collect();
-    assert!(effects.contains("decisions,trial_mean,published"), "{effects}");
-    let has_mean = |line: &&str| line.contains(&format!(",7540,{mean}"));
+    assert!(effects.contains("effective_sample_size,trial_mean,published"), "{effects}");
+    let has_mean = |line: &&str| line.contains(",7540,") && line.contains(&format!(",{mean}"));
     assert!(own.len() == 3 && own.iter().all(has_mean), "{mean}: {effects}");
 }
 
