@@ -154,7 +154,7 @@ analysis: ## install what test-analysis uses, on Debian: R, LaTeX, pandas, Datas
 	@mkdir -p target/analysis/R
 	@R_LIBS=target/analysis/R Rscript -e 'if (!requireNamespace("MRTAnalysis", quietly = TRUE)) install.packages("MRTAnalysis", lib = "target/analysis/R", quiet = TRUE)' \
 		>/dev/null 2>&1 || true
-	@R_LIBS=target/analysis/R Rscript -e 'library(MRTAnalysis)' >/dev/null 2>&1 || echo "CRAN does not answer: without MRTAnalysis, its recorded numbers are not repeated"
+	@R_LIBS=target/analysis/R Rscript -e 'library(MRTAnalysis)' >/dev/null 2>&1 || echo "MRTAnalysis could not be installed from CRAN: its recorded numbers are not repeated"
 
 # The module uses the profile, the features and the target folder of the program, so that Burn is compiled
 # once. pip keeps an installed wheel of the same version: hence --force-reinstall.

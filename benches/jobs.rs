@@ -324,6 +324,7 @@ fn wcls(bencher: Bencher<'_, '_>) {
     };
     let decisions: Vec<Decision> = (0..70 * 140).map(&mut decision).collect();
     let declaration = Arc::new(EstimateDeclaration {
+        against: None,
         control: names.clone(),
         estimator: Estimator::Wcls,
         less_costs: false,

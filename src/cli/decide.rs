@@ -10,7 +10,7 @@ use serde_json::{Value as Json, json};
 use crate::agent::{Actions, BanditPolicy, LinearThompson, certain};
 use crate::cli::output::cause;
 use crate::cli::{Error, Exit, folder};
-use crate::env::recorded::{MayLack, NumberTable};
+use crate::env::recorded::{MayLack, NumberTable, records};
 use crate::env::{Action, FeatureSpec, Interface, ObservationSpec};
 use crate::job::Job;
 use crate::portable::digest;
@@ -36,7 +36,7 @@ pub(super) struct Arguments {
     seed: Option<u64>,
     /// Place in the stream at which the first action is drawn: by default the policy's, which an update moves; for a second
     /// table before the next update, the last place that was written, plus 1
-    #[arg(long, value_name = "PLACE", conflicts_with = "update")]
+    #[arg(long, value_name = "PLACE", conflicts_with = "update", value_parser = clap::value_parser!(u64).range(..=LARGEST_PLACE as u64))]
     place: Option<u64>,
 }
 
@@ -129,11 +129,24 @@ impl FileBandit {
         }
         let place = match about.get(PLACE) {
             None => Some(0),
-            Some(place) => place.as_u64(),
+            Some(place) => place.as_u64().filter(|place| *place <= LARGEST_PLACE as u64),
         };
         let place = place.ok_or_else(|| {
             refused(format!("its `place` is {}, expected a whole number from 0", about[PLACE]))
         })?;
+        if about.get("updated").is_some_and(|updated| !updated.is_array()) {
+            return Err(refused("its `updated` is no list of logs".to_owned()));
+        }
+        let is_own = |name: &String| {
+            ["row", "action", "reward", PLACE].contains(&name.as_str())
+                || FLAGS.contains(&name.as_str())
+                || name.starts_with("probability_")
+        };
+        if let Some(name) = names.iter().find(|name| is_own(name)) {
+            return Err(refused(format!(
+                "its feature `{name}` has the name of a column that decisions or logs have; give it another name in the environment"
+            )));
+        }
         let feature = |(index, name)| {
             // An infinite bound is null.
             let bound =
@@ -167,6 +180,19 @@ impl FileBandit {
         let columns: Vec<(&str, MayLack)> = features.chain(more.iter().copied()).collect();
         let table = NumberTable::read(text, &columns)
             .map_err(|faults| Error::Usage(faults.text(&path.display().to_string())))?;
+        for flag in FLAGS.iter().filter(|flag| more.iter().any(|(name, _)| name == *flag)) {
+            let is_like = |name: &&str| name.to_lowercase().starts_with(&flag[..5]) && name != flag;
+            let names = records(text).map(|(header, _)| header).unwrap_or_default();
+            if let Some(name) =
+                names.iter().find(is_like).filter(|_| names.iter().all(|one| one != *flag))
+            {
+                writeln!(
+                    io::stderr(),
+                    "note: {}: column `{name}` is not read; a column `{flag}` would be",
+                    path.display()
+                )?;
+            }
+        }
         for (index, ((name, _), column)) in columns.iter().zip(&table.columns).enumerate() {
             let numbers = || column.iter().zip(&table.lines);
             let feature = self.spec.features.get(index);
@@ -192,7 +218,7 @@ impl FileBandit {
                 continue;
             }
             let most = match *name {
-                PLACE if !self.has_feature(PLACE) => LARGEST_PLACE,
+                PLACE => LARGEST_PLACE,
                 name if FLAGS.contains(&name) => 1.0,
                 _ => continue,
             };
@@ -225,12 +251,14 @@ impl FileBandit {
             (0..self.actions).map(|action| format!("probability_{action}")).collect();
         let own = format!("row,{},action,{PLACE}", chances.join(","));
         let own: Vec<&str> = own.split(',').collect();
-        let kept = (0..table.names.len()).filter(|index| !own.contains(&&*table.names[*index]));
+        // The table has been read, so that every record can be.
+        let (header, fields) = records(text).map_err(cause)?;
+        let kept = (0..header.len()).filter(|index| !own.contains(&&header[*index]));
         let kept: Vec<usize> = kept.collect();
         let mut out = csv::Writer::from_writer(io::stdout().lock());
-        let names = kept.iter().map(|index| &*table.names[*index]);
+        let names = kept.iter().map(|index| &header[*index]);
         out.write_record(names.chain(own)).map_err(cause)?;
-        for (row, fields) in table.fields.iter().enumerate() {
+        for (row, fields) in fields.iter().enumerate() {
             // A place for every row, so that a row's chance does not depend on who is available.
             let (place, word) = (stream.position(), stream.bits());
             let seen = self.observation(&table, row);
@@ -295,15 +323,11 @@ impl FileBandit {
 
     /// Where the decisions after a log begin: never before those of the policy.
     fn place_after(&self, table: &NumberTable) -> u64 {
-        let is_place = |place: &&f64| !place.is_nan() && !self.has_feature(PLACE);
-        let places = table.columns[self.spec.features.len() + 2].iter().filter(is_place);
+        let places = table.columns[self.spec.features.len() + 2].iter();
+        let places = places.filter(|place| !place.is_nan());
         let after = places.map(|place| *place as u64 + 1).max();
         let by_rows = || self.place.saturating_add(table.lines.len() as u64);
         after.unwrap_or_else(by_rows).max(self.place)
-    }
-
-    fn has_feature(&self, name: &str) -> bool {
-        self.spec.features.iter().any(|feature| feature.name == name)
     }
 
     /// Learns from the rows of a log that count, and returns their number.
@@ -312,6 +336,17 @@ impl FileBandit {
         for (row, line) in table.lines.iter().enumerate() {
             let why = self.teach(table, row).map_err(|says| fault(path, *line, &says))?;
             why.into_iter().for_each(|why| *left_out.entry(why).or_default() += 1);
+        }
+        let places = table.columns[self.spec.features.len() + 2].iter();
+        let earlier = places.filter(|place| **place < self.place as f64).count();
+        if earlier > 0 {
+            writeln!(
+                io::stderr(),
+                "note: {}: {earlier} rows have places before {}, where the policy's next decisions begin: a log must not have \
+                 rows that the policy has learned from",
+                path.display(),
+                self.place
+            )?;
         }
         let rows = table.lines.len();
         let learned = rows - left_out.values().sum::<usize>();

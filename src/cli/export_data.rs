@@ -148,7 +148,7 @@ impl Columns {
         names.extend(["available", "action"].map(str::to_owned));
         names.extend((1..self.actions).map(|action| format!("probability_{action}")));
         names.push("outcome".to_owned());
-        names.extend(self.reached.map(|_| "reached".to_owned()));
+        names.extend(self.reached.map(|_| REACHED.to_owned()));
         names.extend(self.state.iter().map(|(name, _)| format!("state_{name}")));
         names.extend(self.features.iter().map(|(name, _)| format!("feature_{name}")));
         names.join(",") + "\n"
@@ -174,17 +174,14 @@ impl Columns {
     /// The row of a person's first decision, which the store does not have: without it, the person's days would begin with
     /// the first row.
     fn first_row(&self, decision: &Decision, out: &mut String) {
+        let day = |index: usize| decision.state[index] - f64::from(decision.step / self.per_day);
         let mut fields = vec![decision.episode.to_string(), "0".to_owned()];
-        let day =
-            self.day.map(|index| decision.state[index] - f64::from(decision.step / self.per_day));
-        fields.extend(day.map(|day| day.to_string()));
+        fields.extend(self.day.map(|index| day(index).to_string()));
+        // Not available, without action, probabilities and outcome.
         fields.push("0".to_owned());
-        let columns = self.header().matches(',').count() + 1;
-        fields.resize(columns, String::new());
-        if let Some(reached) = self.header().split(',').position(|name| name.trim_end() == REACHED)
-        {
-            fields[reached] = "1".to_owned();
-        }
+        fields.extend(vec![String::new(); self.actions + 1]);
+        fields.extend(self.reached.map(|_| "1".to_owned()));
+        fields.extend(vec![String::new(); self.state.len() + self.features.len()]);
         out.push_str(&fields.join(","));
         out.push('\n');
     }

@@ -3,7 +3,7 @@
 use super::effect::{unfinished, with_standard_error};
 use super::emee::{NoRisks, Rows};
 use super::layout::{Feature, Layout};
-use super::value::{Courses, LEAST_SIZE, Made, NoValue, Valued};
+use super::value::{Courses, LEAST_SIZE, Made, NoValue, Valued, Values};
 use crate::job::{Decision, Effect, EstimateDeclaration, Estimator, TargetPolicy, counted};
 
 /// What an estimator keeps of the decisions that it has read.
@@ -115,29 +115,31 @@ impl Together {
             Together::Unfit(why) => return Err(why.clone()),
             Together::Nothing | Together::Rows(_) => return Err(NO_ROWS.to_owned()),
         };
+        let alone = all.len() == 1;
         let value = |courses: &Courses, key: &str| match courses.misfit {
             Some((person, step, message)) => Err(format!(
                 "its `{key}` is {message} at step {step} of person {person}, which is no probability"
             )),
-            None => courses.value().map_err(|why| no_value(why, courses.steps)),
+            None => courses.value().map_err(|why| {
+                let why = no_value(why, courses.steps);
+                if alone { why } else { format!("`{key}`: {why}") }
+            }),
         };
-        let [own, others @ ..] = &all[..] else { return Err(NO_ROWS.to_owned()) };
-        let (size, alone) = (value(own, "policy")?, others.is_empty());
-        let scales = [0, 1, 2].map(|term| size.values[term].value.abs());
-        let found = match others.first() {
-            Some(other) => size.less(&value(other, "against")?),
-            None => size,
-        };
+        let own = value(&all[0], "policy")?;
+        let other = all.get(1).map(|other| value(other, "against")).transpose()?;
+        let size = |of: &Values, term: usize| of.values[term].value.abs();
+        let scales = [0, 1, 2].map(|term| {
+            size(&own, term).max(other.as_ref().map_or(0.0, |other| size(other, term)))
+        });
+        let found = other.map_or_else(|| own.clone(), |other| own.less(&other));
         let df = (found.people.len() - 1) as f64;
         let effect = |(of, scale): (&Valued, f64)| {
             let effect = unfinished(of.value, df, found.courses as u64, found.outcome_sd);
             if of.standard_error() <= 1e-12 * scale {
-                return Err(match alone {
-                    true => {
-                        "its standard error is rounding alone: the outcome does not vary".to_owned()
-                    }
-                    false => "both policies have the same value for every person".to_owned(),
-                });
+                let what = if alone { "it" } else { "the difference" };
+                return Err(format!(
+                    "its standard error is rounding alone: {what} is the same for every person"
+                ));
             }
             let size = Some(found.effective_size);
             with_standard_error(

@@ -476,5 +476,8 @@ fn a_difference_of_two_policies_has_the_error_of_each_persons_difference() {
         ..declared(&[], &[], ANY)
     };
     let why = effects(same, &rows)[0].clone().unwrap_err();
-    assert_eq!(why, "both policies have the same value for every person");
+    assert_eq!(
+        why,
+        "its standard error is rounding alone: the difference is the same for every person"
+    );
 }

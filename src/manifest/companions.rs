@@ -97,8 +97,8 @@ fn recorded<'m>(of: &'m Manifest, section: &str, key: &Key) -> Option<&'m str> {
     }
 }
 
-/// The text of a manifest for readers and stores: where a recorded trial stands in it, the trial is what jobs know of it,
-/// without the names of people.
+/// The text of a manifest for readers and stores: an inline recorded trial is replaced by the text that jobs know, without
+/// the names of people.
 pub fn kept_text(of: &Manifest) -> Cow<'_, str> {
     let whole = || Cow::Borrowed(of.source.as_str());
     if of.family() != &FAMILY {

@@ -11,7 +11,9 @@ use toml::de::{DeTable, DeValue};
 use crate::agent::{Algorithm, DecisionRule, UNAVAILABLE, Unavailable};
 use crate::env::Scenario;
 use crate::env::recorded::{DATA, FAMILY, LIST, RecordedLog, RecordedModel};
-use crate::job::{Condition, Estimator, EvaluatedOn, MetricName, RecordedDecisions, STAYS};
+use crate::job::{
+    AGENT, Condition, Estimator, EvaluatedOn, MetricName, RecordedDecisions, STAYS, TargetPolicy,
+};
 use crate::key::{Content, Key, Parameter, SectionName, Value};
 use crate::manifest::analysis::declared::{Analysis, AnalysisDraft};
 use crate::manifest::analysis::figure_keys::FigureKeys;
@@ -92,11 +94,13 @@ pub(super) fn complete(draft: &mut Draft, faults: &mut FaultList) {
     }
     let environment = &draft.sections[SectionName::Environment];
     let span = environment.span.unwrap_or(Span { start: 0, end: 0 });
-    let files =
-        environment.section.find("file").and_then(|(index, _)| environment.given.get(&index));
-    if let Some(files) = files.filter(|files| files.value.len() > 1) {
-        let says = "`file`: a manifest is about one recorded trial, and a list names several";
-        faults.add(Fault::at(files.span, says).help("write a manifest for each"));
+    let swept = environment.given.iter().filter(|(_, given)| given.value.len() > 1);
+    for (index, given) in swept {
+        let key = FAMILY.keys[*index].name;
+        let says = format!(
+            "`{key}`: a manifest reads one recorded trial in one way, and this is a list of several"
+        );
+        faults.add(Fault::at(given.span, says).help("write a manifest for each"));
     }
     let located = |value| Located { value: vec![value], span };
     draft.scenarios.get_or_insert(located(Value::Text(Scenario::all().to_string())));
@@ -114,10 +118,19 @@ pub(super) fn complete(draft: &mut Draft, faults: &mut FaultList) {
         draft.agents.insert(0, recorded_agent(span));
     }
     let agents = if agents.is_empty() { vec![RECORDED.to_owned()] } else { agents };
-    // Effects rest on the probabilities by which actions were drawn; what a replayed policy would have earned has its own, too.
+    let replaying = draft.agents.iter().map(named).filter(|name| !agents.contains(name));
+    let replaying: Vec<String> = replaying.collect();
+    // Effects rest on the probabilities by which actions were drawn; the value of the agent's policy is that of agents that replay.
     let effects = draft.estimates.iter_mut().map(|one| &mut one.estimate);
-    for estimate in effects.filter(|one| one.declaration.estimator != Estimator::Value) {
-        estimate.agents.get_or_insert_with(|| agents.clone());
+    for estimate in effects {
+        let agent = TargetPolicy::Named(AGENT.to_owned());
+        let is_of_agent = estimate.declaration.policies().any(|(_, policy)| *policy == agent);
+        let own = match estimate.declaration.estimator {
+            Estimator::Value if !is_of_agent || replaying.is_empty() => continue,
+            Estimator::Value => &replaying,
+            Estimator::Wcls | Estimator::Emee => &agents,
+        };
+        estimate.agents.get_or_insert_with(|| own.clone());
     }
     analyses(draft, &agents, span);
     let has_trial = draft.sections[SectionName::Trial].section.is_declared();
@@ -325,6 +338,8 @@ fn calendar(settings: &mut Settings, log: &RecordedLog, span: Span, faults: &mut
         }
         let says = format!("`{key}`: people enter by `calendar_day` of [data]");
         faults.add(Fault::at(own, says).help("remove one of the two"));
+        // Beside it, what the file says would be a second fault.
+        of_file = None;
     }
     if let Some(entry) = of_file {
         give(settings, "entry", entry, span);

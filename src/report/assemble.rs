@@ -218,7 +218,7 @@ fn add_recorded(
                 run.description = reader.description(&job.job_key)?;
             }
             let is_value = |one: &Estimates| one.declaration.policy.is_some();
-            if valued && run.estimates.iter().any(is_value) {
+            if valued && run.mean_outcome.is_none() && run.estimates.iter().any(is_value) {
                 run.mean_outcome = reader.mean_outcome(&job.job_key)?;
             }
             if replayed && run.replayed.is_none() {

@@ -37,8 +37,12 @@ pub(super) fn attach(observers: &mut Observers, job: &Job, declared: &[Arc<Estim
     }
     let truths = declared.iter().filter(|declaration| declaration.truth);
     let truths: Vec<Truth<'_>> = truths.filter_map(|one| Truth::new(job, one)).collect();
-    let courses: Vec<PolicyCourses> =
-        truths.iter().filter_map(|one| one.courses(job)).flatten().collect();
+    let mut courses: Vec<PolicyCourses> = Vec::new();
+    for one in truths.iter().filter_map(|one| one.courses(job)).flatten() {
+        if courses.iter().all(|known| !known.equals(&one)) {
+            courses.push(one);
+        }
+    }
     let effects: Vec<&Truth<'_>> = truths.iter().filter(|one| !one.is_of_value()).collect();
     if !effects.is_empty() {
         let outcomes = distinct(effects.into_iter().map(Truth::outcome));

@@ -357,3 +357,34 @@ fn a_log_is_learned_from_once_and_files_are_named_by_their_bytes() {
     let again = update("twice.json", "log.csv", "again.json");
     folder.jitai(again).ended(2).says("this log is already in the policy");
 }
+
+#[test]
+fn columns_that_decisions_have_are_no_features_and_learned_places_are_noted() {
+    let folder = folder("");
+    folder.write("states.csv", "C,H,Avail\n1,0.5,0\n");
+    let decide = ["decide", "--policy", "learned/policy.json", "--data", "states.csv"];
+    let noted = folder.jitai(decide).succeeded();
+    assert_eq!(
+        noted.stderr,
+        "note: states.csv: column `Avail` is not read; a column `available` would be\n"
+    );
+    let mut about: serde_json::Value =
+        serde_json::from_str(&folder.read("learned/policy.json")).unwrap();
+    about["place"] = 5.into();
+    folder.write("moved.json", about.to_string());
+    folder.write("log.csv", "C,H,action,reward,place\n1,0.5,0,1,4\n1,0.5,0,1,5\n");
+    let noted = folder.jitai(update("moved.json", "log.csv", "new.json")).succeeded();
+    assert!(noted.stderr.contains("1 rows have places before 5"), "{}", noted.stderr);
+    about["updated"] = serde_json::json!({ "decisions": 1 });
+    folder.write("moved.json", about.to_string());
+    folder
+        .jitai(update("moved.json", "log.csv", "newer.json"))
+        .ended(2)
+        .says("its `updated` is no list of logs");
+    let renamed =
+        folder.read("learned/policy.json").replace("\"name\": \"H\"", "\"name\": \"place\"");
+    folder.write("renamed.json", renamed);
+    let refused =
+        folder.jitai(["decide", "--policy", "renamed.json", "--data", "states.csv"]).ended(2);
+    refused.says("its feature `place` has the name of a column");
+}

@@ -190,6 +190,17 @@ fn the_value_of_a_policy_on_a_recorded_trial_has_its_errors() {
     assert_eq!(answers(&folder, sql), [format!("{},1", mean[0])]);
     let sql = "SELECT count(*) FROM estimate WHERE name = 'more often' AND failure IS NULL AND effective_sample_size > 1000";
     assert_eq!(answers(&folder, sql), ["3"]);
+    // The policy of the agent is that of agents which replay, if there are some.
+    let agents =
+        "[trial]\n[[agent]]\nname = \"bandit\"\nalgorithm = \"linear_thompson\"\npi_min = 0.2\n";
+    let own =
+        "[[estimate]]\nname = \"own\"\nestimator = \"value\"\npolicy = \"agent\"\nagainst = 1\n";
+    let replay = heartsteps(&format!("{agents}{own}"));
+    replay.jitai(["run", "m.toml"]).succeeded();
+    assert_eq!(
+        answers(&replay, "SELECT DISTINCT agent FROM estimate WHERE name = 'own'"),
+        ["bandit"]
+    );
     // Values have an axis of their own, and no test against 0.
     folder.jitai(["report", "m.toml", "--out", "report"]).succeeded();
     let table = folder.read("report/tables/heartsteps-v1-effects.csv");
@@ -494,6 +505,7 @@ fn what_a_recorded_trial_cannot_have_is_refused() {
         ),
         ("[evaluation]\ntest_episodes = 3\n", "`test_episodes`: the file has 2 people"),
         ("family = \"declared\"\n", "`family`: [data] is a recorded trial"),
+        ("reached = [\"1\", \"0\"]\n", "`reached`: a manifest reads one recorded trial in one way"),
         (
             "calendar_day = \"day\"\n[trial]\nentry_every_days = 3\n",
             "`entry_every_days`: people enter by `calendar_day`",

@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use super::arm::{ArmId, arms};
-use crate::job::{Effect, EstimateDeclaration, GROSS_REWARD, REWARD};
+use crate::job::{Effect, EstimateDeclaration};
 use crate::manifest::kind::Effects;
 use crate::manifest::{Published, PublishedEstimate};
 use crate::record::JobRecord;
@@ -48,8 +48,7 @@ pub fn figure(kind: &Effects, jobs: &[&JobRecord], published: Option<&Published>
                 |name: &String| chosen.is_empty() || chosen.iter().any(|one| one == name);
             for of in run.estimates.iter().filter(|of| is_chosen(&of.declaration.name)) {
                 let name = &of.declaration.name;
-                let has_outcome = [REWARD, GROSS_REWARD].contains(&&*of.declaration.outcome);
-                let is_value = of.declaration.is_value() && has_outcome;
+                let is_value = of.declaration.is_value() && of.declaration.is_of_reward();
                 rows.extend(of.terms.iter().map(|one| EffectRow {
                     name: arm.name.clone(),
                     seed: job.seed,

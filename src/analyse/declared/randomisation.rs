@@ -32,6 +32,8 @@ pub struct RandomisationTest {
     pub by: String,
     /// Whether every action above 0 is counted.
     pub is_of_all: bool,
+    /// Whether decisions are grouped by a number of the state.
+    pub is_of_state: bool,
     /// The groups with their shares.
     pub points: Vec<DrawnPoint>,
     /// The number of groups.
@@ -83,9 +85,13 @@ pub fn figure(jobs: &[&JobRecord]) -> RandomisationFigure {
     for arm in arms(jobs, &[]) {
         if let Some(description) = arm.jobs.iter().find_map(|job| description(job)) {
             let drawn = description.randomisation;
+            let of_state = |grouping: &Grouping| RandomisationTest {
+                is_of_state: description.state.contains(&grouping.by),
+                ..test(grouping)
+            };
             return RandomisationFigure {
                 name: Some(arm.name.clone()),
-                tests: together(drawn.groupings.iter().map(test).collect()),
+                tests: together(drawn.groupings.iter().map(of_state).collect()),
                 counts: drawn.counts,
                 notes: description.notes,
                 is_anonymous: description.identifiers.is_none(),
@@ -141,6 +147,7 @@ fn test(grouping: &Grouping) -> RandomisationTest {
             Some(action) => format!("{}, action {action}", grouping.by),
         },
         is_of_all: grouping.action.is_none(),
+        is_of_state: false,
         points: groups.iter().take(MOST_DRAWN).map(point).collect(),
         groups: groups.len(),
         decisions,

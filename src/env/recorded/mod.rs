@@ -23,5 +23,5 @@ pub use drawn::{DrawnGroup, Grouping, Randomisation};
 pub use family::{FAMILY, RecordedModel};
 pub use log::{LogPerson, REACHED, RECORDED_PROBABILITY, RecordedLog};
 pub use parameters::{DATA, LIST, LogParameters};
-pub use table::{MayLack, NumberTable};
+pub use table::{MayLack, NumberTable, records};
 pub use world::RecordedWorld;

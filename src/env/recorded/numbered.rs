@@ -7,7 +7,7 @@ use crate::env::recorded::parameters::LogParameters;
 use crate::env::recorded::reading::LogColumns;
 
 /// A file's text with the columns that the keys read, and people numbered from 1 in the order of their first rows. The
-/// names stay where they are to be kept, or where an expression reads them as numbers. The text of such a text is itself.
+/// names stay where they are to be kept, or where an expression reads them as numbers. Numbering a numbered text changes nothing.
 /// `None` for a text with faults.
 pub(super) fn numbered(text: &str, of: &LogParameters) -> Option<String> {
     let mut reader = reader(text.as_bytes());

@@ -9,9 +9,9 @@ use crate::env::recorded::log::{LogPerson, RecordedLog};
 /// The most values of a state by which decisions are counted one by one; by quarters otherwise.
 const FEW: usize = 6;
 
-/// The words of the grouping of all decisions, and of that by person.
+/// The word of the grouping of all decisions.
 const ALL: &str = "all";
-/// See [`ALL`].
+/// The word of the grouping by person.
 const PERSON: &str = "person";
 
 /// The most messages that are counted by person, day and state, each alone.
@@ -83,6 +83,11 @@ impl Randomisation {
             let slot = |_: usize, _: usize, step: u32| Some(u64::from(step % per_day));
             groupings.extend(grouping("decision of the day", &slot, &number));
         }
+        let before = |decision: usize, _: usize, step: u32| {
+            let before = (step > 0).then(|| decision - 1).filter(|one| is_drawn[*one])?;
+            Some(u64::from(log.taken[before]))
+        };
+        groupings.extend(grouping("the action before", &before, &number));
         for (index, name) in log.names.iter().enumerate() {
             let value = |decision: usize| log.state[decision * log.names.len() + index];
             let ends = ends((0..is_drawn.len()).filter(|one| is_drawn[*one]).map(value));
@@ -105,8 +110,8 @@ impl Randomisation {
         let of_people = self.groupings.iter_mut().filter(|grouping| grouping.by == PERSON);
         for group in of_people.flat_map(|grouping| &mut grouping.groups) {
             let number: usize = group.name.parse().unwrap_or(0);
-            group.name =
-                number.checked_sub(1).map_or_else(String::new, |index| names[index].clone());
+            let name = number.checked_sub(1).and_then(|index| names.get(index));
+            group.name = name.cloned().unwrap_or_default();
         }
     }
 }

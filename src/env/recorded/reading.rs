@@ -19,8 +19,17 @@ const LARGEST: f64 = 1e100;
 /// The last day of a calendar, as that of a trial.
 const LAST_DAY: f64 = 100_000.0;
 /// Names that decisions have beside those of their state.
-const TAKEN: [&str; 7] =
-    ["step", "reward", "gross_reward", "calendar_day", "policy", REACHED, RECORDED_PROBABILITY];
+const TAKEN: [&str; 9] = [
+    "step",
+    "reward",
+    "gross_reward",
+    "calendar_day",
+    "policy",
+    REACHED,
+    RECORDED_PROBABILITY,
+    "person",
+    "all",
+];
 
 /// Why a file is no recorded trial.
 #[derive(Debug)]
@@ -158,6 +167,12 @@ impl LogColumns {
         let lists = self.order.iter().chain(&self.probability).chain(&self.calendar_day);
         let state = self.state.iter().map(|(_, formula)| formula);
         one.into_iter().chain(lists).chain(state).collect()
+    }
+
+    /// The formulas whose numbers may be missing.
+    fn measured(&self) -> Vec<&ColumnFormula> {
+        let state = self.state.iter().map(|(_, formula)| formula);
+        [&self.action, &self.outcome].into_iter().chain(&self.probability).chain(state).collect()
     }
 
     /// The columns of the file that are read as numbers.
@@ -467,7 +482,7 @@ impl<'a> Building<'a> {
                 "{count} decisions have no `{name}`, the first in line {line}; estimates that read it leave them out"
             ));
         }
-        notes.extend(self.table.codes(&self.columns.formulas(), |_| true));
+        notes.extend(self.table.codes(&self.columns.measured(), |_| true));
     }
 }
 
@@ -500,7 +515,7 @@ pub(super) fn known(parameters: &LogParameters) -> Option<Arc<ReadLog>> {
     let file: Arc<KnownLogs> = parameters.file.parsed()?;
     let mut all = file.0.lock().unwrap_or_else(PoisonError::into_inner);
     let values = parameters.to_values();
-    // The file is the same, also where it is known by a part of its text.
+    // The file is the same, also where it is known by the columns that are read: a manifest reads them in one way.
     if let Some((_, read)) = all.iter().find(|(known, _)| known[1..] == values[1..]) {
         return Arc::clone(read).downcast().ok();
     }

@@ -21,10 +21,15 @@ pub struct NumberTable {
     pub columns: Vec<Vec<f64>>,
     /// \[rows\]: the line in the file.
     pub lines: Vec<u32>,
-    /// The names of all columns of the file, and \[rows\] their fields.
-    pub names: Vec<String>,
-    /// See `names`.
-    pub fields: Vec<csv::StringRecord>,
+}
+
+/// The names of all columns of a text, and its records.
+///
+/// **Errors**: the text is no CSV.
+pub fn records(text: &str) -> csv::Result<(csv::StringRecord, Vec<csv::StringRecord>)> {
+    let mut reader = reader(text.as_bytes());
+    let header = reader.headers()?.iter().map(|name| name.trim_start_matches('\u{feff}')).collect();
+    Ok((header, reader.into_records().collect::<csv::Result<_>>()?))
 }
 
 impl NumberTable {
@@ -32,7 +37,7 @@ impl NumberTable {
     ///
     /// **Errors**: every fault: a column or a number is missing, or a field is no number.
     pub fn read(text: &str, columns: &[(&str, MayLack)]) -> Result<NumberTable, DataFaults> {
-        let fields: Result<Vec<_>, _> = reader(text.as_bytes()).into_records().collect();
+        let is_empty = reader(text.as_bytes()).into_records().next().is_none();
         let mut reader = reader(text.as_bytes());
         let header = header(&mut reader)?;
         let mut faults = DataFaults::default();
@@ -45,10 +50,8 @@ impl NumberTable {
         if !faults.is_empty() {
             return Err(faults);
         }
-        let names = header.names().to_vec();
-        if fields.as_ref().is_ok_and(Vec::is_empty) {
-            let columns = vec![Vec::new(); columns.len()];
-            return Ok(NumberTable { columns, names, ..NumberTable::default() });
+        if is_empty {
+            return Ok(NumberTable { columns: vec![Vec::new(); columns.len()], lines: Vec::new() });
         }
         let used: Vec<usize> = indices.iter().copied().flatten().collect();
         let table = rows(&mut reader, header, None::<usize>, &used, &|| false)?;
@@ -70,9 +73,7 @@ impl NumberTable {
             }
             read.push(column);
         }
-        // Where `rows` has no fault, every record was read.
-        let (lines, fields) = (table.lines, fields.unwrap_or_default());
-        let table = NumberTable { columns: read, lines, names, fields };
+        let table = NumberTable { columns: read, lines: table.lines };
         if faults.is_empty() { Ok(table) } else { Err(faults) }
     }
 }

@@ -243,14 +243,14 @@ fn actions_are_counted_beside_their_probabilities() {
     let log = read(&parameters(ROWS)).unwrap();
     let Randomisation { groupings, counts } = &Randomisation::of(&log);
     let by: Vec<&str> = groupings.iter().map(|one| one.by.as_str()).collect();
-    assert_eq!(by, ["all", "person", "day of the trial", "mood", "twice"]);
+    assert_eq!(by, ["all", "person", "day of the trial", "the action before", "mood", "twice"]);
     // The decision without an outcome counts, and the one without availability does not.
     let all = &groupings[0].groups[0];
     assert_eq!((all.decisions, all.taken, all.expected), (4, 2, 0.5 + 0.5 + 0.25 + 0.25));
     assert_eq!(all.variance, 2.0 * 0.25 + 2.0 * 0.1875);
     assert_eq!(all.fourth_cumulant, 2.0 * 0.25 * -0.5 + 2.0 * 0.1875 * -0.125);
     let moods: Vec<(&str, u64)> =
-        groupings[3].groups.iter().map(|one| (one.name.as_str(), one.taken)).collect();
+        groupings[4].groups.iter().map(|one| (one.name.as_str(), one.taken)).collect();
     assert_eq!(moods, [("1", 1), ("2", 0), ("3", 1)]);
     let count = |what: &str| counts.iter().find(|(known, _)| known.starts_with(what)).unwrap().1;
     assert_eq!([count("different"), count("decisions without"), count("people who")], [2, 1, 1]);
@@ -300,4 +300,34 @@ fn jobs_know_numbered_people_and_the_columns_that_are_read() {
     let state = "mood = mood; twice = 2 * who".to_owned();
     let own = of(LogParameters { state, ..parameters(&read) });
     assert!(own.text().unwrap().contains("\n3,4,"));
+}
+
+#[test]
+fn strict_alternation_is_no_chance() {
+    // Shares agree with probabilities of 0.5 everywhere but after each action.
+    let rows: String = (0..8).map(|n| format!("a,{n},{n},1,{},0.5,1,1\n", n % 2)).collect();
+    let Randomisation { groupings, .. } = Randomisation::of(&read(&parameters(&rows)).unwrap());
+    let before = groupings.iter().find(|one| one.by == "the action before").unwrap();
+    let counts: Vec<(&str, u64, u64)> =
+        before.groups.iter().map(|one| (one.name.as_str(), one.decisions, one.taken)).collect();
+    assert_eq!(counts, [("0", 4, 4), ("1", 3, 0)]);
+}
+
+#[test]
+fn who_enters_late_begins_with_the_first_row() {
+    let person = |name: &str, first: u32| -> String {
+        (first..first + 3).map(|n| format!("{name},{n},{n},1,1,0.5,1,1\n")).collect()
+    };
+    let lengths = |rows: String| -> Vec<u32> {
+        read(&parameters(&rows)).unwrap().people.iter().map(|one| one.decisions).collect()
+    };
+    // Counting from 1: b lacks two decisions, and c entered later.
+    assert_eq!(
+        lengths(
+            person("a", 1) + &person("d", 1) + &person("e", 1) + &person("b", 3) + &person("c", 40)
+        ),
+        [3, 3, 3, 5, 3]
+    );
+    // Where few begin with the smallest number, nobody's numbers say anything of others.
+    assert_eq!(lengths(person("a", 1) + &person("b", 3)), [3, 3]);
 }

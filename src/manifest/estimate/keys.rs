@@ -109,7 +109,9 @@ impl Field for TargetPolicy {
     fn schema(_: Option<Kind>) -> Json {
         let probability = json!({ "type": "number", "minimum": 0, "maximum": 1 });
         let name = json!({ "type": "string", "minLength": 1 });
-        json!({ "anyOf": [probability, schema::list(probability.clone()), name] })
+        // Two actions may have the same probability.
+        let all = json!({ "type": "array", "minItems": 1, "items": probability });
+        json!({ "anyOf": [probability, all, name] })
     }
 
     fn read(table: &mut TableReader<'_, '_>, key: &str, _: Option<Kind>) -> Option<TargetPolicy> {

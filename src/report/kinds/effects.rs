@@ -13,8 +13,6 @@ use crate::report::tables::{arm, range};
 
 /// Decimals of estimates.
 const DECIMALS: usize = 4;
-/// The column of the mean outcome of a recorded trial, before the published numbers.
-const OF_TRIAL: usize = 11;
 
 impl Drawn for EffectsFigure {
     fn figures(&self, sheet: &Sheet<'_>) -> Vec<(String, Scene)> {
@@ -24,7 +22,7 @@ impl Drawn for EffectsFigure {
     }
 
     fn wholes(&self, sheet: &Sheet<'_>, panels: usize) -> Vec<(String, usize)> {
-        // Figures with other numbers of rows stay apart.
+        // Figures differ in their numbers of rows, and stay apart.
         (0..panels).map(|_| (sheet.stem.to_owned(), 1)).collect()
     }
 
@@ -57,10 +55,12 @@ impl Drawn for EffectsFigure {
         let mut rows: Vec<Vec<TableEntry>> =
             self.rows.iter().map(|row| cells(row, names)).collect();
         if self.rows.iter().any(|row| row.of_trial.is_some()) {
-            columns.insert(OF_TRIAL, ("trial_mean", "Mean of the trial"));
+            let place =
+                columns.iter().position(|(name, _)| *name == "published").unwrap_or(columns.len());
+            columns.insert(place, ("trial_mean", "Mean of the trial"));
             rows.iter_mut().zip(&self.rows).for_each(|(cells, row)| {
-                let none = "not the value of a policy".to_owned();
-                cells.insert(OF_TRIAL, TableEntry::of(row.of_trial.ok_or(none), DECIMALS));
+                let none = "not a value of the trial's outcome".to_owned();
+                cells.insert(place, TableEntry::of(row.of_trial.ok_or(none), DECIMALS));
             });
         }
         let mut table = DataTable::new(title, &columns);
@@ -74,7 +74,12 @@ impl Drawn for EffectsFigure {
             true => ", beside the published numbers",
             false => "",
         };
-        format!("Estimates of {} with 95 % intervals{beside}", names.join(", "))
+        let terms = match self.rows.iter().any(|row| row.declaration.estimator == Estimator::Value)
+        {
+            true => "; of the three terms of a value, doubly_robust mostly varies least",
+            false => "",
+        };
+        format!("Estimates of {} with 95 % intervals{beside}{terms}", names.join(", "))
     }
 
     fn finds(&self, _: Measure, _: &Names) -> Option<String> {

@@ -18,7 +18,10 @@ const SMALL: f64 = 0.01;
 
 impl Drawn for RandomisationFigure {
     fn figures(&self, sheet: &Sheet<'_>) -> Vec<(String, Scene)> {
-        let tests = self.tests.iter().filter(|test| test.is_of_all && test.points.len() > 1);
+        // Of single messages, those that contradict their probabilities.
+        let is_shown =
+            |test: &&RandomisationTest| test.is_of_all || test.corrected.is_some_and(|p| p < SMALL);
+        let tests = self.tests.iter().filter(|test| test.points.len() > 1).filter(is_shown);
         let charts: Vec<Chart> = tests.map(chart).collect();
         if charts.is_empty() {
             return Vec::new();
@@ -85,12 +88,18 @@ impl Drawn for RandomisationFigure {
             None => {
                 format!("{overall}; every action was certain, so that no effect can be estimated")
             }
-            Some((test, p)) if p < SMALL => format!(
-                "{overall}; by {} the actions contradict the recorded probabilities (p {}, corrected for {count}), \
-                 and estimates that rest on them cannot be trusted",
-                test.by,
-                related(p)
-            ),
+            Some((test, p)) if p < SMALL => {
+                let unless = match test.is_of_state {
+                    true => format!(", unless `{}` is known only after the action", test.by),
+                    false => String::new(),
+                };
+                format!(
+                    "{overall}; grouped by {}, the actions contradict the recorded probabilities (p {}, corrected for {count}): \
+                     estimates that rest on them cannot be trusted{unless}",
+                    test.by,
+                    related(p)
+                )
+            }
             Some((test, p)) => format!(
                 "{overall}; nothing contradicts the recorded probabilities, the smallest p, corrected for {count}, being {} by {}",
                 shown(p, 3),
@@ -143,8 +152,8 @@ fn chart(test: &RandomisationTest) -> Chart {
         facets: Vec::new(),
     };
     let points = || test.points.iter().enumerate();
-    let heading = match test.p {
-        Some(p) => format!("by {}, p {}", test.by, related(p)),
+    let heading = match test.corrected {
+        Some(p) => format!("by {}, corrected p {}", test.by, related(p)),
         None => format!("by {}", test.by),
     };
     Chart {

@@ -12,6 +12,12 @@ use crate::report::names::Names;
 use crate::report::scene::Scene;
 use crate::report::tables::arm;
 
+/// The decimals in which two probabilities differ.
+fn digits(of: &ReplayedDecision) -> usize {
+    let differ = |digits: &usize| shown(of.replayed, *digits) != shown(of.recorded, *digits);
+    (4..16).find(differ).unwrap_or(16)
+}
+
 impl Drawn for ReplayFigure {
     fn figures(&self, sheet: &Sheet<'_>) -> Vec<(String, Scene)> {
         let name = |row: &ReplayRow| sheet.names.arm(&row.name);
@@ -76,8 +82,8 @@ impl Drawn for ReplayFigure {
                     first.day,
                     first.step,
                     first.person,
-                    shown(first.replayed, 4),
-                    shown(first.recorded, 4)
+                    shown(first.replayed, digits(&first)),
+                    shown(first.recorded, digits(&first))
                 ),
             }
         });

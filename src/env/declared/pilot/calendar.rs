@@ -70,7 +70,7 @@ impl Calendar {
                 (Some(day), Some(slot)) => {
                     if !(0.0..f64::from(per_day)).contains(&slot) {
                         let most = per_day - 1;
-                        faults.add(format!("line {line}: the decision of the day is {slot}, expected 0 to {most}, because `decisions_per_day` is {per_day}"));
+                        faults.add(format!("line {line}: the decision of the day is {slot}, expected 0 to {most}, because `decisions_per_day` is {per_day}; where the file counts from 1, write the number less 1, as in \"slot - 1\""));
                     }
                     day * f64::from(per_day) + slot
                 }
@@ -88,7 +88,8 @@ impl Calendar {
             let first = match order.len() {
                 // A person begins with the first decision of the day.
                 2 => (first / f64::from(per_day)).floor() * f64::from(per_day),
-                _ => shared.unwrap_or(*first),
+                // Who enters late in a study that counts on has few rows for so many decisions before.
+                _ => shared.filter(|shared| first - shared <= rows.len() as f64).unwrap_or(*first),
             };
             calendar.add(table, person, rows, first, &mut faults);
             let [per_row, more] = MOST_OF_ALL;

@@ -126,7 +126,7 @@ impl Header {
         })?;
         if expression.windows().next().is_some() || expression.names.iter().any(|one| one.back > 0)
         {
-            let says = "an expression of columns has no earlier decisions: make it a variable of the model";
+            let says = "an expression of columns has no earlier decisions: write them as a column of the file, or in a fit as a variable of the model";
             return Err(Fault::at(written.span, says));
         }
         let mut names = Vec::new();
