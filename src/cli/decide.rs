@@ -13,7 +13,7 @@ use crate::cli::{Error, Exit, folder};
 use crate::env::recorded::{MayLack, NumberTable, records};
 use crate::env::{Action, FeatureSpec, Interface, ObservationSpec};
 use crate::job::Job;
-use crate::portable::digest;
+use crate::key::digest;
 use crate::rng::{Purpose, Stream};
 
 /// Probabilities and actions of an exported bandit for a table of states; or, with --update, the bandit that has learned from
@@ -140,7 +140,9 @@ impl FileBandit {
         let is_own = |name: &String| {
             ["row", "action", "reward", PLACE].contains(&name.as_str())
                 || FLAGS.contains(&name.as_str())
-                || name.starts_with("probability_")
+                || name
+                    .strip_prefix("probability_")
+                    .is_some_and(|rest| rest.parse::<usize>().is_ok())
         };
         if let Some(name) = names.iter().find(|name| is_own(name)) {
             return Err(refused(format!(
@@ -181,16 +183,11 @@ impl FileBandit {
         let table = NumberTable::read(text, &columns)
             .map_err(|faults| Error::Usage(faults.text(&path.display().to_string())))?;
         for flag in FLAGS.iter().filter(|flag| more.iter().any(|(name, _)| name == *flag)) {
-            let is_like = |name: &&str| name.to_lowercase().starts_with(&flag[..5]) && name != flag;
-            let names = records(text).map(|(header, _)| header).unwrap_or_default();
-            if let Some(name) =
-                names.iter().find(is_like).filter(|_| names.iter().all(|one| one != *flag))
-            {
-                writeln!(
-                    io::stderr(),
-                    "note: {}: column `{name}` is not read; a column `{flag}` would be",
-                    path.display()
-                )?;
+            let is_like = |name: &&String| name.to_lowercase().starts_with(&flag[..5]);
+            let is_there = table.names.iter().any(|name| name == flag);
+            if let Some(name) = table.names.iter().find(is_like).filter(|_| !is_there) {
+                let says = format!("column `{name}` is not read; a column `{flag}` would be");
+                writeln!(io::stderr(), "note: {}: {says}", path.display())?;
             }
         }
         for (index, ((name, _), column)) in columns.iter().zip(&table.columns).enumerate() {
@@ -252,11 +249,11 @@ impl FileBandit {
         let own = format!("row,{},action,{PLACE}", chances.join(","));
         let own: Vec<&str> = own.split(',').collect();
         // The table has been read, so that every record can be.
-        let (header, fields) = records(text).map_err(cause)?;
-        let kept = (0..header.len()).filter(|index| !own.contains(&&header[*index]));
+        let fields = records(text).map_err(cause)?;
+        let kept = (0..table.names.len()).filter(|index| !own.contains(&&*table.names[*index]));
         let kept: Vec<usize> = kept.collect();
         let mut out = csv::Writer::from_writer(io::stdout().lock());
-        let names = kept.iter().map(|index| &header[*index]);
+        let names = kept.iter().map(|index| &*table.names[*index]);
         out.write_record(names.chain(own)).map_err(cause)?;
         for (row, fields) in fields.iter().enumerate() {
             // A place for every row, so that a row's chance does not depend on who is available.
@@ -340,12 +337,11 @@ impl FileBandit {
         let places = table.columns[self.spec.features.len() + 2].iter();
         let earlier = places.filter(|place| **place < self.place as f64).count();
         if earlier > 0 {
+            let (path, place) = (path.display(), self.place);
             writeln!(
                 io::stderr(),
-                "note: {}: {earlier} rows have places before {}, where the policy's next decisions begin: a log must not have \
-                 rows that the policy has learned from",
-                path.display(),
-                self.place
+                "note: {path}: rows with a place before {place}, where the policy's next decisions begin: {earlier}; a log must \
+                 not have rows that the policy has learned from"
             )?;
         }
         let rows = table.lines.len();

@@ -7,9 +7,10 @@ use std::path::{Path, PathBuf};
 use crate::cli::answer::{self, AnswerFormat, Failed};
 use crate::cli::output::no_experiment;
 use crate::cli::{Error, Exit, StoreArgument, after_study, export_data, folder, simulate};
+use crate::key::digest;
 use crate::manifest::companions;
 use crate::plan::Filter;
-use crate::portable::{digest, portable};
+use crate::portable::portable;
 use crate::report::{defused, unused_stem};
 use crate::store::{self, Reader};
 

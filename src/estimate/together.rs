@@ -131,7 +131,10 @@ impl Together {
         let scales = [0, 1, 2].map(|term| {
             size(&own, term).max(other.as_ref().map_or(0.0, |other| size(other, term)))
         });
-        let found = other.map_or_else(|| own.clone(), |other| own.less(&other));
+        let found = match other {
+            Some(other) => own.less(&other),
+            None => own,
+        };
         let df = (found.people.len() - 1) as f64;
         let effect = |(of, scale): (&Valued, f64)| {
             let effect = unfinished(of.value, df, found.courses as u64, found.outcome_sd);
@@ -152,7 +155,7 @@ impl Together {
 }
 
 impl Courses {
-    /// Adds a decision to the course of its person under a policy, whose probability of a message is a feature if it is named.
+    /// Adds a decision to the course of its person under a policy. A named policy has a feature: its probability of a message.
     fn follow(
         &mut self,
         layout: &Layout,

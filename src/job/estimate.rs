@@ -226,6 +226,12 @@ impl EstimateDeclaration {
         self.policy.iter().map(|policy| ("policy", policy)).chain(against)
     }
 
+    /// Whether one of its policies is that of the job's own agent.
+    pub fn is_of_agent(&self) -> bool {
+        self.policies()
+            .any(|(_, policy)| matches!(policy, TargetPolicy::Named(name) if name == AGENT))
+    }
+
     /// Whether it is the value of a policy, and neither an effect nor a difference of two policies.
     pub fn is_value(&self) -> bool {
         self.estimator == Estimator::Value && self.against.is_none()

@@ -116,9 +116,9 @@ fn plain(text: &str) -> String {
     text.trim_start_matches('\u{feff}').replace("\r\n", "\n")
 }
 
-/// In hexadecimal digits.
-fn digest(text: &str) -> String {
-    HEXLOWER.encode(&Sha256::digest(text.as_bytes()))
+/// The SHA-256 of some bytes, in hexadecimal digits.
+pub fn digest(bytes: &[u8]) -> String {
+    HEXLOWER.encode(&Sha256::digest(bytes))
 }
 
 /// The word for no text.
@@ -146,7 +146,7 @@ impl Content {
         let parsed = (form.parse)(&text)?;
         Ok(Content(Some(Arc::new(Known {
             is_synthetic: text.starts_with(MARK),
-            sha256: digest(&text),
+            sha256: digest(text.as_bytes()),
             text: Some((text, parsed)),
             file: None,
         }))))
@@ -171,7 +171,7 @@ impl Content {
         let parsed = known.text.as_ref().map(|(_, parsed)| Arc::clone(parsed));
         Content(Some(Arc::new(Known {
             is_synthetic: known.is_synthetic,
-            sha256: digest(&text),
+            sha256: digest(text.as_bytes()),
             text: parsed.map(|parsed| (text, parsed)),
             file: known.file.clone(),
         })))

@@ -22,7 +22,9 @@ mod value;
 pub use crate::text::{DIRECTION, hidden, printable, quoted};
 pub use canonical::{CanonicalError, canonical_object, read_object};
 pub use constraint::{Assignment, Constraint, Size, Violation};
-pub use content::{Canonical, Content, ContentFault, ContentForm, MOST_BYTES, Parsed, shortened};
+pub use content::{
+    Canonical, Content, ContentFault, ContentForm, MOST_BYTES, Parsed, digest, shortened,
+};
 pub use declare::{FixedKind, Key, KeyType, Keyed, SettingError, json_object};
 pub(crate) use declare::{choices, keys};
 pub use distribution::{Distribution, DistributionError};

@@ -11,9 +11,7 @@ use toml::de::{DeTable, DeValue};
 use crate::agent::{Algorithm, DecisionRule, UNAVAILABLE, Unavailable};
 use crate::env::Scenario;
 use crate::env::recorded::{DATA, FAMILY, LIST, RecordedLog, RecordedModel};
-use crate::job::{
-    AGENT, Condition, Estimator, EvaluatedOn, MetricName, RecordedDecisions, STAYS, TargetPolicy,
-};
+use crate::job::{Condition, Estimator, EvaluatedOn, MetricName, RecordedDecisions, STAYS};
 use crate::key::{Content, Key, Parameter, SectionName, Value};
 use crate::manifest::analysis::declared::{Analysis, AnalysisDraft};
 use crate::manifest::analysis::figure_keys::FigureKeys;
@@ -123,8 +121,7 @@ pub(super) fn complete(draft: &mut Draft, faults: &mut FaultList) {
     // Effects rest on the probabilities by which actions were drawn; the value of the agent's policy is that of agents that replay.
     let effects = draft.estimates.iter_mut().map(|one| &mut one.estimate);
     for estimate in effects {
-        let agent = TargetPolicy::Named(AGENT.to_owned());
-        let is_of_agent = estimate.declaration.policies().any(|(_, policy)| *policy == agent);
+        let is_of_agent = estimate.declaration.is_of_agent();
         let own = match estimate.declaration.estimator {
             Estimator::Value if !is_of_agent || replaying.is_empty() => continue,
             Estimator::Value => &replaying,

@@ -1,14 +1,13 @@
 //! The description of a policy: `policy.json`.
 
-use data_encoding::HEXLOWER;
 use serde_json::{Value as Json, json};
-use sha2::{Digest, Sha256};
 
 use crate::agent::{
     Activation, Architecture, BanditAllocation, Choice, GruNames, LinearThompson, Weights,
 };
 use crate::env::{Meaning, ObservationSpec};
 use crate::job::Job;
+use crate::key::digest;
 use crate::store::StoredWeights;
 
 /// The version of the description's form.
@@ -54,11 +53,6 @@ fn observation_bits(job: &Job) -> u32 {
     let is_bandit = job.agent.parameters::<LinearThompson>().is_some();
     let is_exact = job.environment.has_exact_features() && job.agent.history() == 1;
     if is_bandit && job.trial.is_some() && is_exact { 64 } else { 32 }
-}
-
-/// The SHA-256 of some bytes, in hexadecimal.
-pub fn digest(bytes: &[u8]) -> String {
-    HEXLOWER.encode(&Sha256::digest(bytes))
 }
 
 /// The description of the job of a policy: all that a rule has.

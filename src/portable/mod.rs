@@ -14,7 +14,6 @@ use serde_json::Value as Json;
 use crate::agent::{BanditPolicy, LinearThompson, NetworkPolicy, Weights, WeightsError};
 use crate::job::NoWeights;
 use crate::store::{Reader, StoredWeights};
-pub use description::digest;
 
 /// A policy as files.
 #[derive(Clone, Debug)]

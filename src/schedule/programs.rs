@@ -4,25 +4,22 @@ use std::collections::BTreeMap;
 use std::fs;
 use std::path::Path;
 
-use data_encoding::HEXLOWER;
-use sha2::{Digest, Sha256};
-
 use crate::job::{Job, counted};
-use crate::key::printable;
+use crate::key::{digest, printable};
 
 /// The largest file that is read. A larger one is data, and no program.
 const LARGEST: u64 = 16 << 20;
 
 /// The words of the job's commands that are files in a folder, each with the SHA-256 of the file.
 pub(super) fn files(job: &Job, folder: &Path) -> BTreeMap<String, String> {
-    let digest = |word: String| {
+    let known = |word: String| {
         let path = folder.join(&word);
         // A pipe or a device might never end.
         let about = fs::metadata(&path).ok().filter(|about| about.is_file())?;
         let bytes = if about.len() <= LARGEST { fs::read(path).ok()? } else { return None };
-        Some((word, HEXLOWER.encode(&Sha256::digest(bytes))))
+        Some((word, digest(&bytes)))
     };
-    job.programs().into_iter().filter_map(digest).collect()
+    job.programs().into_iter().filter_map(known).collect()
 }
 
 /// Files that have changed, each with the number of completed jobs that ran with it as it was before.

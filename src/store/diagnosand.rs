@@ -88,7 +88,7 @@ impl Diagnosed {
     }
 
     /// Whether an expression has an aggregate that is the largest or the smallest of some rows, by the program of its
-    /// statement: `max(a, b)` of two numbers is none.
+    /// statement. `max(a, b)` of two numbers is no aggregate.
     ///
     /// **Errors**: what is wrong with the expression.
     pub fn has_extreme(&self, expression: &str) -> Result<bool, String> {

@@ -374,7 +374,13 @@ fn columns_that_decisions_have_are_no_features_and_learned_places_are_noted() {
     folder.write("moved.json", about.to_string());
     folder.write("log.csv", "C,H,action,reward,place\n1,0.5,0,1,4\n1,0.5,0,1,5\n");
     let noted = folder.jitai(update("moved.json", "log.csv", "new.json")).succeeded();
-    assert!(noted.stderr.contains("1 rows have places before 5"), "{}", noted.stderr);
+    assert!(
+        noted
+            .stderr
+            .contains("rows with a place before 5, where the policy's next decisions begin: 1;"),
+        "{}",
+        noted.stderr
+    );
     about["updated"] = serde_json::json!({ "decisions": 1 });
     folder.write("moved.json", about.to_string());
     folder

@@ -240,8 +240,8 @@ fn faults_of_files_that_options_name_are_said_of_the_options() {
     folder.write("people.csv", people);
     for (rows, said) in [
         (None, "= name a CSV file, as in --rows rows.csv"),
-        (Some(""), "`--rows`: `rows.csv`, expected a line of names, and at least one row below it"),
-        (Some("person,load\n"), "expected a line of names, and at least one row below it"),
+        (Some(""), "`--rows`: `rows.csv`, expected a line of names and at least one row below it"),
+        (Some("person,load\n"), "expected a line of names and at least one row below it"),
         (Some("person,lod\na,1\n"), "options: `--rows` has no column `load`"),
         (Some("person,load\na,x\n"), "options: `--rows`: line 2 has `x` in column `load`"),
     ] {

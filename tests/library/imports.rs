@@ -33,7 +33,7 @@ const TABLE: &[(&str, &[&str])] = &[
     // The race of a search compares arms by Student's t.
     ("plan", &["text", "key", "env", "agent", "job", "estimate", "manifest"]),
     ("store", &["text", "kill_point", "key", "job", "record"]),
-    ("portable", &["env", "agent", "job", "store"]),
+    ("portable", &["key", "env", "agent", "job", "store"]),
     (
         "schedule",
         &[

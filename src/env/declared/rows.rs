@@ -114,7 +114,7 @@ impl Numbers {
         };
         let (mut numbers, _) = read_csv(text, begin, push)?;
         if numbers.rows == 0 {
-            return Err("expected a line of names, and at least one row below it".to_owned());
+            return Err("expected a line of names and at least one row below it".to_owned());
         }
         let mut start = 0;
         for rows in numbers.people.chunk_by(|one, other| one == other) {

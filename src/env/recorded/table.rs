@@ -21,15 +21,15 @@ pub struct NumberTable {
     pub columns: Vec<Vec<f64>>,
     /// \[rows\]: the line in the file.
     pub lines: Vec<u32>,
+    /// The names of all columns of the file.
+    pub names: Vec<String>,
 }
 
-/// The names of all columns of a text, and its records.
+/// The records of a text, with all their fields.
 ///
 /// **Errors**: the text is no CSV.
-pub fn records(text: &str) -> csv::Result<(csv::StringRecord, Vec<csv::StringRecord>)> {
-    let mut reader = reader(text.as_bytes());
-    let header = reader.headers()?.iter().map(|name| name.trim_start_matches('\u{feff}')).collect();
-    Ok((header, reader.into_records().collect::<csv::Result<_>>()?))
+pub fn records(text: &str) -> csv::Result<Vec<csv::StringRecord>> {
+    reader(text.as_bytes()).into_records().collect()
 }
 
 impl NumberTable {
@@ -50,8 +50,10 @@ impl NumberTable {
         if !faults.is_empty() {
             return Err(faults);
         }
+        let names = header.names().to_vec();
         if is_empty {
-            return Ok(NumberTable { columns: vec![Vec::new(); columns.len()], lines: Vec::new() });
+            let columns = vec![Vec::new(); columns.len()];
+            return Ok(NumberTable { columns, lines: Vec::new(), names });
         }
         let used: Vec<usize> = indices.iter().copied().flatten().collect();
         let table = rows(&mut reader, header, None::<usize>, &used, &|| false)?;
@@ -73,7 +75,7 @@ impl NumberTable {
             }
             read.push(column);
         }
-        let table = NumberTable { columns: read, lines: table.lines };
+        let table = NumberTable { columns: read, lines: table.lines, names };
         if faults.is_empty() { Ok(table) } else { Err(faults) }
     }
 }

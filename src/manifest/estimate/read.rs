@@ -3,10 +3,7 @@
 use std::collections::HashSet;
 
 use crate::env::recorded;
-use crate::job::{
-    AGENT, EstimateDeclaration, Estimator, Job, Pooling, STEP, StandardErrors, TargetPolicy,
-    Treatment,
-};
+use crate::job::{EstimateDeclaration, Estimator, Job, Pooling, STEP, StandardErrors, Treatment};
 use crate::key::{Constraint, KeyType, Parameter, Violation};
 use crate::manifest::declared::Manifest;
 use crate::manifest::draft::Draft;
@@ -199,9 +196,7 @@ impl Checked<'_> {
             }),
             false => None,
         };
-        let agent = TargetPolicy::Named(AGENT.to_owned());
-        let is_agent = declaration.policies().any(|(_, policy)| *policy == agent);
-        let of_agent = (is_agent && declaration.truth)
+        let of_agent = (declaration.is_of_agent() && declaration.truth)
             .then_some("the value of the agent's own policy is the mean outcome of its trial");
         let reason = reason.or(of_agent);
         if let Some(reason) = reason {

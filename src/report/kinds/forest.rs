@@ -262,7 +262,7 @@ pub(super) fn axis_around_zero(rows: &[ForestRow], title: String, numbers: Numbe
     axis
 }
 
-/// The smallest and the largest finite number of rows, and of one more; `None` if there is none.
+/// The smallest and the largest number of the rows and of `more`, finite ones alone; `None` if there is none.
 pub(super) fn ends(rows: &[ForestRow], more: Option<f64>) -> Option<(f64, f64)> {
     let numbers = rows.iter().flat_map(ForestRow::numbers).chain(more);
     let finite = numbers.filter(|number| number.is_finite());

@@ -88,7 +88,7 @@ impl Calendar {
             let first = match order.len() {
                 // A person begins with the first decision of the day.
                 2 => (first / f64::from(per_day)).floor() * f64::from(per_day),
-                // Who enters late in a study that counts on has few rows for so many decisions before.
+                // A person with more decisions before the first row than rows has entered late.
                 _ => shared.filter(|shared| first - shared <= rows.len() as f64).unwrap_or(*first),
             };
             calendar.add(table, person, rows, first, &mut faults);
